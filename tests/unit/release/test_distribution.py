@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import re
 import subprocess
-import sys
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from soter.version import DISTRIBUTION, VERSION, pip_install
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
 ROOT = Path(__file__).resolve().parents[3]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+TOML: Any = import_module("tomllib" if find_spec("tomllib") else "tomli")
+PROJECT = TOML.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 OF_DEVELOPERS = {"docs", "test", "lint", "release"}
 HISTORY = {"docs/decisions.md", "CHANGELOG.md", "tests/unit/release/test_distribution.py"}
