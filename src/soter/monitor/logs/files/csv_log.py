@@ -181,7 +181,10 @@ def csv_head(path: Path) -> list[str]:
 def csv_rows(
     path: Path, needed: list[str], time: str, facts: FileFacts
 ) -> Iterator[tuple[int, list[str], dict[str, str]]]:
-    """Line, the cells of its time and those that are needed of each row."""
+    """Line, the cells of its time and those that are needed of each row.
+
+    SoterError D016; DamagedLogError where rows before it were whole.
+    """
     try:
         with opened(path) as data, _text(path, data) as file:
             facts.size = 0 if path.suffix.lower() == ".gz" else path.stat().st_size
