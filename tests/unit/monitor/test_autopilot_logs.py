@@ -72,6 +72,8 @@ def test_a_flight_is_judged_as_it_is_of_a_csv(tmp_path: Path, name: str) -> None
     assert judgement.samples == other.samples == {"motion": 40}
     (module,), (of_csv,) = judgement.modules, other.modules
     assert (module.steps, module.ac, module.outside) == (of_csv.steps, of_csv.ac, of_csv.outside)
+    assert module.margin is not None
+    assert of_csv.margin is not None
     assert module.margin.distance == pytest.approx(of_csv.margin.distance, abs=1e-5)
 
 
@@ -89,12 +91,9 @@ def test_the_fields_of_a_ulog_are_those_of_pyulog(tmp_path: Path) -> None:
     ours = content(log, "motion#1", facts)
     data = pyulog.ULog(str(log)).get_dataset("motion", 1).data
     assert [now for now, _ in ours] == (data["timestamp"] * 1000).tolist()
-    for ours_of, theirs in (
-        (lambda c: c["x"], "x"),
-        (lambda c: c["r"]["v"], "r.v"),
-        (lambda c: c["raw"][1], "raw[1]"),
-    ):
-        assert [ours_of(c) for _, c in ours] == data[theirs].tolist()
+    assert [c["x"] for _, c in ours] == data["x"].tolist()
+    assert [c["r"]["v"] for _, c in ours] == data["r.v"].tolist()
+    assert [c["raw"][1] for _, c in ours] == data["raw[1]"].tolist()
     assert ours[0][1]["name"] == "ab"
     assert "could not keep up 1 times, for 7 ms" in " ".join(facts.notes)
 

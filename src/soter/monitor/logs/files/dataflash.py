@@ -57,7 +57,7 @@ class _Format:
 
     def content(self, raw: Sequence[Any]) -> dict[str, Any]:
         """A binary message, of what `layout` reads of it."""
-        made = {}
+        made: dict[str, Any] = {}
         for letter, name, value in zip(self.letters, self.columns, raw, strict=True):
             if letter in TEXTS:
                 made[name] = _text(value)
