@@ -203,10 +203,22 @@ def test_formats_that_contain_themselves_or_more_than_a_message_end(tmp_path: Pa
         b"a:uint64_t timestamp;double[99999] b;",
         b"a:uint64_t timestamp;__import__('os') b;",
         b"a:int8_t timestamp;",
+        b"a:int8_t x;",
     ):
         parts = [struct.pack("<HB", len(text), ord("F")) + text, b"\x04\x00A\0\0\0a"]
         log = written(tmp_path / "flight.ulg", head + b"".join(parts))
         assert "none that its formats allow" in of_damage(log, "flight.ulg")
+
+
+def test_a_format_or_a_number_of_a_ulog_has_one_meaning(tmp_path: Path) -> None:
+    data, other = ulog(flight()), ulog(flight()).replace(b"rate:float v;", b"rate:float w;")
+    formats = other[16 + 43 : other.index(b"motion:") - 3]
+    log = written(tmp_path / "flight.ulg", data + formats)
+    assert "none that its formats allow" in of_damage(log, "flight.ulg")
+    again = data + data[16 + 43 : data.index(b"motion:") - 3]
+    assert judged(written(log, again), "flight.ulg").samples == {"motion": 40}
+    number = struct.pack("<HBBH", 9, ord("A"), 0, 8) + b"motion"
+    assert "none that its formats allow" in of_damage(written(log, data + number), "flight.ulg")
 
 
 def test_a_message_of_mavlink_with_another_checksum_is_refused_where_it_is_asked_for(
