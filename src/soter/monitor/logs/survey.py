@@ -146,8 +146,9 @@ def surveyed(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
             raise unusable(
                 path, "of several files that are one log each is a CSV, and this is none"
             )
-        rows = _of_csv(path, facts, found) if is_table(path) else messages_of(path, EVERY, facts)
-        for now_ns, _, name, content in facts.readable(path, rows, partial=partial):
+        for now_ns, _, name, content in facts.readable(
+            path, _rows(path, facts, found), partial=partial
+        ):
             if content is not None:
                 found.channels.setdefault(name, Channel()).note(now_ns, content)
         found.notes += facts.notes
@@ -156,6 +157,10 @@ def surveyed(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
     if not any(c.fields for c in found.channels.values()):
         raise unusable(paths[0], "it holds no numbers")
     return found
+
+
+def _rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
+    return _of_csv(path, facts, found) if is_table(path) else messages_of(path, EVERY, facts)
 
 
 def _of_csv(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:

@@ -125,8 +125,9 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = Fal
     choice = RowChoice(mapping.where)
     needed = dict.fromkeys([*mapping.where, *wanted.names, *of_stamps])
     facts = FileFacts(notes=columns.notes)
-    rows = csv_rows(path, list(needed), mapping.time, facts)
-    for line, clock, row in facts.readable(path, rows, partial=partial):
+    for line, clock, row in facts.readable(
+        path, csv_rows(path, list(needed), mapping.time, facts), partial=partial
+    ):
         if not choice.takes(row.__getitem__):
             continue
         where = f"line {line}"

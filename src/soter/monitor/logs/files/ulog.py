@@ -191,26 +191,34 @@ class _Reading:
             if self.formats.setdefault(name, fields) != fields:
                 raise ValueError
         elif kind == ord("A"):
-            instance, number = struct.unpack_from("<BH", body)
-            name = body[3:].decode("ascii")
-            channel = f"{name}#{instance}" if instance else name
-            topic = replace(self._topic(name), name=channel)
-            if self.topics.setdefault(number, topic) != topic:
-                raise ValueError
-            self.facts.there.setdefault(channel, 0)
+            self._subscribe(body)
         elif kind == ord("R"):
             self.topics.pop(int.from_bytes(body[:2], "little"), None)
         elif kind == ord("B"):
-            ahead, *offsets = struct.unpack("<8x8s3Q", body[:40])
-            if ahead[0] & ~1 or any(ahead[1:]):
-                raise unusable(self.path, "it is a ULog of a kind that is newer than its readers")
-            self.appended = [n for n in offsets if n] if ahead[0] else []
-            if self.appended != sorted(self.appended) or max(self.appended, default=0) > self.size:
-                raise ValueError
+            self._flags(body)
         elif kind == ord("O"):
             self.lost, self.lost_ms = self.lost + 1, self.lost_ms + struct.unpack("<H", body)[0]
         elif kind not in STEPPED_OVER:
             self.unknown += 1
+
+    def _subscribe(self, body: bytes) -> None:
+        """What an id means; ValueError where it means something else already."""
+        instance, number = struct.unpack_from("<BH", body)
+        name = body[3:].decode("ascii")
+        channel = f"{name}#{instance}" if instance else name
+        topic = replace(self._topic(name), name=channel)
+        if self.topics.setdefault(number, topic) != topic:
+            raise ValueError
+        self.facts.there.setdefault(channel, 0)
+
+    def _flags(self, body: bytes) -> None:
+        """Where data stand that were appended; SoterError of a kind that nobody here knows."""
+        ahead, *offsets = struct.unpack("<8x8s3Q", body[:40])
+        if ahead[0] & ~1 or any(ahead[1:]):
+            raise unusable(self.path, "it is a ULog of a kind that is newer than its readers")
+        self.appended = [n for n in offsets if n] if ahead[0] else []
+        if self.appended != sorted(self.appended) or max(self.appended, default=0) > self.size:
+            raise ValueError
 
     def _topic(self, name: str) -> _Topic:
         """What is logged by a format; its instances share it."""
