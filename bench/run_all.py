@@ -146,6 +146,12 @@ BENCHMARKS = (
         last="damaged logs:|without a word|changed bits",
     ),
     Benchmark(
+        "Logs of strangers",
+        "bench/hostile/logs_of_strangers.py --data strangers",
+        last="logs of",
+        heads="files|read|in part|refused|values|differ",
+    ),
+    Benchmark(
         "The mountain car: four drivers, alone and with RTA", "bench/running/mountain_car.py"
     ),
     Benchmark(

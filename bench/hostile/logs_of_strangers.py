@@ -279,7 +279,7 @@ def main() -> int:
     """Read all; 0 where no value differs."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("--data", type=Path, required=True, help="folders OWNER+NAME of logs")
-    parser.add_argument("--largest", type=int, default=10, help="MB of a file; larger are left out")
+    parser.add_argument("--largest", type=int, default=4, help="MB of a file; larger are left out")
     args = parser.parse_args()
     counts = {kind.name: Counted() for kind in KINDS}
     repositories: Counter[str] = Counter()

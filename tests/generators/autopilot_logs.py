@@ -55,7 +55,7 @@ def dataflash(rows: Sequence[Row]) -> bytes:
         head = struct.pack("<3sBB", b"\xa3\x95\x80", number, length)
         return head + struct.pack("<4s16s64s", *(t.encode() for t in texts))
 
-    units = struct.pack("<3sQB16s16s", b"\xa3\x95\x82", 0, 129, b"s#mnd", b"F----")
+    units = struct.pack("<3sQB16s16s", b"\xa3\x95\x82", 5_000_000, 129, b"s#mnd", b"F----")
     parts = [form(FMT), form(POSE), form(FMTU), units]
     for now, x, v in rows:
         parts += [struct.pack("<3sQBdfh", b"\xa3\x95\x81", now, i, x + i, v, -1234) for i in (0, 1)]
@@ -65,7 +65,7 @@ def dataflash(rows: Sequence[Row]) -> bytes:
 def dataflash_text(rows: Sequence[Row]) -> bytes:
     """The same as text, as ground stations write it."""
     lines = [", ".join(map(str, ("FMT", *said))) for said in (FMT, POSE, FMTU)]
-    lines.append("FMTU, 0, 129, s#mnd, F----")
+    lines.append("FMTU, 5000000, 129, s#mnd, F----")
     for now, x, v in rows:
         lines += [f"POSE, {now}, {i}, {x + i!r}, {v!r}, -12.34" for i in (0, 1)]
     return "\n".join([*lines, ""]).encode()

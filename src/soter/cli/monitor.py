@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from soter.api import Program
     from soter.cli.terminal.command_line import Kind, Pairs
     from soter.cli.terminal.console import Console
+    from soter.monitor.logs.files.log_columns import Damage
     from soter.monitor.logs.result import LogJudgement
     from soter.monitor.model_membership import Judgement
 
@@ -276,11 +277,9 @@ def _outcome(
     fields = DOCUMENT.of(Monitored(judged=tuple(judged)))
     found = of_judgements(judged)
     code = exit_of_kinds(f.kind for f in found)
-    headline = f"the model explains every step{of_the_log(part)}"
-    headline = {VIOLATED: "the model is false", UNDECIDED: NOTHING}.get(code, headline)
     damage = next((j.damage for j in judged if j.damage is not None), None)
+    headline = _headline(code, part, damage, alarms)
     if damage is not None:
-        headline = f"{damage}: {sum(j.alarms for j in judged):,} alarms there"
         says = f"{says}\n{headline}"
         notes.insert(0, damage.told)
     console.say(f"{says}\n")
@@ -294,6 +293,14 @@ def _outcome(
     ]
     fields |= _report(args, headline, _colour(code, part), told, console)
     return CommandOutcome(code, (), fields, found)
+
+
+def _headline(code: int, part: float, damage: Damage | None, alarms: int) -> str:
+    """What came of it, in a line."""
+    if damage is not None:
+        return f"{damage}: {alarms:,} alarms there"
+    said = {VIOLATED: "the model is false", UNDECIDED: NOTHING}
+    return said.get(code, f"the model explains every step{of_the_log(part)}")
 
 
 def _foreign(args: argparse.Namespace, logs: list[str], console: Console) -> CommandOutcome:

@@ -67,6 +67,24 @@ def test_ranges_gaps_and_ages_are_those_of_the_log(tmp_path: Path) -> None:
     assert found.time == ("t", "s")
 
 
+@pytest.mark.parametrize(
+    ("column", "first", "unit"),
+    [
+        ("timestamp", 1_700_000_000_000, "ms"),
+        ("#timestamp [ns]", 0, "ns"),
+        ("time_us", 0, "us"),
+        ("Time (s)", 0, "s"),
+        ("t", 1_700_000_000, "s"),
+    ],
+)
+def test_the_time_of_a_csv_is_a_column_that_is_called_so_in_a_unit_that_fits(
+    tmp_path: Path, column: str, first: int, unit: str
+) -> None:
+    rows = "".join(f"0.5,{first + k}\n" for k in range(3))
+    found = surveyed([written(tmp_path / "a.csv", f"x,{column}\n{rows}".encode())])
+    assert found.time == (column, unit)
+
+
 def test_several_csvs_are_one_mapping(soter: Soter, here: Path) -> None:
     written(here / "pose.csv", table(flight(), "t,x"))
     written(here / "speed.csv", table(flight(), "t,v"))

@@ -72,6 +72,8 @@ def test_a_flight_is_judged_as_it_is_of_a_csv(tmp_path: Path, name: str) -> None
     assert judgement.samples == other.samples == {"motion": 40}
     (module,), (of_csv,) = judgement.modules, other.modules
     assert (module.steps, module.ac, module.outside) == (of_csv.steps, of_csv.ac, of_csv.outside)
+    assert module.margin is not None
+    assert of_csv.margin is not None
     assert module.margin.distance == pytest.approx(of_csv.margin.distance, abs=1e-5)
 
 
@@ -89,12 +91,9 @@ def test_the_fields_of_a_ulog_are_those_of_pyulog(tmp_path: Path) -> None:
     ours = content(log, "motion#1", facts)
     data = pyulog.ULog(str(log)).get_dataset("motion", 1).data
     assert [now for now, _ in ours] == (data["timestamp"] * 1000).tolist()
-    for ours_of, theirs in (
-        (lambda c: c["x"], "x"),
-        (lambda c: c["r"]["v"], "r.v"),
-        (lambda c: c["raw"][1], "raw[1]"),
-    ):
-        assert [ours_of(c) for _, c in ours] == data[theirs].tolist()
+    assert [c["x"] for _, c in ours] == data["x"].tolist()
+    assert [c["r"]["v"] for _, c in ours] == data["r.v"].tolist()
+    assert [c["raw"][1] for _, c in ours] == data["raw[1]"].tolist()
     assert ours[0][1]["name"] == "ab"
     assert "could not keep up 1 times, for 7 ms" in " ".join(facts.notes)
 
@@ -204,10 +203,22 @@ def test_formats_that_contain_themselves_or_more_than_a_message_end(tmp_path: Pa
         b"a:uint64_t timestamp;double[99999] b;",
         b"a:uint64_t timestamp;__import__('os') b;",
         b"a:int8_t timestamp;",
+        b"a:int8_t x;",
     ):
         parts = [struct.pack("<HB", len(text), ord("F")) + text, b"\x04\x00A\0\0\0a"]
         log = written(tmp_path / "flight.ulg", head + b"".join(parts))
         assert "none that its formats allow" in of_damage(log, "flight.ulg")
+
+
+def test_a_format_or_a_number_of_a_ulog_has_one_meaning(tmp_path: Path) -> None:
+    data, other = ulog(flight()), ulog(flight()).replace(b"rate:float v;", b"rate:float w;")
+    formats = other[16 + 43 : other.index(b"motion:") - 3]
+    log = written(tmp_path / "flight.ulg", data + formats)
+    assert "none that its formats allow" in of_damage(log, "flight.ulg")
+    again = data + data[16 + 43 : data.index(b"motion:") - 3]
+    assert judged(written(log, again), "flight.ulg").samples == {"motion": 40}
+    number = struct.pack("<HBBH", 9, ord("A"), 0, 8) + b"motion"
+    assert "none that its formats allow" in of_damage(written(log, data + number), "flight.ulg")
 
 
 def test_a_message_of_mavlink_with_another_checksum_is_refused_where_it_is_asked_for(

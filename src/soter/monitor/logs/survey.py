@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 ELEMENTS_MAX, LEAVES_MAX, DEPTH_MAX = 4, 200, 8
 """Longer lists, and more numbers of a message, are left out: nobody writes a program over them."""
+INT_END = 2**63
+"""Whole numbers of Soter end there."""
 LATE_NS = 60 * 10**9
 """A stamp that is further off is of another clock."""
 STAMP = "header.stamp"
@@ -45,6 +47,7 @@ NOT_A_NAME = re.compile(r"[^A-Za-z0-9]+")
 TIME_COLUMN = re.compile(
     r"#? ?(time|timestamp|stamp|t)[_ .]?[\[(]?(s|sec|ms|us|usec|ns)?[\])]?", re.IGNORECASE
 )
+TIME_UNITS = {"s": "s", "sec": "s", "ms": "ms", "us": "us", "usec": "us", "ns": "ns"}
 UNITS = ((1e16, "ns", 1), (1e13, "us", 10**3), (1e10, "ms", 10**6), (-inf, "s", 10**9))
 """In what a time since 1970 is that is larger than this: 2001 in seconds has ten digits."""
 
@@ -77,7 +80,7 @@ class Numbers:
             self.kind = "float"
             return
         if not isinstance(value, bool) and self.kind != "float":
-            self.kind = "int" if isinstance(value, int) and abs(value) < 2**63 else "float"
+            self.kind = "int" if isinstance(value, int) else "float"
         self.low, self.high, self.count = (
             min(self.low, value),
             max(self.high, value),
@@ -99,7 +102,7 @@ class Channel:
         self.times_ns.append(now_ns)
         for path, value in _leaves(content, "", DEPTH_MAX):
             if value is None or (path not in self.fields and len(self.fields) >= LEAVES_MAX):
-                self.left_out.add(path)
+                self.left_out |= {path} if len(self.left_out) < LEAVES_MAX else set()
             else:
                 self.fields.setdefault(path, Numbers()).note(value)
         try:
@@ -143,8 +146,9 @@ def surveyed(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
             raise unusable(
                 path, "of several files that are one log each is a CSV, and this is none"
             )
-        rows = _of_csv(path, facts, found) if is_table(path) else messages_of(path, EVERY, facts)
-        for now_ns, _, name, content in facts.readable(path, rows, partial=partial):
+        for now_ns, _, name, content in facts.readable(
+            path, _rows(path, facts, found), partial=partial
+        ):
             if content is not None:
                 found.channels.setdefault(name, Channel()).note(now_ns, content)
         found.notes += facts.notes
@@ -155,19 +159,24 @@ def surveyed(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
     return found
 
 
+def _rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
+    return _of_csv(path, facts, found) if is_table(path) else messages_of(path, EVERY, facts)
+
+
 def _of_csv(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
     """Its rows; the first column that is called like a time is it, in a unit that fits."""
     head = csv_head(path)
-    time = next((name for name in head if TIME_COLUMN.fullmatch(name)), None)
-    if time is None:
+    called = next((m for name in head if (m := TIME_COLUMN.fullmatch(name))), None)
+    if called is None:
         raise unusable(path, f"no column is called as a time is: {', '.join(head)[:200]}")
-    unit_ns = 0
+    time, unit_ns = called[0], 0
     for line, (clock,), row in csv_rows(path, head, time, facts):
         now = decimal_of(clock)
         if now is None:
             raise unusable(path, f"`{clock[:40]}` in line {line} is no time")
         if not unit_ns:
-            _, unit, unit_ns = next(u for u in UNITS if abs(now) > u[0])
+            said = TIME_UNITS.get(called[2] or "")
+            _, unit, unit_ns = next(u for u in UNITS if (u[1] == said if said else abs(now) > u[0]))
             if found.time not in (None, (time, unit)):
                 raise unusable(path, f"its time is `{time}` in {unit}, that of another file is not")
             found.time = time, unit
@@ -185,7 +194,7 @@ def _number(cell: str) -> float | int | None:
 def _leaves(content: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
     """Path and number of all that it has; None for a text, a list that is too long and the like."""
     if isinstance(content, (bool, int, float)):
-        yield path, content
+        yield path, None if isinstance(content, int) and abs(content) >= INT_END else content
         return
     if hasattr(content, "dtype"):
         content = content.tolist() if content.size <= ELEMENTS_MAX else None

@@ -125,8 +125,9 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = Fal
     choice = RowChoice(mapping.where)
     needed = dict.fromkeys([*mapping.where, *wanted.names, *of_stamps])
     facts = FileFacts(notes=columns.notes)
-    rows = csv_rows(path, list(needed), mapping.time, facts)
-    for line, clock, row in facts.readable(path, rows, partial=partial):
+    for line, clock, row in facts.readable(
+        path, csv_rows(path, list(needed), mapping.time, facts), partial=partial
+    ):
         if not choice.takes(row.__getitem__):
             continue
         where = f"line {line}"
@@ -181,7 +182,10 @@ def csv_head(path: Path) -> list[str]:
 def csv_rows(
     path: Path, needed: list[str], time: str, facts: FileFacts
 ) -> Iterator[tuple[int, list[str], dict[str, str]]]:
-    """Line, the cells of its time and those that are needed of each row."""
+    """Line, the cells of its time and those that are needed of each row.
+
+    SoterError D016; DamagedLogError where rows before it were whole.
+    """
     try:
         with opened(path) as data, _text(path, data) as file:
             facts.size = 0 if path.suffix.lower() == ".gz" else path.stat().st_size

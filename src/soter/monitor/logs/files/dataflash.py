@@ -57,7 +57,7 @@ class _Format:
 
     def content(self, raw: Sequence[Any]) -> dict[str, Any]:
         """A binary message, of what `layout` reads of it."""
-        made = {}
+        made: dict[str, Any] = {}
         for letter, name, value in zip(self.letters, self.columns, raw, strict=True):
             if letter in TEXTS:
                 made[name] = _text(value)
@@ -160,7 +160,7 @@ class _Reading:
                 raise damaged(self.path, told)
             try:
                 raw = form.layout.unpack(body)
-                yield self._arrived(form, raw, form.content, f"at byte {at:,}")
+                yield from self._arrived(form, raw, form.content, f"at byte {at:,}")
             except (struct.error, ValueError) as error:
                 told = (
                     f"the `{form.name}` at byte {at:,} is as long as its `FMT` says, which is not"
@@ -200,7 +200,7 @@ class _Reading:
             except ValueError as error:
                 told = f"{where} is no `{name}`: {_text(raw).strip()[:60]}"
                 raise damaged(self.path, told) from error
-            yield self._arrived(form, values, form.of_text, f"in {where}")
+            yield from self._arrived(form, values, form.of_text, f"in {where}")
             if name == "FMT":
                 by_name[values[2]] = self.formats[values[0]]
         if unknown:
@@ -215,7 +215,8 @@ class _Reading:
         raw: Sequence[Any],
         content: Callable[[Sequence[Any]], dict[str, Any]],
         where: str,
-    ) -> Arrived:
+    ) -> Iterator[Arrived]:
+        """A message, unless nobody wants it and it does not say when it was."""
         if form.name == "FMT":
             self._define(content(raw), where)
         elif form.name == "FMTU":
@@ -224,7 +225,10 @@ class _Reading:
         self.now_ns = self.now_ns if time_ns is None else time_ns
         channel = form.channel(raw)
         self.facts.there[channel] = self.facts.there.get(channel, 0) + 1
-        return self.now_ns, None, channel, content(raw) if channel in self.wanted else None
+        if channel in self.wanted:
+            yield self.now_ns, None, channel, content(raw)
+        elif time_ns is not None:
+            yield self.now_ns, None, channel, None
 
     def _define(self, said: dict[str, Any], where: str) -> None:
         columns = tuple(filter(None, said["Columns"].split(",")))

@@ -106,7 +106,10 @@ class FileFacts:
         return self.size
 
     def readable(self, path: Path, rows: Iterable[Row], *, partial: bool) -> Iterator[Row]:
-        """What is given; with `partial` up to the first damage, which is then known here."""
+        """What is given; with `partial` up to the first damage, which is then known here.
+
+        DamagedLogError where nothing stands before it, or nobody asked for a part.
+        """
         given = False
         try:
             for row in rows:

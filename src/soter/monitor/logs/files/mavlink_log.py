@@ -50,7 +50,7 @@ def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) ->
                     number = frame[5] if frame[0] == 0xFE else int.from_bytes(frame[7:10], "little")
                     known = dialect.mavlink_map.get(number)
                     name = getattr(known, "msgname", f"message {number}")
-                    odd.wrong(name, name in wanted, str(error))
+                    odd.wrong(name, name in wanted and not wanted[name].unnamed, str(error))
                     continue
                 if isinstance(message, dialect.MAVLink_unknown):
                     name = f"message {message.get_msgId()}"

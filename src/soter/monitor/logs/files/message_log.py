@@ -152,8 +152,7 @@ def read_messages(
     choices = {k: RowChoice(mapping.where) for k in by_channel}
     counted: list[tuple[int, int]] = []
     others: list[tuple[int, str]] = []
-    messages = messages_of(path, by_channel, facts)
-    for arrived in facts.readable(path, messages, partial=partial):
+    for arrived in facts.readable(path, messages_of(path, by_channel, facts), partial=partial):
         log_ns, _, channel, message = arrived
         if channel not in by_channel:
             if mapping.counts(log_ns):

@@ -79,7 +79,7 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
     """
     require_ros_package()
     from soter.monitor.logs.files.bounded_rosbag_reader import ros1_messages  # noqa: PLC0415 - an extra
-    from soter.monitor.logs.files.whole_bags import ContradictionError  # noqa: PLC0415 - the same
+    from soter.monitor.logs.files.whole_bags import REMEDY1, ContradictionError  # noqa: PLC0415 - the same
 
     try:
         if path.suffix.lower() == ".bag" and not path.is_dir():
@@ -99,7 +99,8 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
         raise unusable(path, reason(error)) from error
     except Exception as error:
         said = str(error)[:200] if _says_why(error) else ""
-        raise damaged(path, said or "it is no bag of ROS, or damaged") from error
+        help_ = REMEDY1 if path.suffix.lower() == ".bag" else ""
+        raise damaged(path, said or "it is no bag of ROS, or damaged", help_) from error
 
 
 def _alone(path: Path) -> _Bag2:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 import struct
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.os_error_text import reason
@@ -34,8 +34,8 @@ TYPES = {
 FIELD = re.compile(r"(\w{1,99})(?:\[(\d{1,5})\])? (\w{1,99})", re.ASCII)
 FORMAT_MAX, DEPTH_MAX = 1 << 16, 8
 """Bytes of a message, as their count has two bytes; formats in formats."""
-STEPPED_OVER = b"BFIMPQRLCSO"
-"""Kinds of messages that hold no values of a topic, or are read elsewhere here."""
+STEPPED_OVER = b"IMPQLCS"
+"""Kinds of messages that hold no values of a topic."""
 NO_END = "the autopilot lost power while it wrote, or the file was cut"
 
 
@@ -80,7 +80,7 @@ class _Topic:
 
     name: str
     fields: tuple[_Field, ...]
-    layout: struct.Struct
+    layout: struct.Struct = field(compare=False)
     longest: int
     time_at: int
 
@@ -122,6 +122,7 @@ class _Reading:
         self.path, self.file, self.wanted, self.facts = path, file, wanted, facts
         self.size = facts.size_of(file)
         self.formats: dict[str, str] = {}
+        self.known: dict[str, _Topic] = {}
         self.topics: dict[int, _Topic] = {}
         self.appended: list[int] = []
         self.times_us: dict[str, int] = {}
@@ -187,24 +188,43 @@ class _Reading:
     def _other(self, kind: int, body: bytes) -> None:
         if kind == ord("F"):
             name, _, fields = body.decode("ascii").partition(":")
-            self.formats[name] = fields
-        elif kind == ord("A"):
-            instance, number = struct.unpack_from("<BH", body)
-            name = body[3:].decode("ascii")
-            channel = f"{name}#{instance}" if instance else name
-            self.topics[number] = _Topic.of(channel, self._fields(name, DEPTH_MAX))
-            self.facts.there.setdefault(channel, 0)
-        elif kind == ord("B"):
-            ahead, *offsets = struct.unpack("<8x8s3Q", body[:40])
-            if ahead[0] & ~1 or any(ahead[1:]):
-                raise unusable(self.path, "it is a ULog of a kind that is newer than its readers")
-            self.appended = [n for n in offsets if n] if ahead[0] else []
-            if self.appended != sorted(self.appended) or max(self.appended, default=0) > self.size:
+            if self.formats.setdefault(name, fields) != fields:
                 raise ValueError
+        elif kind == ord("A"):
+            self._subscribe(body)
+        elif kind == ord("R"):
+            self.topics.pop(int.from_bytes(body[:2], "little"), None)
+        elif kind == ord("B"):
+            self._flags(body)
         elif kind == ord("O"):
             self.lost, self.lost_ms = self.lost + 1, self.lost_ms + struct.unpack("<H", body)[0]
         elif kind not in STEPPED_OVER:
             self.unknown += 1
+
+    def _subscribe(self, body: bytes) -> None:
+        """What an id means; ValueError where it means something else already."""
+        instance, number = struct.unpack_from("<BH", body)
+        name = body[3:].decode("ascii")
+        channel = f"{name}#{instance}" if instance else name
+        topic = replace(self._topic(name), name=channel)
+        if self.topics.setdefault(number, topic) != topic:
+            raise ValueError
+        self.facts.there.setdefault(channel, 0)
+
+    def _flags(self, body: bytes) -> None:
+        """Where data stand that were appended; SoterError of a kind that nobody here knows."""
+        ahead, *offsets = struct.unpack("<8x8s3Q", body[:40])
+        if ahead[0] & ~1 or any(ahead[1:]):
+            raise unusable(self.path, "it is a ULog of a kind that is newer than its readers")
+        self.appended = [n for n in offsets if n] if ahead[0] else []
+        if self.appended != sorted(self.appended) or max(self.appended, default=0) > self.size:
+            raise ValueError
+
+    def _topic(self, name: str) -> _Topic:
+        """What is logged by a format; its instances share it."""
+        if name not in self.known:
+            self.known[name] = _Topic.of(name, self._fields(name, DEPTH_MAX))
+        return self.known[name]
 
     def _fields(self, name: str, depth: int) -> tuple[_Field, ...]:
         """What a format is made of; ValueError where it is longer than a message, or in itself."""
