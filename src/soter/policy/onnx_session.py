@@ -48,9 +48,10 @@ def carried(inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
     """The output whose value each input has at the next step, as far as names and shapes say.
 
     They go together where one output alone has the name of the input without its direction, or
-    else without `0` and `n` at the end, and the same shape.
+    else without `0` and `n` at the end, and the same shape. What is named as the answer is nobody's.
     """
     found: dict[str, str] = {}
+    outputs = [y for y in outputs if y.name not in NAMES]
     ways: tuple[Callable[[str], str], ...] = (_without_direction, _without_end)
     for stem in ways:
         for x in inputs:
@@ -109,7 +110,7 @@ class OnnxSession:
         seen = [x for x in inputs if x.name not in pairs]
         if not seen:
             raise bad_policy(path, "it has no input that is an observation", SAY)
-        rest = [x for x in outputs if x.name not in pairs.values()]
+        rest = [x for x in outputs if x.name not in pairs.values() or x.name in NAMES]
         output, self.assumed = _answer_of(path, rest)
         if pairs and not memory:
             told = ", ".join(f"`{x}` is what `{y}` was" for x, y in pairs.items())
@@ -119,26 +120,25 @@ class OnnxSession:
         self.keys = tuple((x.name, given[x.name].size) for x in seen) if many else ()
         kept = {x.name: _zeros(path, x) for x in inputs if x.name in pairs}
         first = _asked_once(path, session, given | kept, [output.name, *pairs.values()])
-        if not first[0].size or first[0].ndim > max(x.ndim for x in given.values()) + 1:
-            raise bad_policy(path, f"it answers an array of shape {first[0].shape}")
-        for (name, array), after in zip(kept.items(), first[1:], strict=True):
+        answer = first[output.name]
+        if not answer.size or answer.ndim > max(x.ndim for x in given.values()) + 1:
+            raise bad_policy(path, f"it answers an array of shape {answer.shape}")
+        for name, array in kept.items():
+            after = first[pairs[name]]
             if array.shape != after.shape or array.dtype != after.dtype:
                 why = f"`{name}` has the shape {array.shape}, `{pairs[name]}` {after.shape}"
                 raise bad_policy(path, why, SAY)
-        self.is_whole = first[0].dtype == np.int64
+        self.is_whole = answer.dtype == np.int64
         values = {name: ort_value(array) for name, array in (given | kept).items()}
-        out = [ort_value(np.ascontiguousarray(array)) for array in first]
+        out = {name: ort_value(np.ascontiguousarray(array)) for name, array in first.items()}
         self._binding = session.io_binding()
         for name, value in values.items():
             self._binding.bind_ortvalue_input(name, value)
-        for name, value in zip([output.name, *pairs.values()], out, strict=True):
+        for name, value in out.items():
             self._binding.bind_ortvalue_output(name, value)
-        self._session, self._out, self._inputs = (
-            session,
-            out[0],
-            values,
-        )  # values stay where they are
-        self._memory = list(zip(kept.values(), out[1:], strict=True))
+        self._session, self._out = session, out[output.name]
+        self._inputs = values  # they stay where they are
+        self._memory = [(array, out[pairs[name]]) for name, array in kept.items()]
 
     def run(self) -> list[float]:
         """The numbers that are answered of `observation`; whatever onnxruntime raises."""
@@ -206,10 +206,12 @@ def _asked_once(
     session: Any,  # noqa: ANN401 - no types
     given: dict[str, npt.NDArray[Any]],
     names: list[str],
-) -> list[npt.NDArray[Any]]:
-    """What it answers to zeros."""
+) -> dict[str, npt.NDArray[Any]]:
+    """What it answers to zeros, by name."""
+    once = list(dict.fromkeys(names))
     try:
-        return [np.asarray(x) for x in session.run(names, given)]
+        told = session.run(once, given)
+        return {name: np.asarray(x) for name, x in zip(once, told, strict=True)}
     except Exception as error:
         why = f"it cannot be asked: {' '.join(str(error).split())[:300]}"
         raise bad_policy(path, why) from error

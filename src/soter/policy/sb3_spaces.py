@@ -51,7 +51,7 @@ def kind_of(space: Made) -> str:
 
 
 def space_of(path: Path, space: object, which: str, kinds: Mapping[str, object]) -> Made:
-    """A space of one of these kinds; X014."""
+    """A space of one of these kinds; SoterError X014."""
     if not isinstance(space, Made) or not isinstance(space.state, dict):
         raise bad_policy(path, f"it does not say its {which}")
     if kind_of(space) not in kinds:
@@ -61,7 +61,7 @@ def space_of(path: Path, space: object, which: str, kinds: Mapping[str, object])
 
 
 def observed(path: Path, space: object) -> Observed:
-    """What an observation space says; X014."""
+    """What an observation space says; SoterError X014."""
     made = space_of(path, space, "observation space", OBSERVED)
     return OBSERVED[kind_of(made)](path, made)
 
@@ -130,7 +130,7 @@ OBSERVED = {
 
 
 def bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """The least and the largest number of each, of a Box of any numbers."""
+    """The least and the largest number of each, (n,), of a Box of any; SoterError X014."""
     low, high = (array_of(space.state.get(k)).reshape(-1) for k in ("low", "high"))
     if low.shape != high.shape or not low.size:
         raise bad_policy(path, "the bounds of a Box are not one for each number")
@@ -138,7 +138,10 @@ def bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]
 
 
 def sizes_of(path: Path, space: Made) -> tuple[int, ...]:
-    """How many there are to choose from, of a Discrete or a MultiDiscrete, which begin at 0."""
+    """How many there are to choose from, of a Discrete or a MultiDiscrete; SoterError X014.
+
+    They begin at 0.
+    """
     if kind_of(space) == "Discrete":
         sizes, starts = [whole(space, "n")], [whole(space, "start", 0)]
     else:
@@ -153,7 +156,7 @@ def sizes_of(path: Path, space: Made) -> tuple[int, ...]:
 
 
 def bits(path: Path, space: Made) -> int:
-    """How many bits a MultiBinary has."""
+    """How many bits a MultiBinary has; SoterError X014."""
     n = space.state.get("n")
     sizes = n if isinstance(n, tuple) else (whole(space, "n"),)
     if not all(isinstance(x, int) and x > 0 for x in sizes):
