@@ -9,6 +9,7 @@ Non-goals: what the operators do (`onnx_file.py` reads some of them).
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from typing import TYPE_CHECKING, Any
@@ -32,6 +33,7 @@ DIRECTIONS = frozenset(
 """Words of a name that say which way it goes."""
 ENDS = re.compile(r"_?[0nt]$")
 """What `h0`, `hn`, `c_0` and `c_n` end in."""
+NUMBERS_MAX = 1_000_000
 SAY = 'say which output is the next value of which input: "onnx:FILE:h0=hn,c0=cn"'
 
 
@@ -48,7 +50,7 @@ def carried(inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
     """The output whose value each input has at the next step, as far as names and shapes say.
 
     They go together where one output alone has the name of the input without its direction, or
-    else without `0` and `n` at the end, and the same shape. What is named as the answer is nobody's.
+    else without `0` and `n` at the end, and the same shape. The answer is no such output.
     """
     found: dict[str, str] = {}
     outputs = [y for y in outputs if y.name not in NAMES]
@@ -75,13 +77,13 @@ def _alike(x: Any, y: Any) -> bool:  # noqa: ANN401 - no types
 def _said(path: Path, text: str, inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
     """What the program says of memory: `h0=hn,c0=cn`; X014 for names that are not there."""
     names = [{x.name for x in inputs}, {x.name for x in outputs}]
-    pairs = [tuple(part.split("=")) for part in text.split(",")]
-    for pair in pairs:
-        if len(pair) != 2 or pair[0] not in names[0] or pair[1] not in names[1]:
+    pairs = dict(part.split("=") for part in text.split(","))
+    for before, after in pairs.items():
+        if before not in names[0] or after not in names[1]:
             told = [", ".join(f"`{n}`" for n in sorted(side)[:8]) for side in names]
-            why = f"`{'='.join(pair)[:60]}` is no input and output of it"
+            why = f"`{before}={after}`"[:80] + " is no input and output of it"
             raise bad_policy(path, why, f"its inputs are {told[0]}, its outputs {told[1]}", SAY)
-    return dict(pairs)
+    return pairs
 
 
 def _answer_of(path: Path, outputs: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
@@ -186,6 +188,8 @@ def _observation(
         told = ", ".join(f"`{x.name}` {x.type}" for x in seen)
         raise bad_policy(path, f"its inputs have other types: {told}", SAY)
     sizes = [int(shape[-1] or 0) for shape in shapes]
+    if sum(sizes) > NUMBERS_MAX:
+        raise bad_policy(path, f"it observes {sum(sizes)} numbers, more than are read")
     whole = np.zeros(sum(sizes), DTYPES[seen[0].type])
     parts = np.split(whole, np.cumsum(sizes)[:-1])
     return whole, {
@@ -196,8 +200,8 @@ def _observation(
 
 def _zeros(path: Path, x: Any) -> npt.NDArray[Any]:  # noqa: ANN401
     """What is remembered at the start of an episode."""
-    if x.type not in DTYPES:
-        raise bad_policy(path, f"what it remembers, `{x.name}`, is a {x.type}")
+    if x.type not in DTYPES or math.prod(_axis(n) or 1 for n in x.shape) > NUMBERS_MAX:
+        raise bad_policy(path, f"what it remembers, `{x.name}`, is a {x.type} of shape {x.shape}")
     return np.zeros([_axis(n) or 1 for n in x.shape], DTYPES[x.type])
 
 

@@ -7,6 +7,7 @@ Non-goals: images.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from soter.policy.network import Doubles, Layer
 
-NUMBERS_MAX = 1_000_000
+NUMBERS_MAX, NAME_MAX = 1_000_000, 80
 EXPORT = "export it as ONNX: `soter explain X014` has the lines"
 
 
@@ -71,7 +72,7 @@ def _box(path: Path, space: Made) -> Observed:
     low, high = bounds(path, space)
     if len(shape) == 3 and low.dtype == np.uint8:
         raise bad_policy(path, f"its observations are images of shape {shape}", EXPORT)
-    if low.size != int(np.prod(shape)):
+    if low.size != math.prod(shape):
         raise bad_policy(path, "the bounds of a Box are not one for each number")
     ends = low.astype(np.float64), high.astype(np.float64)
     hull = None
@@ -105,6 +106,10 @@ def _by_name(path: Path, space: Made) -> Observed:
     if not isinstance(inner, dict) or not inner:
         raise bad_policy(path, "its observations by name have no names")
     parts = {name: observed(path, part) for name, part in inner.items()}
+    if not all(name.isprintable() and len(name) <= NAME_MAX for name in inner):
+        raise bad_policy(path, "a name of its observations is no name")
+    if sum(len(part.sizes) for part in parts.values()) > NUMBERS_MAX:
+        raise bad_policy(path, "it observes more numbers than are read")
     if nested := [name for name, part in parts.items() if part.keys]:
         raise bad_policy(path, f"its observation `{nested[0][:40]}` is by name again", EXPORT)
     boxes = [part.box for part in parts.values() if part.box is not None]
@@ -159,9 +164,10 @@ def bits(path: Path, space: Made) -> int:
     """How many bits a MultiBinary has; SoterError X014."""
     n = space.state.get("n")
     sizes = n if isinstance(n, tuple) else (whole(space, "n"),)
-    if not all(isinstance(x, int) and x > 0 for x in sizes):
-        raise bad_policy(path, "it does not say how many bits it has")
-    return int(np.prod(sizes))
+    count = math.prod(x if isinstance(x, int) and x > 0 else 0 for x in sizes)
+    if not 0 < count <= NUMBERS_MAX // 100:
+        raise bad_policy(path, "it does not say how many bits it has, or too many")
+    return count
 
 
 def whole(space: Made, which: str, default: int = -1) -> int:
