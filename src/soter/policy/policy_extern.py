@@ -148,9 +148,9 @@ def _asked(
 def by_name(path: Path, keys: Sequence[tuple[str, int]], reads: Shapes, *helps: str) -> Shapes:
     """What is read, in the order of the names of observations; SoterError X014 without one."""
     known: dict[str, tuple[str, Type]] = {name: (name, t) for name, t in reads}
-    if len(reads) == 1 and isinstance(reads[0][1], RecordType):
-        (record,) = reads
-        known = {field: (f"{record[0]}.{field}", t) for field, t in record[1].fields}
+    name, of = reads[0] if len(reads) == 1 else ("", None)
+    if isinstance(of, RecordType):
+        known = {field: (f"{name}.{field}", t) for field, t in of.fields}
     if set(known) != {key for key, _ in keys}:
         names = ", ".join(f"`{key}` ({in_numbers(n)})" for key, n in keys)
         why = f"it observes {names} by name, the node reads {', '.join(f'`{n}`' for n in known)}"

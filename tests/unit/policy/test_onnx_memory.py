@@ -155,3 +155,8 @@ def test_an_answer_is_clipped_where_the_program_says_so(tmp_path: Path, *, apart
     assert runs[":clip"].violations == 0
     push = runs[":clip"].array("push")
     assert (push.min(), push.max()) == (-0.1, 0.1)
+
+
+def test_what_is_too_large_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SoterError, match="it observes 2000000 numbers, more than are read"):
+        policy(tmp_path, sums([("h_in", "h_out")], 2_000_000), reads=[("x", ArrayType(NUMBER, 2))])
