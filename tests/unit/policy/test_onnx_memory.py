@@ -70,7 +70,12 @@ FOUND = [
     [("lstm.h", "lstm.h.new"), ("lstm.c", "lstm.c.new")],
     [("recurrent_in", "recurrent_out")],
 ]
-NOT_FOUND = [[("a", "b")], [("h_in", "next_state")], [("h", "c_out"), ("c", "x_out")]]
+NOT_FOUND = [
+    [("a", "b")],
+    [("h_in", "h_out"), ("h_prev", "h_next")],
+    [("h_in", "next_state")],
+    [("h", "c_out"), ("c", "x_out")],
+]
 
 
 def answers(made: Any, states: int) -> None:
