@@ -125,11 +125,7 @@ class OnnxSession:
         answer = first[output.name]
         if not answer.size or answer.ndim > max(x.ndim for x in given.values()) + 1:
             raise bad_policy(path, f"it answers an array of shape {answer.shape}")
-        for name, array in kept.items():
-            after = first[pairs[name]]
-            if array.shape != after.shape or array.dtype != after.dtype:
-                why = f"`{name}` has the shape {array.shape}, `{pairs[name]}` {after.shape}"
-                raise bad_policy(path, why, SAY)
+        _require_alike(path, pairs, kept, first)
         self.is_whole = answer.dtype == np.int64
         values = {name: ort_value(array) for name, array in (given | kept).items()}
         out = {name: ort_value(np.ascontiguousarray(array)) for name, array in first.items()}
@@ -219,6 +215,20 @@ def _asked_once(
     except Exception as error:
         why = f"it cannot be asked: {' '.join(str(error).split())[:300]}"
         raise bad_policy(path, why) from error
+
+
+def _require_alike(
+    path: Path,
+    pairs: dict[str, str],
+    kept: dict[str, npt.NDArray[Any]],
+    first: dict[str, npt.NDArray[Any]],
+) -> None:
+    """X014 where an output cannot be the next value of its input."""
+    for name, array in kept.items():
+        after = first[pairs[name]]
+        if array.shape != after.shape or array.dtype != after.dtype:
+            why = f"`{name}` has the shape {array.shape}, `{pairs[name]}` {after.shape}"
+            raise bad_policy(path, why, SAY)
 
 
 def _axis(size: object) -> int | None:

@@ -112,17 +112,21 @@ def _by_name(path: Path, space: Made) -> Observed:
         raise bad_policy(path, "it observes more numbers than are read")
     if nested := [name for name, part in parts.items() if part.keys]:
         raise bad_policy(path, f"its observation `{nested[0][:40]}` is by name again", EXPORT)
-    boxes = [part.box for part in parts.values() if part.box is not None]
-    hull = None
-    if len(boxes) == len(parts):
-        low, high = (np.concatenate(ends) for ends in zip(*boxes, strict=True))
-        hull = low, high
     return Observed(
         tuple(size for part in parts.values() for size in part.sizes),
         ", ".join(f"`{name}` {part.shown}" for name, part in parts.items()),
-        hull,
+        _together([part.box for part in parts.values()]),
         tuple((name, len(part.sizes)) for name, part in parts.items()),
     )
+
+
+def _together(boxes: list[tuple[Doubles, Doubles] | None]) -> tuple[Doubles, Doubles] | None:
+    """The ends of all numbers; None where some have none."""
+    known = [box for box in boxes if box is not None]
+    if len(known) < len(boxes):
+        return None
+    low, high = (np.concatenate(ends) for ends in zip(*known, strict=True))
+    return low, high
 
 
 OBSERVED = {
