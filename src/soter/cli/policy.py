@@ -73,7 +73,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Read it, tell it, write it."""
+    """Read it, tell it, write it; UsageError."""
     from soter.policy.soter_source import error_bound  # noqa: PLC0415 - needs NumPy
 
     policy = _read(Path(args.file), args.statistics)

@@ -68,7 +68,7 @@ def c_source(
 
     `function`: its own name. `name`: what the C names of the node begin with (`rush_Learned`), of a
     program with this `header`. `reads`, `writes`: topics in the order in which the policy has their
-    numbers.
+    numbers. SoterError X014 where they are not those of the policy.
     """
     network = policy.network
     given = [place for n, t in reads for place in _places(f"in->{_member(n)}", t)]

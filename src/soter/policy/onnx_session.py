@@ -9,6 +9,7 @@ Non-goals: what the operators do (`onnx_file.py` reads some of them).
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from typing import TYPE_CHECKING, Any
@@ -32,6 +33,7 @@ DIRECTIONS = frozenset(
 """Words of a name that say which way it goes."""
 ENDS = re.compile(r"_?[0nt]$")
 """What `h0`, `hn`, `c_0` and `c_n` end in."""
+NUMBERS_MAX = 1_000_000
 SAY = 'say which output is the next value of which input: "onnx:FILE:h0=hn,c0=cn"'
 
 
@@ -48,9 +50,10 @@ def carried(inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
     """The output whose value each input has at the next step, as far as names and shapes say.
 
     They go together where one output alone has the name of the input without its direction, or
-    else without `0` and `n` at the end, and the same shape.
+    else without `0` and `n` at the end, and the same shape. The answer is no such output.
     """
     found: dict[str, str] = {}
+    outputs = [y for y in outputs if y.name not in NAMES]
     ways: tuple[Callable[[str], str], ...] = (_without_direction, _without_end)
     for stem in ways:
         for x in inputs:
@@ -74,13 +77,13 @@ def _alike(x: Any, y: Any) -> bool:  # noqa: ANN401 - no types
 def _said(path: Path, text: str, inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
     """What the program says of memory: `h0=hn,c0=cn`; X014 for names that are not there."""
     names = [{x.name for x in inputs}, {x.name for x in outputs}]
-    pairs = [tuple(part.split("=")) for part in text.split(",")]
-    for pair in pairs:
-        if len(pair) != 2 or pair[0] not in names[0] or pair[1] not in names[1]:
+    pairs = dict(part.split("=") for part in text.split(","))
+    for before, after in pairs.items():
+        if before not in names[0] or after not in names[1]:
             told = [", ".join(f"`{n}`" for n in sorted(side)[:8]) for side in names]
-            why = f"`{'='.join(pair)[:60]}` is no input and output of it"
+            why = f"`{before}={after}`"[:80] + " is no input and output of it"
             raise bad_policy(path, why, f"its inputs are {told[0]}, its outputs {told[1]}", SAY)
-    return dict(pairs)
+    return pairs
 
 
 def _answer_of(path: Path, outputs: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
@@ -109,7 +112,7 @@ class OnnxSession:
         seen = [x for x in inputs if x.name not in pairs]
         if not seen:
             raise bad_policy(path, "it has no input that is an observation", SAY)
-        rest = [x for x in outputs if x.name not in pairs.values()]
+        rest = [x for x in outputs if x.name not in pairs.values() or x.name in NAMES]
         output, self.assumed = _answer_of(path, rest)
         if pairs and not memory:
             told = ", ".join(f"`{x}` is what `{y}` was" for x, y in pairs.items())
@@ -119,26 +122,21 @@ class OnnxSession:
         self.keys = tuple((x.name, given[x.name].size) for x in seen) if many else ()
         kept = {x.name: _zeros(path, x) for x in inputs if x.name in pairs}
         first = _asked_once(path, session, given | kept, [output.name, *pairs.values()])
-        if not first[0].size or first[0].ndim > max(x.ndim for x in given.values()) + 1:
-            raise bad_policy(path, f"it answers an array of shape {first[0].shape}")
-        for (name, array), after in zip(kept.items(), first[1:], strict=True):
-            if array.shape != after.shape or array.dtype != after.dtype:
-                why = f"`{name}` has the shape {array.shape}, `{pairs[name]}` {after.shape}"
-                raise bad_policy(path, why, SAY)
-        self.is_whole = first[0].dtype == np.int64
+        answer = first[output.name]
+        if not answer.size or answer.ndim > max(x.ndim for x in given.values()) + 1:
+            raise bad_policy(path, f"it answers an array of shape {answer.shape}")
+        _require_alike(path, pairs, kept, first)
+        self.is_whole = answer.dtype == np.int64
         values = {name: ort_value(array) for name, array in (given | kept).items()}
-        out = [ort_value(np.ascontiguousarray(array)) for array in first]
+        out = {name: ort_value(np.ascontiguousarray(array)) for name, array in first.items()}
         self._binding = session.io_binding()
         for name, value in values.items():
             self._binding.bind_ortvalue_input(name, value)
-        for name, value in zip([output.name, *pairs.values()], out, strict=True):
+        for name, value in out.items():
             self._binding.bind_ortvalue_output(name, value)
-        self._session, self._out, self._inputs = (
-            session,
-            out[0],
-            values,
-        )  # values stay where they are
-        self._memory = list(zip(kept.values(), out[1:], strict=True))
+        self._session, self._out = session, out[output.name]
+        self._inputs = values  # they stay where they are
+        self._memory = [(array, out[pairs[name]]) for name, array in kept.items()]
 
     def run(self) -> list[float]:
         """The numbers that are answered of `observation`; whatever onnxruntime raises."""
@@ -186,6 +184,8 @@ def _observation(
         told = ", ".join(f"`{x.name}` {x.type}" for x in seen)
         raise bad_policy(path, f"its inputs have other types: {told}", SAY)
     sizes = [int(shape[-1] or 0) for shape in shapes]
+    if sum(sizes) > NUMBERS_MAX:
+        raise bad_policy(path, f"it observes {sum(sizes)} numbers, more than are read")
     whole = np.zeros(sum(sizes), DTYPES[seen[0].type])
     parts = np.split(whole, np.cumsum(sizes)[:-1])
     return whole, {
@@ -196,8 +196,8 @@ def _observation(
 
 def _zeros(path: Path, x: Any) -> npt.NDArray[Any]:  # noqa: ANN401
     """What is remembered at the start of an episode."""
-    if x.type not in DTYPES:
-        raise bad_policy(path, f"what it remembers, `{x.name}`, is a {x.type}")
+    if x.type not in DTYPES or math.prod(_axis(n) or 1 for n in x.shape) > NUMBERS_MAX:
+        raise bad_policy(path, f"what it remembers, `{x.name}`, is a {x.type} of shape {x.shape}")
     return np.zeros([_axis(n) or 1 for n in x.shape], DTYPES[x.type])
 
 
@@ -206,13 +206,29 @@ def _asked_once(
     session: Any,  # noqa: ANN401 - no types
     given: dict[str, npt.NDArray[Any]],
     names: list[str],
-) -> list[npt.NDArray[Any]]:
-    """What it answers to zeros."""
+) -> dict[str, npt.NDArray[Any]]:
+    """What it answers to zeros, by name."""
+    once = list(dict.fromkeys(names))
     try:
-        return [np.asarray(x) for x in session.run(names, given)]
+        told = session.run(once, given)
+        return {name: np.asarray(x) for name, x in zip(once, told, strict=True)}
     except Exception as error:
         why = f"it cannot be asked: {' '.join(str(error).split())[:300]}"
         raise bad_policy(path, why) from error
+
+
+def _require_alike(
+    path: Path,
+    pairs: dict[str, str],
+    kept: dict[str, npt.NDArray[Any]],
+    first: dict[str, npt.NDArray[Any]],
+) -> None:
+    """X014 where an output cannot be the next value of its input."""
+    for name, array in kept.items():
+        after = first[pairs[name]]
+        if array.shape != after.shape or array.dtype != after.dtype:
+            why = f"`{name}` has the shape {array.shape}, `{pairs[name]}` {after.shape}"
+            raise bad_policy(path, why, SAY)
 
 
 def _axis(size: object) -> int | None:

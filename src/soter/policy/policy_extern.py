@@ -64,7 +64,7 @@ class PolicyExtern(FilePolicy):
         self._get = attrgetter(*(p for p, _ in places)) if places else None
         self._blocks = any(n != 1 for _, n in places)
         self._build = [_builder(path, name, t) for name, t in answers]
-        self._observation = asked
+        self._observation, self.clip = asked, binding.clips
         frames = asked.size // count if count and asked.size % count == 0 else 0
         if not frames or (frames > 1 and assumed.keys):
             names = ", ".join(f"`{name}`" for name, _ in reads)
@@ -130,9 +130,10 @@ def _asked(
 ) -> tuple[npt.NDArray[Any], Callable[[], list[float]], Callable[[], None], _Assumed]:
     """Where the observation is written, what answers it, what forgets, and what is assumed."""
     if binding.kind == "onnx":
-        session = OnnxSession(path, binding.name)
+        session = OnnxSession(path, binding.remembered)
         assumed = _Assumed(session.assumed, len(session.run()), None)
         assumed.whole, assumed.keys = session.is_whole, session.keys
+        session.reset()
         return session.observation, session.run, session.reset, assumed
     policy = read_sb3(path, Path(binding.name) if binding.name else None)
     network = policy.network
@@ -145,11 +146,11 @@ def _asked(
 
 
 def by_name(path: Path, keys: Sequence[tuple[str, int]], reads: Shapes, *helps: str) -> Shapes:
-    """What is read, in the order of the names of observations; X014 where a name is missing."""
+    """What is read, in the order of the names of observations; SoterError X014 without one."""
     known: dict[str, tuple[str, Type]] = {name: (name, t) for name, t in reads}
-    if len(reads) == 1 and isinstance(reads[0][1], RecordType):
-        (record,) = reads
-        known = {field: (f"{record[0]}.{field}", t) for field, t in record[1].fields}
+    name, of = reads[0] if len(reads) == 1 else ("", None)
+    if isinstance(of, RecordType):
+        known = {field: (f"{name}.{field}", t) for field, t in of.fields}
     if set(known) != {key for key, _ in keys}:
         names = ", ".join(f"`{key}` ({in_numbers(n)})" for key, n in keys)
         why = f"it observes {names} by name, the node reads {', '.join(f'`{n}`' for n in known)}"

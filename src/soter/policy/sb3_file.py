@@ -31,6 +31,7 @@ from soter.policy.policy_errors import bad_policy, content_of
 from soter.policy.sb3_parts import decoded, opened, part, settings, tensors, version
 from soter.policy.sb3_spaces import (
     EXPORT,
+    NUMBERS_MAX,
     bits,
     bounds,
     kind_of,
@@ -43,7 +44,7 @@ from soter.policy.vec_normalize import normalised
 
 if TYPE_CHECKING:
     import zipfile
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from soter.policy.network import Floats
@@ -141,6 +142,8 @@ def _policy(path: Path, parts: zipfile.ZipFile) -> Policy:
     seen = observed(path, decoded(path, said.get("observation_space")))
     actions = space_of(path, decoded(path, said.get("action_space")), "action space", ACTED)
     weights = tensors(path, part(path, parts, "policy.pth"))
+    if any("features_extractor." in key for key in weights):
+        raise bad_policy(path, "its features are computed by layers of their own", EXPORT)
     options = _options(path, said)
     squashed = kind_of(actions) == "Box" and options.get("squash_output", kind.squashed) is True
     layers = [*seen.layers, *_layers(path, kind, options, weights)]
@@ -212,7 +215,7 @@ def _activation(path: Path, kind: _Kind, options: Mapping[str, Any]) -> list[Lay
 
 def _number(path: Path, options: Mapping[str, Any], name: str, default: float) -> float:
     value = options.get(name, default)
-    if not isinstance(value, (int, float)):
+    if not isinstance(value, (int, float)) or not abs(value) < NUMBERS_MAX:
         raise bad_policy(path, f"its `{name}` is no number")
     return float(value)
 
@@ -225,13 +228,8 @@ def _layers(path: Path, kind: _Kind, options: Mapping[str, Any], weights: Tensor
     activation = _activation(path, kind, options)
     made: list[Layer] = [*_memory(path, kind, weights)]
     for prefix in kind.hidden:
-        made += _hidden(
-            path,
-            prefix,
-            weights,
-            activation,
-            _number(path, options, "batch_norm_eps", NORM_EPSILON),
-        )
+        epsilon = _number(path, options, "batch_norm_eps", NORM_EPSILON)
+        made += _hidden(path, prefix, weights, activation, epsilon)
     if not kind.last:
         if activation and made and made[-1] is activation[0]:
             made.pop()  # nothing follows the last of them
@@ -258,10 +256,10 @@ def _hidden(
         if (number := key[len(prefix) :].partition(".")[0]).isdecimal() and len(number) < 6
     }
     expected = 0
-    for number in sorted(numbers):
-        name = f"{prefix}{number}"
+    for place in sorted(numbers):
+        name = f"{prefix}{place}"
         normal = f"{name}.ra_mean" in weights
-        if number != expected:
+        if place != expected:
             why = f"its layers `{prefix}...` are no linear ones with activations"
             raise bad_policy(path, why, EXPORT)
         yield from (
@@ -285,8 +283,8 @@ def _linear(path: Path, name: str, weights: Tensors) -> Affine:
 
 def _normal(path: Path, name: str, weights: Tensors, epsilon: float) -> Iterator[Layer]:
     """A `BatchRenorm` that is not trained."""
-    parts = [weights.get(f"{name}.{k}") for k in ("ra_mean", "ra_var", "scale", "bias")]
-    if any(x is None or x.ndim != 1 or x.shape != parts[0].shape for x in parts):
+    parts = _all(path, weights, [f"{name}.{k}" for k in ("ra_mean", "ra_var", "scale", "bias")])
+    if any(x.ndim != 1 or x.shape != parts[0].shape for x in parts):
         raise bad_policy(path, f"its layer `{name}` normalises without a number for each")
     mean, variance, scale, bias = parts
     yield Elementwise("-", mean)
@@ -295,19 +293,22 @@ def _normal(path: Path, name: str, weights: Tensors, epsilon: float) -> Iterator
     yield Elementwise("+", bias)
 
 
+def _all(path: Path, weights: Tensors, names: Sequence[str]) -> list[Floats]:
+    """All of these tensors."""
+    if missing := [name for name in names if name not in weights]:
+        raise bad_policy(path, f"it has no numbers `{missing[0]}`", EXPORT)
+    return [weights[name] for name in names]
+
+
 def _memory(path: Path, kind: _Kind, weights: Tensors) -> Iterator[Layer]:
     """The layers of an LSTM."""
     count = 0
     while kind.memory and f"{kind.memory}weight_ih_l{count}" in weights:
-        names = [
-            f"{kind.memory}{k}_l{count}" for k in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
-        ]
-        own = [weights.get(name) for name in names]
+        parts = ("weight_ih", "weight_hh", "bias_ih", "bias_hh")
+        names = [f"{kind.memory}{part_name}_l{count}" for part_name in parts]
+        into, back, *biases = _all(path, weights, names)
         count += 1
-        if any(x is None for x in own):
-            raise bad_policy(path, f"its LSTM `{kind.memory}` has no biases", EXPORT)
-        into, back, *biases = own
-        size = back.shape[-1]
+        size = back.size and back.shape[-1]
         fits = into.ndim == back.ndim == 2 and len(into) == len(back) == 4 * size > 0
         if not fits or any(b.shape != (4 * size,) for b in biases):
             raise bad_policy(path, f"its LSTM `{kind.memory}` has matrices of other sizes", EXPORT)
@@ -345,9 +346,12 @@ def _choices(
     each, rest = divmod(last.bias.size, sizes[0])
     if rest:
         raise bad_policy(path, f"it has {last.bias.size} quantiles for {sizes[0]} actions")
+    if last.bias.size * sizes[0] > NUMBERS_MAX:
+        raise bad_policy(path, f"it has {last.bias.size} quantiles, more than are read", EXPORT)
     together = np.tile(np.eye(sizes[0], dtype=np.float32), each)
-    count = np.full(sizes[0], each, np.float32)
-    return [last, Affine(together, 0.0 * count), Elementwise("/", count)], sizes
+    each_of = np.full(sizes[0], each, np.float32)
+    zeros = np.zeros(sizes[0], np.float32)
+    return [last, Affine(together, zeros), Elementwise("/", each_of)], sizes
 
 
 def _ending(path: Path, actions: Made, *, squashed: bool) -> list[Layer]:

@@ -78,7 +78,7 @@ def version(parts: zipfile.ZipFile) -> str:
 
 
 def decoded(path: Path, value: object) -> Any:  # noqa: ANN401 - whatever it holds
-    """A value of `data`: as JSON has it, or as its pickle says."""
+    """A value of `data`: as JSON has it, or as its pickle says; SoterError X014, PickleError."""
     if not isinstance(value, dict) or ":serialized:" not in value:
         return value
     try:
@@ -91,7 +91,10 @@ def decoded(path: Path, value: object) -> Any:  # noqa: ANN401 - whatever it hol
 
 
 def tensors(path: Path, data: bytes) -> dict[str, Floats]:
-    """The float32 tensors of a `state_dict` that `torch.save` wrote, by name."""
+    """The float32 tensors of a `state_dict` that `torch.save` wrote, by name, each in its shape.
+
+    SoterError X014.
+    """
     with opened(path, data, "its part `policy.pth` is no zip of `torch.save`") as parts:
         names = [n for n in parts.namelist() if n.endswith("/data.pkl")]
         if len(names) != 1:

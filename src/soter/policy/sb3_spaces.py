@@ -7,6 +7,7 @@ Non-goals: images.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from soter.policy.network import Doubles, Layer
 
-NUMBERS_MAX = 1_000_000
+NUMBERS_MAX, NAME_MAX = 1_000_000, 80
 EXPORT = "export it as ONNX: `soter explain X014` has the lines"
 
 
@@ -51,7 +52,7 @@ def kind_of(space: Made) -> str:
 
 
 def space_of(path: Path, space: object, which: str, kinds: Mapping[str, object]) -> Made:
-    """A space of one of these kinds; X014."""
+    """A space of one of these kinds; SoterError X014."""
     if not isinstance(space, Made) or not isinstance(space.state, dict):
         raise bad_policy(path, f"it does not say its {which}")
     if kind_of(space) not in kinds:
@@ -61,7 +62,7 @@ def space_of(path: Path, space: object, which: str, kinds: Mapping[str, object])
 
 
 def observed(path: Path, space: object) -> Observed:
-    """What an observation space says; X014."""
+    """What an observation space says; SoterError X014."""
     made = space_of(path, space, "observation space", OBSERVED)
     return OBSERVED[kind_of(made)](path, made)
 
@@ -71,7 +72,7 @@ def _box(path: Path, space: Made) -> Observed:
     low, high = bounds(path, space)
     if len(shape) == 3 and low.dtype == np.uint8:
         raise bad_policy(path, f"its observations are images of shape {shape}", EXPORT)
-    if low.size != int(np.prod(shape)):
+    if low.size != math.prod(shape):
         raise bad_policy(path, "the bounds of a Box are not one for each number")
     ends = low.astype(np.float64), high.astype(np.float64)
     hull = None
@@ -105,19 +106,27 @@ def _by_name(path: Path, space: Made) -> Observed:
     if not isinstance(inner, dict) or not inner:
         raise bad_policy(path, "its observations by name have no names")
     parts = {name: observed(path, part) for name, part in inner.items()}
+    if not all(name.isprintable() and len(name) <= NAME_MAX for name in inner):
+        raise bad_policy(path, "a name of its observations is no name")
+    if sum(len(part.sizes) for part in parts.values()) > NUMBERS_MAX:
+        raise bad_policy(path, "it observes more numbers than are read")
     if nested := [name for name, part in parts.items() if part.keys]:
         raise bad_policy(path, f"its observation `{nested[0][:40]}` is by name again", EXPORT)
-    boxes = [part.box for part in parts.values() if part.box is not None]
-    hull = None
-    if len(boxes) == len(parts):
-        low, high = (np.concatenate(ends) for ends in zip(*boxes, strict=True))
-        hull = low, high
     return Observed(
         tuple(size for part in parts.values() for size in part.sizes),
         ", ".join(f"`{name}` {part.shown}" for name, part in parts.items()),
-        hull,
+        _together([part.box for part in parts.values()]),
         tuple((name, len(part.sizes)) for name, part in parts.items()),
     )
+
+
+def _together(boxes: list[tuple[Doubles, Doubles] | None]) -> tuple[Doubles, Doubles] | None:
+    """The ends of all numbers; None where some have none."""
+    known = [box for box in boxes if box is not None]
+    if len(known) < len(boxes):
+        return None
+    low, high = (np.concatenate(ends) for ends in zip(*known, strict=True))
+    return low, high
 
 
 OBSERVED = {
@@ -130,7 +139,7 @@ OBSERVED = {
 
 
 def bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """The least and the largest number of each, of a Box of any numbers."""
+    """The least and the largest number of each, (n,), of a Box of any; SoterError X014."""
     low, high = (array_of(space.state.get(k)).reshape(-1) for k in ("low", "high"))
     if low.shape != high.shape or not low.size:
         raise bad_policy(path, "the bounds of a Box are not one for each number")
@@ -138,7 +147,10 @@ def bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]
 
 
 def sizes_of(path: Path, space: Made) -> tuple[int, ...]:
-    """How many there are to choose from, of a Discrete or a MultiDiscrete, which begin at 0."""
+    """How many there are to choose from, of a Discrete or a MultiDiscrete; SoterError X014.
+
+    They begin at 0.
+    """
     if kind_of(space) == "Discrete":
         sizes, starts = [whole(space, "n")], [whole(space, "start", 0)]
     else:
@@ -153,12 +165,13 @@ def sizes_of(path: Path, space: Made) -> tuple[int, ...]:
 
 
 def bits(path: Path, space: Made) -> int:
-    """How many bits a MultiBinary has."""
+    """How many bits a MultiBinary has; SoterError X014."""
     n = space.state.get("n")
     sizes = n if isinstance(n, tuple) else (whole(space, "n"),)
-    if not all(isinstance(x, int) and x > 0 for x in sizes):
-        raise bad_policy(path, "it does not say how many bits it has")
-    return int(np.prod(sizes))
+    count = math.prod(x if isinstance(x, int) and x > 0 else 0 for x in sizes)
+    if not 0 < count <= NUMBERS_MAX // 100:
+        raise bad_policy(path, "it does not say how many bits it has, or too many")
+    return count
 
 
 def whole(space: Made, which: str, default: int = -1) -> int:

@@ -54,7 +54,10 @@ def _ways(path: Path, statistics: Path) -> tuple[str, ...]:
 
 
 def normalised(policy: Policy, named: Path | None) -> Policy:
-    """The policy with its statistics in front of it, or with what is assumed without them."""
+    """The policy with its statistics in front of it, or with what is assumed without them.
+
+    SoterError X003, X014.
+    """
     path = Path(policy.path)
     facts = dict(policy.facts)
     if named is not None and named.name == NO_STATISTICS:

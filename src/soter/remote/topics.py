@@ -22,7 +22,6 @@ from soter.language.model.system import Bound
 from soter.language.model.types import (
     BOOL,
     FLOAT,
-    INT,
     ArrayType,
     BoolType,
     EnumType,
@@ -32,7 +31,7 @@ from soter.language.model.types import (
     RecordType,
     leaves,
 )
-from soter.language.model.values import ValueShapeError, from_python, singles, to_python
+from soter.language.model.values import ValueShapeError, from_python, singles, to_python, widened
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -76,7 +75,7 @@ class Topic:
         if not isinstance(self.type, (RecordType, ArrayType, ListType)):
             given = _only_element(given)
         try:
-            value = from_python(_widened(self.type), given, where)
+            value = from_python(widened(self.type), given, where)
         except ValueShapeError as error:
             raise _refused(str(error)) from error
         fitting = _Fitting(self.ends, clip=clip).value(self.type, value, where)
@@ -227,17 +226,6 @@ def _only_element(given: object) -> object:
     if hasattr(given, "tolist") and hasattr(given, "ndim"):
         given = cast("Any", given).tolist()
     return given[0] if isinstance(given, (list, tuple)) and len(given) == 1 else given
-
-
-def _widened(t: Type) -> Type:
-    """The same with plain ints: whether one is in its set is another question."""
-    if isinstance(t, IntType):
-        return INT
-    if isinstance(t, RecordType):
-        return RecordType(tuple((n, _widened(f)) for n, f in t.fields), t.name)
-    if isinstance(t, ArrayType):
-        return ArrayType(_widened(t.element), t.size)
-    return ListType(_widened(t.element), t.capacity) if isinstance(t, ListType) else t
 
 
 class _Fitting:

@@ -102,20 +102,41 @@ def to_ends(topic: Topic, value: Value) -> Value:
     """What comes from outside: the float32 of an end of the topic's set is that end."""
     if all(b is None or singles(b) == (b.low, b.high) for b in topic.bounds):
         return value
-    return _to_ends(topic.type, iter(topic.bounds), value)
+    return _at_leaves(_to_end, topic.type, iter(topic.bounds), value)
 
 
-def _to_ends(t: Type, bounds: Iterator[Bound | None], value: Value) -> Value:
-    """The same of one type; takes as many bounds as the type has leaves."""
+def clipped(t: Type, bounds: Sequence[Bound | None], value: Value) -> Value:
+    """Numbers outside of a topic's set at its ends; what is no finite number stays."""
+    return _at_leaves(_inside, t, iter(bounds), value)
+
+
+def _at_leaves(
+    leaf: Callable[[Type, Bound | None, Value], Value],
+    t: Type,
+    bounds: Iterator[Bound | None],
+    value: Value,
+) -> Value:
+    """A value whose leaves went through `leaf`; takes as many bounds as the type has leaves."""
     if isinstance(t, RecordType):
         fields = zip(t.fields, value, strict=True)
-        return tuple([_to_ends(f, bounds, part) for (_, f), part in fields])
+        return tuple([_at_leaves(leaf, f, bounds, part) for (_, f), part in fields])
     if isinstance(t, ArrayType):
-        return tuple([_to_ends(t.element, bounds, part) for part in value])
+        return tuple([_at_leaves(leaf, t.element, bounds, part) for part in value])
     if isinstance(t, ListType):
         own = [next(bounds) for _ in leaves(t.element)]
-        return tuple([_to_ends(t.element, iter(own), part) for part in value])
-    bound = next(bounds)
+        return tuple([_at_leaves(leaf, t.element, iter(own), part) for part in value])
+    return leaf(t, next(bounds), value)
+
+
+def _inside(t: Type, bound: Bound | None, value: Value) -> Value:
+    if isinstance(t, IntType):
+        value = min(max(value, t.low), t.high)
+    if bound is None or not isinstance(t, (FloatType, IntType)) or not math.isfinite(value):
+        return value
+    return type(value)(min(max(value, bound.low), bound.high))
+
+
+def _to_end(t: Type, bound: Bound | None, value: Value) -> Value:
     if bound is None or not isinstance(t, FloatType):
         return value
     low, high = singles(bound)

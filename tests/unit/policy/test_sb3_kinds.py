@@ -34,7 +34,7 @@ def loaded(file: str, reads: Any, writes: Any, folder: Path = FILES) -> Any:
     return load_policy(binding.beside(folder), reads, writes, None)
 
 
-def shapes(row: dict[str, list[float]]) -> list[tuple[str, Any]]:
+def shapes(row: dict[str, Any]) -> list[tuple[str, Any]]:
     """Topics of an observation, in another order than it has."""
     whole = all(isinstance(x, int) for values in row.values() for x in values)
     return [(n, ArrayType(WHOLE if whole else NUMBER, len(row[n]))) for n in sorted(row)[::-1]]
@@ -200,3 +200,74 @@ def test_a_cell_keeps_what_it_is_told_to() -> None:
             given[:] = 0.5
             told = [float(run()[0]) for _ in range(2)]
             assert told == pytest.approx(np.tanh(wanted).tolist(), abs=1e-6)
+
+
+def hostile_space(made: Any) -> Any:
+    return lambda s: change_pickle(s, "observation_space", lambda _: pickle.dumps(made))
+
+
+def bits_of(count: int) -> spaces.MultiBinary:
+    space = spaces.MultiBinary(2)
+    space.n = count
+    return space
+
+
+HOSTILE: dict[str, tuple[Any, str]] = {
+    "bits without end": (hostile_space(bits_of(10**12)), "or too many"),
+    "no bits": (hostile_space(bits_of(-1)), "or too many"),
+    "a name of control characters": (
+        hostile_space(spaces.Dict({"a\x1b[2J": spaces.Discrete(2)})),
+        "is no name",
+    ),
+    "names in names": (
+        hostile_space(spaces.Dict({"a": spaces.Dict({"b": spaces.Discrete(2)})})),
+        "`a` is by name again",
+    ),
+    "another count": (hostile_space(spaces.MultiDiscrete([3, 4])), "takes 2 numbers, and is given"),
+    "a tuple": (hostile_space(spaces.Tuple([spaces.Discrete(2)])), "its observation space is a"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_what_spaces_say_is_not_believed(tmp_path: Path, name: str) -> None:
+    change, said = HOSTILE[name]
+    (tmp_path / "p.zip").write_bytes(changed("ppo.zip", change))
+    with pytest.raises(SoterError) as caught:
+        read_sb3(tmp_path / "p.zip")
+    (problem,) = caught.value.diagnostics
+    assert (problem.code, said in problem.message) == ("X014", True)
+
+
+def renamed_tensor(old: str, new: str) -> Any:
+    """In the names of all tensors of a file; of one length, as pickles say it."""
+
+    def change(parts: dict[str, bytes]) -> None:
+        (name,) = [n for n in parts if n.endswith("data.pkl")]
+        assert old.encode() in parts[name]
+        assert len(old) == len(new)
+        parts[name] = parts[name].replace(old.encode(), new.encode())
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("lstm_actor.bias_hh_l0", "lstm_actor.bias_xx_l0", "no numbers `lstm_actor.bias_hh_l0`"),
+        ("lstm_actor.weight_ih_l1", "lstm_actor.weight_ii_l1", "other numbers than read here"),
+        ("lstm_actor.weight_hh_l0", "lstm_actor.bias_ih_l000", "no numbers `lstm_actor.weight_hh"),
+        ("value_net.bias", "value_net.xxxx", ""),
+        ("mlp_extractor.value_net.0", "pi_features_extractor.x.0", "layers of their own"),
+    ],
+)
+def test_tensors_that_are_not_those_of_the_class_are_refused(
+    tmp_path: Path, old: str, new: str, said: str
+) -> None:
+    data = changed("recurrent.zip", tensors=renamed_tensor(old, new))
+    (tmp_path / "p.zip").write_bytes(data)
+    if not said:
+        read_sb3(tmp_path / "p.zip", FILES / "recurrent_vecnormalize.pkl")  # of the critic alone
+        return
+    with pytest.raises(SoterError) as caught:
+        read_sb3(tmp_path / "p.zip")
+    assert said in caught.value.diagnostics[0].message

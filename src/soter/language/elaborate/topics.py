@@ -96,6 +96,13 @@ NEVER_HELD = -1.0e18
 """s: before every run."""
 
 
+NO_FLOATS = "is not made of floats"
+AS_FLOAT = (
+    "publish the number as a float; an agent still chooses, with masks: "
+    '`soter.gym` takes `action_space=Discrete(3), act=lambda a: {"push": a - 1.0}`'
+)
+
+
 def make_shield_topics(
     modules: Sequence[Module],
     cells: Mapping[int, int],
@@ -136,7 +143,7 @@ def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Compo
     for i in module.outputs:
         t = topics[i].type
         if has_list(t) or not all(isinstance(leaf, FloatType) for _, leaf in leaves(t)):
-            return f"`{topics[i].name}` is not made of floats"
+            return f"`{topics[i].name}` {NO_FLOATS}"
     slow = [components[i] for i in (module.ac, module.sc) if components[i].takes_ns is not None]
     if slow:
         return f"a step of `{slow[0].name}` takes time: it is judged when it begins"
@@ -161,7 +168,7 @@ def _refused(module: Module, clause: TypedExpr, why: str, diagnostics: Diagnosti
         clause.span,
         also=((module.symbol.span, "this module"),),
         notes=(why,),
-        helps=("leave `shield` out",),
+        helps=("leave `shield` out", *([AS_FLOAT] if why.endswith(NO_FLOATS) else [])),
     )
 
 

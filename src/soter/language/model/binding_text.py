@@ -19,8 +19,9 @@ NO_STATISTICS = "none"
 """In the place of a file of statistics: there is none, whatever lies beside the policy."""
 POLICIES = ("onnx", "sb3")
 """Kinds of files that hold a learned policy."""
-REMEMBERED = re.compile(r"[^=,]+=[^=,]+(,[^=,]+=[^=,]+)*")
-"""Which output of an ONNX file is the next value of which input."""
+CLIP = "clip"
+OF_ONNX = re.compile(rf"({CLIP}|[^=,]+=[^=,]+)(,[^=,]+=[^=,]+)*(,{CLIP})?")
+"""Of an ONNX file: answers are put into their sets; which output is the next value of an input."""
 FORMS = {
     "python": "python:file.py:name",
     "c": "c:file.c:name",
@@ -60,6 +61,16 @@ class BindingText(NamedTuple):
         named = self.kind == "sb3" and self.name != NO_STATISTICS
         return self.name if named else ""
 
+    @property
+    def remembered(self) -> str:
+        """Which outputs of an ONNX file are next values of inputs; "" where nothing is said."""
+        return ",".join(part for part in self.name.split(",") if part != CLIP)
+
+    @property
+    def clips(self) -> bool:
+        """Whether the answer of an ONNX file is put into the sets of its topics."""
+        return self.kind == "onnx" and CLIP in self.name.split(",")
+
     def beside(self, folder: Path) -> BindingText:
         """The same with its files looked for in a folder."""
         name = str(folder / self.name) if self.statistics else self.name
@@ -75,7 +86,7 @@ def binding_of(text: str | None) -> BindingText | None:
     if not all(parts) or parts[0] not in FORMS:
         return None
     name = parts[2] if len(parts) > 2 else ""
-    if parts[0] == "onnx" and name and not REMEMBERED.fullmatch(name):
+    if parts[0] == "onnx" and name and not OF_ONNX.fullmatch(name):
         return None
     least = 3 if parts[0] in NAMED else 2
     return BindingText(parts[0], parts[1], name) if (least <= len(parts) <= 3) else None

@@ -20,6 +20,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, SupportsFloat, SupportsIndex, cast, overload
 
 from soter.language.model.types import (
+    INT,
     ArrayType,
     BoolType,
     DurationType,
@@ -456,6 +457,17 @@ def check_length(t: Type, length: int, path: str) -> None:
         raise ValueStructureError(path, f"expected {t.size} elements for `{t}`, found {length}")
     if isinstance(t, ListType) and length > t.capacity:
         raise ValueStructureError(path, f"at most {t.capacity} elements fit `{t}`, found {length}")
+
+
+def widened(t: Type) -> Type:
+    """The same with plain ints: whether one is in its set is another question."""
+    if isinstance(t, IntType):
+        return INT
+    if isinstance(t, RecordType):
+        return RecordType(tuple((n, widened(f)) for n, f in t.fields), t.name)
+    if isinstance(t, ArrayType):
+        return ArrayType(widened(t.element), t.size)
+    return ListType(widened(t.element), t.capacity) if isinstance(t, ListType) else t
 
 
 def singles(bound: Bound) -> tuple[float, float]:

@@ -25,6 +25,7 @@ from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.load.bounded_read import read_bytes
 from soter.language.model.binding_text import FORMS, binding_of
 from soter.native.source_files import included
+from soter.simulate.externs.clipped_answers import answered, clipping
 from soter.simulate.externs.python_extern import (
     PythonExtern,
     instantiated,
@@ -358,6 +359,12 @@ def _in_bounds(load: Callable[[], object]) -> object:
 
 
 def _target(system: System, extern: Extern) -> object:
+    target = _found(system, extern)
+    x = extern.component
+    return target if x is None or x.node is None else clipping(target, answered(system, x))
+
+
+def _found(system: System, extern: Extern) -> object:
     bound = extern.bound
     if isinstance(bound, str):
         return _loaded(system, extern, bound)

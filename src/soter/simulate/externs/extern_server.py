@@ -18,6 +18,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.binding_text import binding_of
 from soter.language.model.values import inputs_to_python
 from soter.semantics.externs import converted
+from soter.simulate.externs.clipped_answers import Answered, answered, clipping
 from soter.simulate.externs.python_answers import described
 from soter.simulate.externs.python_extern import PythonExtern, load_python, policy_files
 from soter.simulate.interrupt import StopRequest
@@ -40,6 +41,7 @@ class Spec:
     exchange: Exchange
     seed: int
     shapes: tuple[tuple[str, Type], ...]
+    answers: tuple[Answered, ...]
 
 
 def write_spec(system: System, component: Component, seed: int, path: Path) -> None:
@@ -49,7 +51,8 @@ def write_spec(system: System, component: Component, seed: int, path: Path) -> N
     assert binding is not None
     absolute = str(binding.beside(Path.cwd()))
     shapes = tuple(component.node.answers)
-    spec = Spec(component.name, absolute, exchange_of(system, component), seed, shapes)
+    exchange, answers = exchange_of(system, component), answered(system, component)
+    spec = Spec(component.name, absolute, exchange, seed, shapes, answers)
     path.write_bytes(pickle.dumps(spec))
 
 
@@ -58,7 +61,8 @@ class ExternServer:
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
-        self._extern = PythonExtern(spec.name, _loaded(spec), StopRequest(), spec.shapes)
+        target = clipping(_loaded(spec), spec.answers)
+        self._extern = PythonExtern(spec.name, target, StopRequest(), spec.shapes)
         self._extern.reset(spec.seed)
         self._said = False
 

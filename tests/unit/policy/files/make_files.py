@@ -7,6 +7,7 @@ trained to be good: each policy learns for a moment, so that its weights are any
 what `model.save` wrote, deflated, without the state of its optimizers and what machine it was.
 """
 
+# mypy: ignore-errors
 from __future__ import annotations
 
 import json
