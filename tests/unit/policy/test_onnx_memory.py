@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-pytest.importorskip("onnx", reason="the extra is absent: soter[policy]")
-pytest.importorskip("onnxruntime", reason="the extra is absent: soter[policy]")
+pytest.importorskip("onnx", reason="the extra is absent: soter-rta[learn]")
+pytest.importorskip("onnxruntime", reason="the extra is absent: soter-rta[learn]")
 
 NUMBER = FloatType()
 
