@@ -17,7 +17,7 @@ def other_format(given: object, read: int) -> str:
     return f"its format is {given}, of {age} soter, and this one reads format {read}"
 
 
-VERSION = "0.1.0"
+VERSION = "1.0.0"
 DISTRIBUTION = "soter-rta"
 """What pip is told; a test holds it, and every page that names it, to `pyproject.toml`."""
 
