@@ -137,14 +137,14 @@ def _sb3(folder: Path, gain: float) -> None:
 
 def _statistics(folder: Path, gain: float) -> None:
     """The same zip, other statistics of observations."""
-    from soter.policy.vec_normalize import _statistics as read
+    from soter.policy.vec_normalize import _state, _statistics
 
     _program(folder, node=EXTERN % "sb3:policy.zip:norm.pkl")
     shutil.copy(FILES / "ppo.zip", folder / "policy.zip")
-    known = read(FILES / "ppo_vecnormalize.pkl")
-    assert known is not None
+    pickled_file = FILES / "ppo_vecnormalize.pkl"
+    known = _statistics(pickled_file, _state(pickled_file), ())
     mean = known.mean.tobytes()
-    pickled = (FILES / "ppo_vecnormalize.pkl").read_bytes()
+    pickled = pickled_file.read_bytes()
     assert pickled.count(mean) == 1
     pickled = pickled.replace(mean, (known.mean + gain).tobytes())
     (folder / "norm.pkl").write_bytes(pickled)

@@ -9,13 +9,16 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.gym import make_sb3_vec, make_vec
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 CLIFF = Path(__file__).resolve().parents[3] / "examples" / "mountain_car" / "cliff.soter"
 STEPS = 40
@@ -109,11 +112,12 @@ def test_what_one_world_alone_cannot_do_is_refused() -> None:
     assert worlds.get_attr("num_envs", [0, 2]) == [3, 3]
     with pytest.raises(AttributeError):
         worlds.get_attr("action_masks")
-    for ask in (
+    asks: tuple[Callable[[], object], ...] = (
         lambda: worlds.set_attr("x", 1),
         lambda: worlds.env_method("reset"),
         lambda: made(autoreset="Disabled"),
-    ):
+    )
+    for ask in asks:
         with pytest.raises(SoterError) as caught:
             ask()
         assert caught.value.diagnostics[0].code == "U001"
