@@ -63,6 +63,7 @@ SCHEDULER = "when this machine schedules whom"
 BETAFLIGHT = "needs Betaflight's sources"
 BEFORE = "needs a checkout of an older commit"
 PEER = "needs run-time-assurance in an environment of its own"
+PEERS = "needs the libraries of others in environments of their own"
 ROS = "needs ROS 1"
 ENDED_BY_CLOCK = "its searches end by the clock"
 MINUTES = "nothing smaller than the whole, which takes minutes; tests of its own hold it"
@@ -88,6 +89,9 @@ SMALL = {
     "Coverage of the C that ships": Small(apart=MINUTES),
     "The C that ships under Frama-C's EVA": Small(apart="needs Frama-C"),
     "A decision and its gate, against run-time-assurance": Small(machine=CLOCK, apart=PEER),
+    "Filters of others on the same flights": Small(apart=PEERS),
+    "Policies of every kind against their libraries": Small(apart=PEERS),
+    "Logs of strangers": Small(apart="needs a folder of public logs"),
     "Images for a Cortex-M": Small(apart=MINUTES),
     "What a check of rest costs": Small("--draws 20", machine=CLOCK),
     "An F-16 of JSBSim beside its model": Small(apart="needs JSBSim"),
