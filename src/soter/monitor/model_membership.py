@@ -81,8 +81,11 @@ class Judgement:
 
     @property
     def judged(self) -> bool:
-        """Whether a step was, in every run: else there is no verdict."""
-        return self.steps > 0 and not self.empty_runs
+        """Whether a step was, in every run: else there is no verdict.
+
+        An alarm beside a silence is one; that there was none there says nothing.
+        """
+        return (self.judged_ns > 0 or self.alarms > 0) and not self.empty_runs
 
     @property
     def judged_share(self) -> float:

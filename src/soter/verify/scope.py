@@ -130,6 +130,10 @@ def coverage_of(
             if (flat.name, module.name) in taken:
                 continue
             where = f"{module.name} in system {flat.name}"
+            if name and (of := checked.systems[name].deploys) is not None:
+                says = "`soter build --cert` says what it inherits"
+                rest.append(f"{where}: it deploys {of.name}, {says}")
+                continue
             same, why = _same(flat, module, problems, chosen)
             if same:
                 also.append(where)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+import soter
 from soter.certificate.assumptions import assumptions_of
 from soter.certificate.reading.module_facts import DiffersError
 from soter.language.front_end import check_file, system_to_prove
@@ -48,6 +49,15 @@ def facts_with(folder: Path, *pairs: tuple[str, str]) -> None:
     path = folder / "two.soter"
     path.write_text(text)
     small_proofs.facts_of(path, "S", "M")
+
+
+def test_a_plant_that_publishes_a_command_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "echo.soter"
+    text = TEXT.replace("topic u:", "topic echo: float;\ntopic u:")
+    path.write_text(text.replace("drives x = p;", "drives x = p; drives echo = u;"))
+    (module,) = soter.load(path).verify(cert=tmp_path / "cert", refute=False).modules
+    assert module.findings["P2a"].verdict == "proved"
+    assert "plant `p` publishes `echo` made of `u`" in soter.recheck(tmp_path / "cert").reason
 
 
 @pytest.mark.parametrize("reader", [SC, DM])

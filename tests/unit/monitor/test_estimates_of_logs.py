@@ -83,6 +83,15 @@ def test_silence_of_a_sensor_or_of_commands_is_not_judged(
     assert found.judged_share == pytest.approx(1 - (last - first) / ROWS, abs=0.06)
 
 
+def test_a_sensor_that_is_always_too_old_is_no_verdict(tmp_path: Path) -> None:
+    """An alarm across a silence is one; that there was none says nothing."""
+    found = explained(tmp_path, drive(x=lambda k, v: "" if k % 40 else v))
+    assert (found.steps, found.alarms, found.judged_share, found.judged) == (4, 0, 0.0, False)
+    thrown = explained(tmp_path, drive(x=lambda k, v: "" if k % 40 else 5.0 * (k == 120)))
+    assert thrown.alarms > 0
+    assert thrown.judged
+
+
 def test_rows_of_one_time_are_told_wherever_the_judgement_is(tmp_path: Path, capsys: Any) -> None:
     rows = drive(t=lambda k, _: round(EVERY_S * (k - k % 2), 6))
     told = "of the file: 100 of 200 have the time of the one before them and count in the order"

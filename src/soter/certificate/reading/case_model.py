@@ -112,6 +112,12 @@ class CaseModel:
         """The driven topics in these states; as estimates where `errors`. Then others, too."""
         value_by_topic: dict[int, Any] = {}
         for index, (c, expr) in driven_topics(self.facts).items():
+            if commands := topic_reads(expr):
+                what, read = self.facts.system.topics[index].name, next(iter(commands)).name
+                raise NotRecheckedError(
+                    f"plant `{c.name}` publishes `{what}` made of `{read}`, which it reads: let a"
+                    " node publish that"
+                )
             reader = SymbolicReader(terms, Surroundings(c.scope.params, {}, seconds(c.period_ns)))
             variables = self._with_lets(reader, c, self._variables(terms, c, states))
             value = reader.expression(expr, variables)

@@ -100,3 +100,12 @@ def test_other_numbers_are_other_sets(computed: list[str], tmp_path: Path) -> No
     for top in (1.0, 0.5, 1.0):
         missing_predicates.complete(program.declared("Guarded", {"TOP": top}))
     assert computed == ["Guard", "Guard"]
+
+
+def test_a_robot_that_deploys_the_proved_system_is_not_called_unprovable(tmp_path: Path) -> None:
+    file = tmp_path / "cart.soter"
+    file.write_text(PROGRAM.replace("LAW", ""), encoding="utf-8")
+    rest = soter.load(file).verify(refute=False).coverage.rest
+    (said,) = (line for line in rest if "Vehicle" in line)
+    inherits = "it deploys Guarded, `soter build --cert` says what it inherits"
+    assert said == f"Guard in system Vehicle: {inherits}"
