@@ -87,7 +87,7 @@ def test_a_sensor_that_is_always_too_old_is_no_verdict(tmp_path: Path) -> None:
     """An alarm across a silence is one; that there was none says nothing."""
     found = explained(tmp_path, drive(x=lambda k, v: "" if k % 40 else v))
     assert (found.steps, found.alarms, found.judged_share, found.judged) == (4, 0, 0.0, False)
-    thrown = explained(tmp_path, drive(x=lambda k, v: "" if k % 40 else 5.0 * (k == 120)))
+    thrown = explained(tmp_path, drive(x=lambda k, _: "" if k % 40 else 5.0 * (k == 120)))
     assert thrown.alarms > 0
     assert thrown.judged
 
