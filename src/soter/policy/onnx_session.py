@@ -117,6 +117,7 @@ class OnnxSession:
         if pairs and not memory:
             told = ", ".join(f"`{x}` is what `{y}` was" for x, y in pairs.items())
             self.assumed += (f"it remembers: {told}, zeros at the start",)
+        self.assumed += ("observations are not normalised, unless the file does it",)
         self.observation, given = _observation(path, seen, output)
         many = len(seen) > 1
         self.keys = tuple((x.name, given[x.name].size) for x in seen) if many else ()

@@ -274,7 +274,8 @@ def _linear(path: Path, name: str, weights: Tensors) -> Affine:
     weight, bias = weights.get(f"{name}.weight"), weights.get(f"{name}.bias")
     if weight is None:
         raise bad_policy(path, f"it has no layer `{name}`")
-    if bias is None and weight.ndim == 2:  # ARS may go without
+    no_biases = not any(key.endswith(".bias") for key in weights)
+    if bias is None and weight.ndim == 2 and no_biases:  # as ARS may say
         bias = np.zeros(len(weight), np.float32)
     if weight.ndim != 2 or bias is None or bias.shape != weight.shape[:1] or not weight.size:
         raise bad_policy(path, f"its layer `{name}` is no matrix and a number for each row")

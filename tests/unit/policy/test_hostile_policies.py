@@ -108,7 +108,7 @@ SB3: dict[str, tuple[bytes | Callable[[], bytes], str]] = {
     ),
     "dict space": (
         _pickled("observation_space", lambda p: renamed(p, "Box", "Dict")),
-        "its observation space is a `Dict`",
+        "its observations by name have no names",
     ),
     "no pickle": (_pickled("action_space", lambda _: b"!!"), "it is no pickle"),
     "cut pickle": (_pickled("action_space", lambda p: p[:90]), "it is no pickle"),
@@ -141,7 +141,7 @@ SB3: dict[str, tuple[bytes | Callable[[], bytes], str]] = {
     ),
     "hostile tensors": (
         _pickle_of_tensors(lambda _: pickle.dumps(Hostile())),
-        "has no layer `action_net`",
+        "layer `action_net`",
     ),
     "storage gone": (_tensors(lambda p: p.pop("archive/data/1")), "no part `archive/data/1`"),
     "storage short": (
@@ -156,12 +156,16 @@ SB3: dict[str, tuple[bytes | Callable[[], bytes], str]] = {
     "not a number": (_nan(), "holds a number that is not finite"),
     "layer gone": (
         _pickle_of_tensors(lambda p: renamed(p, "action_net.bias", "action_net.bies")),
-        "has no layer `action_net`",
+        "its layer `action_net` is no matrix",
     ),
     "layers do not follow": (
         _pickle_of_tensors(
             lambda p: renamed(
-                p, "mlp_extractor.policy_net.2.weight", "mlp_extractor.policy_net.3.weight"
+                renamed(
+                    p, "mlp_extractor.policy_net.2.weight", "mlp_extractor.policy_net.3.weight"
+                ),
+                "mlp_extractor.policy_net.2.bias",
+                "mlp_extractor.policy_net.3.bias",
             )
         ),
         "no linear ones with activations",

@@ -87,6 +87,7 @@ def test_records_and_arrays_are_the_observation_in_declared_order(
     assert run.array("push").tolist() == [float(y) for y in wanted]
     (note,) = run.notes
     order = "motion.place.x, motion.place.y, motion.speed, goal (2 numbers)"
+    order += "; observations are not normalised, unless the file does it"
     assert note == f"Pilot assumes, as its file does not say: its observation is {order}"
 
 

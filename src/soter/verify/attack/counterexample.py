@@ -22,7 +22,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import check_file, system_to_prove
-from soter.language.load.bounded_read import read_json_text
+from soter.language.load.bounded_read import ReadError, read_json_text
 from soter.language.load.data_files import parse_json
 from soter.language.model.values import to_json
 from soter.report.atomic_write import own_place
@@ -364,8 +364,18 @@ def save_runs(report: VerifyReport, folder: Path = FOLDER) -> None:
                 kind = "" if run.shows == LEAVES else f"-{name}"
                 stem = f"{Path(report.path).stem}-{module.name}{kind}"
                 path = folder / f"{stem}.counterexample.json"
+                if _system_of(path) not in {None, report.system}:
+                    path = folder / f"{stem}-{report.system}.counterexample.json"
                 _write(replace(run, facts=_facts(report, module)), path)
                 finding.saved = path
+
+
+def _system_of(path: Path) -> object:
+    """The system whose run a file keeps; None where there is none that can be read."""
+    try:
+        return read_counterexample(path).facts.get("system")
+    except (ReadError, ValueError):
+        return None
 
 
 def _facts(report: VerifyReport, module: ModuleResult) -> dict[str, object]:

@@ -32,6 +32,27 @@ def refuted(
     return program, tmp_path / ttf["counterexample"]
 
 
+def test_the_run_of_another_system_stays_beside_it(
+    refuted: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    program, file = refuted
+    first = file.read_bytes()
+    text = program.read_text()
+    system = text[text.rindex("system ") :]
+    name = system.split()[1]
+    program.write_text(
+        text
+        + system.replace(f"system {name} default", "system Other").replace(
+            f"system {name}", "system Other"
+        )
+    )
+    assert main(["verify", "tank.soter", "--system", "Other", "--json"]) == 3
+    document = json.loads(capsys.readouterr().out)
+    ttf = document["modules"]["SafeTank"]["properties"]["ttf"]
+    assert ttf["counterexample"] == ".soter/tank-SafeTank-Other.counterexample.json"
+    assert file.read_bytes() == first
+
+
 def test_a_saved_run_is_found_again_and_leaves_safe(refuted: tuple[Path, Path]) -> None:
     program, file = refuted
     again = replay_file(file)
