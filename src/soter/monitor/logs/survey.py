@@ -42,6 +42,7 @@ from soter.monitor.logs.files.message_log import (
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from decimal import Decimal
     from pathlib import Path
 
     from soter.monitor.logs.files.log_columns import Arrived
@@ -236,8 +237,7 @@ def _of_csv(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]
         if now is None or now.adjusted() >= INT_DIGITS:
             raise no_time(path, clock, f"line {line}")
         if not unit_ns:
-            said = TIME_UNITS.get(called[2] or "")
-            _, unit, unit_ns = next(u for u in UNITS if (u[1] == said if said else abs(now) > u[0]))
+            unit, unit_ns = _unit(TIME_UNITS.get(called[2] or ""), now)
             if found.time not in (None, (time, unit)):
                 raise unusable(path, f"its time is `{time}` in {unit}, that of another file is not")
             found.time = time, unit
@@ -246,6 +246,11 @@ def _of_csv(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]
         if abs(now_ns) >= INT_END:
             raise no_time(path, clock, f"line {line}")
         yield now_ns, None, path.name, cells
+
+
+def _unit(said: str | None, first: Decimal) -> tuple[str, int]:
+    """What a time is in, as its name says or as fits the first of it; in ns, too."""
+    return next((u, ns) for at, u, ns in UNITS if (u == said if said else abs(first) > at))
 
 
 def _number(cell: str) -> float | int | str:
