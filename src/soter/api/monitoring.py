@@ -88,6 +88,12 @@ def log_judged(
     return judgement
 
 
+OWN_TOPIC = (
+    "each is a topic of its own in the mapping, not a field of another: `[topics.NAME]`, its "
+    '`channel` and `fields = { value = "COLUMN" }`: docs/mapping.md'
+)
+
+
 def _require_given(flat: System, problems: list[tuple[Module, Problem]], given: set[str]) -> None:
     wrong = []
     for m, problem in problems:
@@ -95,7 +101,7 @@ def _require_given(flat: System, problems: list[tuple[Module, Problem]], given: 
         if missing:
             notes = tuple(f"missing: {name}" for name in missing)
             text = f"the log does not say whether the plants of `{m.name}` explain it"
-            wrong.append(Diagnostic("D017", text, notes=notes))
+            wrong.append(Diagnostic("D017", text, notes=notes, helps=(OWN_TOPIC,)))
     if wrong:
         raise SoterError(tuple(wrong))
 

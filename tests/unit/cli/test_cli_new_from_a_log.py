@@ -118,6 +118,114 @@ def test_names_of_a_log_that_mean_something_in_soter_become_others(tmp_path: Pat
         assert name in text
 
 
+def judged_by_hand(soter: Soter, here: Path, time: str) -> str:
+    """What `soter monitor` says of a.csv to a mapping that was written without a draft."""
+    program = "soter 1;\ntype A = { x: float };\ninput topic a: A;\n"
+    written(here / "p.soter", (program + MODULE.format(topic="a", field="x")).encode())
+    mapping = f'[time]\nfrom = "{time}"\nunit = "s"\n[topics.a.fields]\nx = "x"\n'
+    written(here / "p.toml", mapping.encode())
+    return str(soter("monitor", "p.soter", "a.csv", "--map", "p.toml").err)
+
+
+@pytest.mark.parametrize(
+    ("cells", "samples"),
+    [
+        (lambda k: f"{k / 10}," if k % 5 else f"{k / 10},2.5", 20),
+        (lambda k: f"{k / 10},nan" if k % 5 else f"{k / 10},2", 20),
+        (lambda k: f",{k}" if k % 2 else f"{k},{k}.5", 50),
+    ],
+)
+def test_the_samples_of_a_draft_are_those_that_its_mapping_takes(
+    soter: Soter, here: Path, cells: Callable[[int], str], samples: int
+) -> None:
+    rows = "".join(f"{k * 0.02:.2f},{cells(k)}\n" for k in range(100))
+    written(here / "a.csv", f"t,x,y\n{rows}".encode())
+    assert soter("new", "robot", "--from", "a.csv").exit == 0
+    program = here / "robot" / "robot.soter"
+    text = program.read_text(encoding="utf-8")
+    gap = 2000 // samples
+    assert f"a.csv: {samples} samples in 100 messages, {1000 / gap:.3g} Hz, gaps {gap}ms" in text
+    assert f"({100 - samples} times)" in text
+    assert f"max_age {2 * gap}ms;" in text
+    assert "Left out" not in text
+    assert "  y: float," in text
+    program.write_text(text + MODULE.format(topic="a", field="y"), encoding="utf-8")
+    judged = soter("monitor", str(program), "a.csv", "--map", "robot/robot.toml", "--json")
+    assert judged.document["log"]["samples"]["a"] == samples
+    assert judged.document["log"]["modules"]["Guard"]["stale"] == 0
+
+
+def test_what_is_a_text_or_no_number_in_every_row_has_no_place_in_type_or_mapping(
+    soter: Soter, here: Path
+) -> None:
+    rows = "".join(f"{k},{k},{'-' if k == 2 else k},nan\n" for k in range(4))
+    written(here / "a.csv", f"t,x,mixed,never\n{rows}".encode())
+    assert soter("new", "robot", "--from", "a.csv").exit == 0
+    text = (here / "robot" / "robot.soter").read_text(encoding="utf-8")
+    assert "Left out, as no single number: mixed, never\n" in text
+    assert "mixed:" not in text
+    assert "mixed" not in (here / "robot" / "robot.toml").read_text(encoding="utf-8")
+
+
+def test_a_log_whose_time_goes_back_is_drafted_and_said_to_be_refused(
+    soter: Soter, here: Path
+) -> None:
+    log = written(here / "a.csv", b"t,x\n0,1\n1,1\n2,1\n0.5,1\n1.5,1\n2.5,1\n")
+    text = program_of(surveyed([log]), "a.csv", "robot")
+    assert "Time goes back, first to 0.5 s (such messages: 1): `soter monitor` refuses" in text
+    assert "gaps 1s (half) to 1s" in text
+    assert "time goes back in line 5" in judged_by_hand(soter, here, "t")
+
+
+def test_the_row_of_a_command_that_a_draft_shows_is_one_that_works(
+    soter: Soter, here: Path
+) -> None:
+    rows = "".join(f"{k / 100},0.2,0.5\n" for k in range(40))
+    written(here / "a.csv", f"t,x,go\n{rows}".encode())
+    assert soter("new", "robot", "--from", "a.csv").exit == 0
+    program, mapping = here / "robot" / "robot.soter", here / "robot" / "robot.toml"
+    head, _, example = mapping.read_text(encoding="utf-8").partition("# A command that a node")
+    own = example[example.index("# [") :].replace("# ", "")
+    mapping.write_text(head.replace('\ngo = "go"\n', "\n") + own, encoding="utf-8")
+    text = program.read_text(encoding="utf-8").replace("  go: float,", "  //")
+    assert "`topic go: float in [LOW, HIGH] = 0.0;`" in example
+    module = MODULE.format(topic="a", field="x").replace("a.x < 1.0", "a.x + go < 1.0")
+    program.write_text(text + module, encoding="utf-8")
+    judged = soter("monitor", str(program), "a.csv", "--map", str(mapping), "--json")
+    assert judged.exit == 0, judged.out
+    assert judged.document["log"]["samples"] == {"a": 40, "go": 40}
+
+
+@pytest.mark.parametrize(
+    ("data", "helped"),
+    [
+        ("time;x\n0,0;1,5\n", """sep=';').to_csv(NEW, index=False)"""),
+        ("# stacker 12\ntime,x\n0,1\n", "grep -v '^#' FILE > NEW"),
+        ("time,x\n2026-11-27T10:00:00.000,1\n", "pandas.to_datetime(table[T], utc=True)"),
+        ('time,x\n"0,5",1\n', "numbers have a point"),
+        ("0.0,1\n0.1,2\n", "its first line names its columns"),
+    ],
+)
+def test_a_csv_that_is_written_otherwise_is_refused_with_a_remedy(
+    soter: Soter, here: Path, data: str, helped: str
+) -> None:
+    written(here / "a.csv", data.encode())
+    refused = soter("new", "robot", "--from", "a.csv")
+    assert refused.exit == 1
+    assert "D016" in refused.err
+    assert helped in refused.err
+    if "x" in data:
+        assert helped in judged_by_hand(soter, here, "time")
+
+
+@pytest.mark.parametrize("time", ["1e99", "1e9999999", "-9e18"])
+def test_a_time_that_is_beyond_all_clocks_is_refused(soter: Soter, here: Path, time: str) -> None:
+    written(here / "a.csv", f"time_s,x\n{time},1\n".encode())
+    refused = soter("new", "robot", "--from", "a.csv")
+    assert refused.exit == 1
+    assert f"`{time}` in line 2 is no time" in refused.err
+
+
 @pytest.mark.parametrize("data", [b"", b"t\n", b"a,b\n1,2\n", b"t,name\n0,x\n1,y\n"])
 def test_a_log_without_times_or_numbers_is_told(soter: Soter, here: Path, data: bytes) -> None:
     written(here / "a.csv", data)

@@ -15,6 +15,7 @@ from generators.robot_logs import CART
 from soter.api import load
 from soter.api.monitoring import log_explained
 from soter.cli.main import main
+from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -139,3 +140,16 @@ def test_a_state_that_no_sensor_shows_hides_no_alarm(tmp_path: Path) -> None:
     both: dict[str, Any] = {"x": lambda k, v: v + 0.2 * (k > 100)}
     found = explained(tmp_path, drive(**both, y=both["x"]), program)
     assert (found.alarms > 0, list(found.alarm_states)) == (True, ["c.x"])
+
+
+def test_a_command_that_is_a_field_of_another_topic_is_missed_with_what_to_do(
+    tmp_path: Path,
+) -> None:
+    topics = {"position": {"fields": {"value": "x"}}}
+    log = tmp_path / "drive.csv"
+    log.write_text("t,x,u\n0,0,1\n1,1,1\n")
+    with pytest.raises(SoterError) as error:
+        log_explained(load(SHUTTLE).flat, log, {"time": {"from": "t"}, "topics": topics})
+    (problem,) = error.value.diagnostics
+    assert (problem.code, problem.notes) == ("D017", ("missing: speed",))
+    assert "a topic of its own in the mapping" in problem.helps[0]

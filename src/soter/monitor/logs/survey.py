@@ -12,6 +12,8 @@ import json
 import re
 from array import array
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
 from math import ceil, floor, inf, isfinite, log10
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -20,8 +22,16 @@ from soter.diagnostics.render import safe
 from soter.language.model.durations import write_ns
 from soter.language.syntax.tokens import RESERVED
 from soter.mapping.message_types import EMPTY_MEMBER
-from soter.monitor.logs.files.csv_log import csv_head, csv_rows, is_table
-from soter.monitor.logs.files.log_columns import FileFacts, Wanted, decimal_of, unusable
+from soter.monitor.logs.files.csv_log import csv_head, csv_rows, head_helps, is_table
+from soter.monitor.logs.files.log_columns import (
+    FileFacts,
+    Wanted,
+    decimal_of,
+    is_plain,
+    no_time,
+    seconds_text,
+    unusable,
+)
 from soter.monitor.logs.files.message_log import (
     NoPartError,
     NoTimeError,
@@ -32,6 +42,7 @@ from soter.monitor.logs.files.message_log import (
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
+    from decimal import Decimal
     from pathlib import Path
 
     from soter.monitor.logs.files.log_columns import Arrived
@@ -40,12 +51,17 @@ ELEMENTS_MAX, LEAVES_MAX, DEPTH_MAX = 4, 200, 8
 """Longer lists, and more numbers of a message, are left out: nobody writes a program over them."""
 INT_END = 2**63
 """Whole numbers of Soter end there."""
+INT_DIGITS = 19
 LATE_NS = 60 * 10**9
 """A stamp that is further off is of another clock."""
 STAMP = "header.stamp"
 NOT_A_NAME = re.compile(r"[^A-Za-z0-9]+")
 TIME_COLUMN = re.compile(
     r"#? ?(time|timestamp|stamp|t)[_ .]?[\[(]?(s|sec|ms|us|usec|ns)?[\])]?", re.IGNORECASE
+)
+TIME_NAMED = (
+    "its first line names its columns, and that of the time `t`, `time`, `stamp` or `timestamp`, "
+    "with or without a unit: `time_ms`"
 )
 TIME_UNITS = {"s": "s", "sec": "s", "ms": "ms", "us": "us", "usec": "us", "ns": "ns"}
 UNITS = ((1e16, "ns", 1), (1e13, "us", 10**3), (1e10, "ms", 10**6), (-inf, "s", 10**9))
@@ -67,8 +83,12 @@ EVERY = _Every()
 
 @dataclass
 class Numbers:
-    """What stood in a field: the least and the greatest, how many there were, of what kind."""
+    """What stood in a field: the least and the greatest, how many there were, of what kind.
 
+    `place`: its number among the fields of its channel.
+    """
+
+    place: int
     low: float = inf
     high: float = -inf
     count: int = 0
@@ -90,42 +110,83 @@ class Numbers:
 
 @dataclass
 class Channel:
-    """What is said on a channel. `late_ns`: how long after its stamp a message was logged."""
+    """What is said on a channel.
+
+    `late_ns`: how long after its stamp a message was logged; -1: it has none in the log's clock.
+    `masks`: which fields a message had a number in, a bit each, numbered as they came; `held`: the
+    number of each message's. `back`: how often time goes back; `first_back_ns`: to when at first.
+    """
 
     times_ns: array[int] = field(default_factory=lambda: array("q"))
     late_ns: array[int] = field(default_factory=lambda: array("q"))
+    masks: dict[int, int] = field(default_factory=dict)
+    held: array[int] = field(default_factory=lambda: array("L"))
     fields: dict[str, Numbers] = field(default_factory=dict)
     left_out: set[str] = field(default_factory=set)
+    back: int = 0
+    first_back_ns: int = 0
 
     def note(self, now_ns: int, content: Any) -> None:  # noqa: ANN401 - what a message has
         """A message."""
+        if self.times_ns and now_ns < self.times_ns[-1]:
+            self.first_back_ns = self.first_back_ns if self.back else now_ns
+            self.back += 1
         self.times_ns.append(now_ns)
+        mask = 0
         for path, value in _leaves(content, "", DEPTH_MAX):
-            if value is None or (path not in self.fields and len(self.fields) >= LEAVES_MAX):
-                self.left_out |= {path} if len(self.left_out) < LEAVES_MAX else set()
+            known = path in self.fields
+            if value is None or (not known and len(self.fields) >= LEAVES_MAX):
+                self.left_out |= {path} if known or len(self.left_out) < LEAVES_MAX else set()
             else:
-                self.fields.setdefault(path, Numbers()).note(value)
+                numbers = self.fields.setdefault(path, Numbers(len(self.fields)))
+                numbers.note(value)
+                mask |= isfinite(value) << numbers.place
+        self.held.append(self.masks.setdefault(mask, len(self.masks)))
         try:
             late = now_ns - time_ns_of(part_of(content, STAMP))
         except (NoPartError, NoTimeError):
-            return
-        if 0 <= late < LATE_NS:
-            self.late_ns.append(late)
+            late = -1
+        self.late_ns.append(late if 0 <= late < LATE_NS else -1)
 
     @property
     def stamped(self) -> bool:
         """Whether every message says when it was measured, in the clock of the log."""
-        return len(self.late_ns) == len(self.times_ns)
+        return min(self.late_ns, default=-1) >= 0
+
+    @property
+    def kept(self) -> list[str]:
+        """The fields that its mapping reads: numbers, wherever they are there."""
+        return [
+            p
+            for p, n in self.fields.items()
+            if n.count
+            and p not in self.left_out
+            and p != "header"
+            and not p.startswith(f"{STAMP}.")
+        ]
+
+    @cached_property
+    def taken(self) -> list[tuple[int, int]]:
+        """When each sample came that its mapping takes, and how long after its stamp.
+
+        It has a number in every field and, where all have stamps, a later one than that before.
+        """
+        every = sum(1 << self.fields[p].place for p in self.kept)
+        whole = [mask & every == every for mask in self.masks]
+        stamped, last, found = self.stamped, 0, list[tuple[int, int]]()
+        for now, late, held in zip(self.times_ns, self.late_ns, self.held, strict=True):
+            if whole[held] and not (stamped and now - late <= last):
+                found.append((now, late if stamped else 0))
+                last = now - late
+        return found
 
     def gaps_ns(self) -> list[int]:
-        """Between one message and the next, in order of length."""
-        return sorted(b - a for a, b in zip(self.times_ns, self.times_ns[1:], strict=False))
+        """Between one sample and the next, in order of length."""
+        return sorted(b - a for (a, _), (b, _) in pairwise(self.taken) if b >= a)
 
     def ages_ns(self) -> list[int]:
-        """How old each message was when the next one came, in order."""
-        late = self.late_ns if self.stamped else [0] * len(self.times_ns)
-        pairs = zip(self.times_ns, self.times_ns[1:], late, strict=False)
-        return sorted(b - a + more for a, b, more in pairs)
+        """How old each sample was when the next one came, in order."""
+        return sorted(b - a + late for (a, late), (b, _) in pairwise(self.taken) if b >= a)
 
 
 @dataclass
@@ -154,7 +215,7 @@ def surveyed(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
         found.notes += facts.notes
         if facts.damage is not None:
             found.notes.append(f"{facts.damage}; {facts.damage.told}")
-    if not any(c.fields for c in found.channels.values()):
+    if not any(c.kept for c in found.channels.values()):
         raise unusable(paths[0], "it holds no numbers")
     return found
 
@@ -168,31 +229,45 @@ def _of_csv(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]
     head = csv_head(path)
     called = next((m for name in head if (m := TIME_COLUMN.fullmatch(name))), None)
     if called is None:
-        raise unusable(path, f"no column is called as a time is: {', '.join(head)[:200]}")
+        told = f"no column is called as a time is: {', '.join(head)[:200]}"
+        raise unusable(path, told, *head_helps(head), TIME_NAMED)
     time, unit_ns = called[0], 0
     for line, (clock,), row in csv_rows(path, head, time, facts):
         now = decimal_of(clock)
-        if now is None:
-            raise unusable(path, f"`{clock[:40]}` in line {line} is no time")
+        if now is None or now.adjusted() >= INT_DIGITS:
+            raise no_time(path, clock, f"line {line}")
         if not unit_ns:
-            said = TIME_UNITS.get(called[2] or "")
-            _, unit, unit_ns = next(u for u in UNITS if (u[1] == said if said else abs(now) > u[0]))
+            unit, unit_ns = _unit(TIME_UNITS.get(called[2] or ""), now)
             if found.time not in (None, (time, unit)):
                 raise unusable(path, f"its time is `{time}` in {unit}, that of another file is not")
             found.time = time, unit
         cells = {k: _number(v) for k, v in row.items() if k != time and v.strip()}
-        yield round(now * unit_ns), None, path.name, cells
+        now_ns = round(now * unit_ns)
+        if abs(now_ns) >= INT_END:
+            raise no_time(path, clock, f"line {line}")
+        yield now_ns, None, path.name, cells
 
 
-def _number(cell: str) -> float | int | None:
+def _unit(said: str | None, first: Decimal) -> tuple[str, int]:
+    """What a time is in, as its name says or as fits the first of it; in ns, too."""
+    return next((u, ns) for at, u, ns in UNITS if (u == said if said else abs(first) > at))
+
+
+def _number(cell: str) -> float | int | str:
+    """As a float or an int of a mapping reads it; a text as it is."""
     number = decimal_of(cell)
-    if number is None:
-        return None
-    return int(number) if number == number.to_integral_value() and "." not in cell else float(cell)
+    if number is not None and "." not in cell and number.adjusted() < INT_DIGITS:
+        return int(number) if number == number.to_integral_value() else float(cell)
+    try:
+        return float(cell if is_plain(cell) else "")
+    except ValueError:
+        return cell
 
 
 def _leaves(content: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
     """Path and number of all that it has; None for a text, a list that is too long and the like."""
+    if content is None:
+        return
     if isinstance(content, (bool, int, float)):
         yield path, None if isinstance(content, int) and abs(content) >= INT_END else content
         return
@@ -233,14 +308,15 @@ def program_of(survey: LogSurvey, log: str, name: str) -> str:
     lines += [f"// modules read. Figures are of this log, and `{name}.toml` is its mapping:"]
     lines += [f"// `soter monitor {name}.soter LOG --map {name}.toml`, once a module is written."]
     lines += ["// A topic is an `input` until a plant, whose proof is about it, drives it."]
+    if _of_two_numbers(survey) is not None:
+        lines += [
+            "// A command that a node publishes is a topic of its own, here and in the mapping:"
+        ]
+        lines += [f"// `{name}.toml` ends with an example. `--estimates` finds it nowhere else."]
     lines += [f"// {_shown(note)}" for note in survey.notes]
     for channel, topic, of_type, fields in _named(survey):
         found = survey.channels[channel]
-        lines += ["", f"// {_shown(channel)}: {_rate(found)}"]
-        if found.left_out:
-            lines.append(
-                f"// Left out, as no single number: {_shown(', '.join(sorted(found.left_out)))}"
-            )
+        lines += ["", f"// {_shown(channel)}: {_rate(found)}", *_remarks(found)]
         lines.append(f"type {of_type} = {{")
         for path, called in fields.items():
             n = found.fields[path]
@@ -260,12 +336,15 @@ def mapping_of_log(survey: LogSurvey, log: str) -> str:
         name, unit = survey.time
         lines += ["", "[time]  # guessed by its name and size", f"from = {_quoted(name)}"]
         lines.append(f'unit = "{unit}"')
-    for channel, topic, _, fields in _named(survey):
+    topics = [*_named(survey)]
+    for channel, topic, _, fields in topics:
         lines += ["", f"[topics.{topic}]", f"channel = {_quoted(channel)}"]
         if survey.channels[channel].stamped:
             lines.append(f'stamp = "{STAMP}"')
         lines += ["", f"[topics.{topic}.fields]"]
         lines += [f"{called} = {_quoted(path)}" for path, called in fields.items()]
+    if (example := _of_two_numbers(survey)) is not None:
+        lines += _command_of(*example, {*RESERVED, *(topic for _, topic, _, _ in topics)})
     return "\n".join(lines) + "\n"
 
 
@@ -273,8 +352,7 @@ def _named(survey: LogSurvey) -> Iterator[tuple[str, str, str, dict[str, str]]]:
     """Channel, topic, type, and names of fields by path: of each that has a number."""
     taken: set[str] = set(RESERVED)
     for channel in sorted(survey.channels):
-        kept = [p for p, n in survey.channels[channel].fields.items() if n.count and p != "header"]
-        kept = [p for p in kept if not p.startswith(f"{STAMP}.")]
+        kept = survey.channels[channel].kept
         if not kept:
             continue
         topic = _name(channel.removesuffix(".csv"), taken)
@@ -295,12 +373,56 @@ def _name(text: str, taken: set[str]) -> str:
     return tried
 
 
+def _of_two_numbers(survey: LogSurvey) -> tuple[str, str] | None:
+    """A CSV that has several numbers, in one of which a command may stand, and the last of them."""
+    channels = survey.channels if survey.time is not None else {}
+    return next(((c, found.kept[-1]) for c, found in channels.items() if found.kept[1:]), None)
+
+
+def _command_of(channel: str, path: str, taken: set[str]) -> list[str]:
+    """How a column becomes a command, in comments of the mapping."""
+    topic = _name(path, taken)
+    return [
+        "",
+        "# A command that a node publishes is a topic of its own. Were it the one below: take its",
+        "# field out, here and in the program, say there, with the limits of what it moves,",
+        f"# `topic {topic}: float in [LOW, HIGH] = 0.0;`, and here",
+        f"# [topics.{topic}]",
+        f"# channel = {_quoted(channel)}",
+        f"# fields = {{ value = {_quoted(path)} }}",
+    ]
+
+
+def _remarks(found: Channel) -> list[str]:
+    """What is left out of it, and what `soter monitor` will not read."""
+    lines = []
+    no_number = found.left_out | {p for p, n in found.fields.items() if not n.count}
+    if no_number:
+        lines.append(f"// Left out, as no single number: {_shown(', '.join(sorted(no_number)))}")
+    missing = {p: len(found.times_ns) - found.fields[p].count for p in found.kept}
+    told = ", ".join(f"{p} ({n:,} times)" for p, n in missing.items() if n)
+    if told:
+        lines += [
+            f"// A sample has every number. Empty or no finite number: {_shown(told)}.",
+            "// What comes at times of its own wants a topic of its own, here and in the mapping.",
+        ]
+    if found.back:
+        to = f"first to {seconds_text(found.first_back_ns)} s (such messages: {found.back:,})"
+        lines += [
+            f"// Time goes back, {to}: `soter monitor` refuses that (D016).",
+            "// `where`, `since` and `until` of the mapping choose rows among which it does not.",
+        ]
+    return lines
+
+
 def _rate(found: Channel) -> str:
     """How often it speaks and how old it gets."""
     gaps, count = found.gaps_ns(), f"{len(found.times_ns):,} messages"
+    if len(found.taken) < len(found.times_ns):
+        count = f"{len(found.taken):,} samples in {count}"
     if not gaps or gaps[-1] <= 0:
-        return "one message" if not gaps else f"{count} at one time"
-    hertz = len(gaps) * 1e9 / max(1, found.times_ns[-1] - found.times_ns[0])
+        return f"{count} at one time" if gaps else count if found.back else "one message"
+    hertz = len(gaps) * 1e9 / sum(gaps)
     half, most = round(median(gaps)), gaps[-1]
     ages = found.ages_ns()
     told = f"{count}, {hertz:.3g} Hz, gaps {write_ns(_up(half))} (half) to {write_ns(_up(most))}"

@@ -18,6 +18,7 @@ from soter.diagnostics.os_error_text import reason
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.load.bounded_read import opened
 from soter.monitor.logs.files.log_columns import (
+    COMMAS,
     FileFacts,
     RowChoice,
     add_row,
@@ -99,7 +100,14 @@ OF_ROS = [Fraction(SECOND_NS), Fraction(1)]
 """Units of the two columns of a ROS time, in ns."""
 SEVERAL = "`where` chooses the rows of one flight; `time` its column and unit"
 QUOTES = "is a quote not closed there? a text of several lines is not read: leave its column out"
-COMMAS = "numbers have a point, and cells are parted by commas"
+SEPARATED = (
+    "; `pandas.read_csv(FILE, sep={0!r}).to_csv(NEW, index=False)` in Python writes such a CSV, "
+    'with `decimal=","` beside `sep` where numbers have a comma'
+)
+COMMENTED = (
+    "its first line begins with `#`: if that is a comment, `grep -v '^#' FILE > NEW` takes such "
+    "lines off, so that the names of its columns come first"
+)
 CELL_MAX = 1 << 20
 """Characters of a cell; a log has no longer ones."""
 LINE_MAX = 1 << 24
@@ -253,6 +261,17 @@ def _place(path: Path, head: list[str], name: str) -> int:
         return head.index(name)
     if name in head:
         raise unusable(path, f"two columns are called `{name}`")
+    raise unusable(
+        path, f"it has no column `{name}`", *head_helps(head), nearest_or_all(name, head)
+    )
+
+
+def head_helps(head: list[str]) -> list[str]:
+    """Why its first line may not be the names of its columns, and what to do."""
+    helps = []
     other = next((c for c in (";", "\t", "|") if len(head) == 1 and c in head[0]), None)
-    commas = () if other is None else (f"{COMMAS}, not by {other!r}",)
-    raise unusable(path, f"it has no column `{name}`", *commas, nearest_or_all(name, head))
+    if other is not None:
+        helps.append(f"{COMMAS}, not by {other!r}{SEPARATED.format(other)}")
+    if head and head[0].startswith("#"):
+        helps.append(COMMENTED)
+    return helps

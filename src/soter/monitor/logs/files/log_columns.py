@@ -257,11 +257,26 @@ def decimal_of(given: object) -> Decimal | None:
     return None if isinstance(given, bool) or not number.is_finite() else number
 
 
+COMMAS = "numbers have a point, and cells are parted by commas"
+DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
+DATES = (
+    "a time is a number: of a date `(pandas.to_datetime(table[T], utc=True) - "
+    'pandas.Timestamp(0, tz="UTC")).dt.total_seconds()` in Python makes seconds since 1970'
+)
+
+
+def no_time(path: Path, given: object, where: str) -> SoterError:
+    """D016 of what should be a time."""
+    text = str(given).strip()
+    help_ = DATES if DATE.match(text) else COMMAS if "," in text else ""
+    return unusable(path, f"`{str(given)[:40]}` in {where} is no time", help_)
+
+
 def moment(path: Path, given: object, unit_ns: Fraction, where: str) -> int:
     """A time in ns, exactly as it is written; SoterError D016."""
     number = decimal_of(given)
     if number is None or abs(number.adjusted()) > 40:
-        raise unusable(path, f"`{str(given)[:40]}` in {where} is no time")
+        raise no_time(path, given, where)
     return round(Fraction(number) * unit_ns)
 
 
