@@ -109,7 +109,10 @@ class CaseModel:
         return variables
 
     def topics(self, terms: Terms, states: Sequence[Linear], *, errors: bool) -> dict[int, Any]:
-        """The driven topics in these states; as estimates where `errors`. Then others, too."""
+        """The driven topics in these states; as estimates where `errors`. Then others, too.
+
+        NotRecheckedError for a topic that a plant makes of a command.
+        """
         value_by_topic: dict[int, Any] = {}
         for index, (c, expr) in driven_topics(self.facts).items():
             if commands := topic_reads(expr):
