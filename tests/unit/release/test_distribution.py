@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import pytest
 
+import processes
 from soter.version import DISTRIBUTION, VERSION, pip_install
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -29,7 +29,7 @@ KINDS = (".py", ".md", ".toml", ".j2", ".in", ".soter", ".json", ".js", ".txt", 
 def texts() -> list[tuple[str, str]]:
     """What people read and run, by name: whatever the repository keeps, or lies in its folders."""
     words = ["git", "ls-files"]
-    listed = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False).stdout
+    listed = processes.run(words, cwd=ROOT, capture_output=True, text=True, check=False).stdout
     names = listed.split("\n")[:-1] or [p.relative_to(ROOT).as_posix() for p in ROOT.rglob("*.*")]
     found = [n for n in names if n.endswith(KINDS) and not n.startswith(("docs/benchmarks/", "."))]
     paths = [(n, ROOT / n) for n in found if n not in HISTORY and (ROOT / n).is_file()]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import io
-import subprocess
 import sys
 import tarfile
 from pathlib import Path
@@ -13,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import processes
 from soter.version import VERSION
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -78,7 +78,7 @@ def test_publishing_says_what_it_would_do_and_does_nothing(tmp_path: Path) -> No
     (made / "soter_rta-9.9-py3-none-any.whl").touch()
     (made / "soter_rta-9.9.tar.gz").touch()
     before = sorted(tmp_path.rglob("*"))
-    done = subprocess.run(["bash", script], capture_output=True, text=True, check=False)
+    done = processes.run(["bash", script], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     for word in (
         "gpg",
