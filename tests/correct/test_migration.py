@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("gymnasium", reason="the extra `gym` is not installed")
+pytest.importorskip("gymnasium", reason="the extra `learn` is not installed")
 
 from bench.peers.beside_peers import fence, protected, zones
 from bench.peers.worlds import Copter, Docking, Rover, World, fly

@@ -71,7 +71,7 @@ def c_source(
     numbers. SoterError X014 where they are not those of the policy.
     """
     network = policy.network
-    given = [place for n, t in reads for place in _places(f"in->{_member(n)}", t)]
+    given = [place for n, t in reads for place, _ in _places(f"in->{_member(n)}", t)]
     lines = [f'#include "{header}"', "#include <math.h>", "#include <string.h>", ""]
     lines += [f"int {function}(const {name}_in *in, {name}_out *out);", ""]
     body = _observed(policy, given)
@@ -90,18 +90,6 @@ def c_source(
 def _member(name: str) -> str:
     """A member, or one of a member: `pose`, `pose.x`."""
     return ".".join(field_name(part) for part in name.split("."))
-
-
-def _places(at: str, t: Type) -> Iterator[str]:
-    """Where the numbers of a value lie in C."""
-    if isinstance(t, RecordType):
-        for field, of in t.fields:
-            yield from _places(f"{at}.{field_name(field)}", of)
-    elif isinstance(t, ArrayType):
-        for k in range(t.size):
-            yield from _places(f"{at}.at[{k}]", t.element)
-    else:
-        yield at
 
 
 def _statics(policy: Policy, frame: int) -> Iterator[str]:
@@ -223,7 +211,7 @@ def _memory(layer: Lstm, number: int, size: int, at: str) -> tuple[list[str], li
 def _answered(policy: Policy, writes: Shapes, size: int, at: str) -> Iterator[str]:
     """What is published, number by number."""
     network = policy.network
-    places = [(p, k) for n, t in writes for p, k in _kinds(f"out->{field_name(n)}", t)]
+    places = [(p, k) for n, t in writes for p, k in _places(f"out->{field_name(n)}", t)]
     if len(places) != network.answers:
         why = f"it answers {network.answers} numbers, the node publishes {len(places)}"
         raise bad_policy(policy.path, why)
@@ -250,14 +238,14 @@ def _answered(policy: Policy, writes: Shapes, size: int, at: str) -> Iterator[st
     yield "return 0;"
 
 
-def _kinds(at: str, t: Type) -> Iterator[tuple[str, Type]]:
-    """Where the numbers of a value are put, and of what type each is."""
+def _places(at: str, t: Type) -> Iterator[tuple[str, Type]]:
+    """Where the numbers of a value lie in C, and of what type each is."""
     if isinstance(t, RecordType):
         for field, of in t.fields:
-            yield from _kinds(f"{at}.{field_name(field)}", of)
+            yield from _places(f"{at}.{field_name(field)}", of)
     elif isinstance(t, ArrayType):
         for k in range(t.size):
-            yield from _kinds(f"{at}.at[{k}]", t.element)
+            yield from _places(f"{at}.at[{k}]", t.element)
     else:
         assert isinstance(t, (FloatType, IntType, EnumType, BoolType))
         yield at, t

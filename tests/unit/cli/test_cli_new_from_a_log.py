@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from generators.autopilot_logs import dataflash, flight, table, tlog, ulog, written
 from soter.api import load
-from soter.monitor.logs.survey import program_of, surveyed
+from soter.monitor.logs.survey import Channel, LogSurvey, mapping_of_log, program_of, surveyed
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -16,6 +20,7 @@ if TYPE_CHECKING:
 
     Soter = Callable[..., Any]
 
+TOML: Any = import_module("tomllib" if find_spec("tomllib") else "tomli")
 MODULE = """
 node Fast period 10ms {{ publishes go; step {{ publish go = 1.0; }} }}
 node Slow period 10ms {{ publishes go; step {{ publish go = 0.0; }} }}
@@ -37,7 +42,7 @@ def test_a_program_made_of_a_log_is_sound_and_judges_it(
     soter: Soter, here: Path, name: str, made: Any, topic: str, field: str
 ) -> None:
     if name.endswith("tlog"):
-        pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+        pytest.importorskip("pymavlink", reason="the extra `logs` is not installed")
     written(here / name, made(flight()))
     document = soter("new", "robot", "--from", name, "--json").document
     assert document["files"] == ["robot.soter", "robot.toml"]
@@ -116,6 +121,15 @@ def test_names_of_a_log_that_mean_something_in_soter_become_others(tmp_path: Pat
     assert load(program).check().warnings == ()
     for name in ("in_2: float", "in_3: float", "n1st: float", "a_b: float", "topic topic_2"):
         assert name in text
+
+
+@given(st.text(st.characters(exclude_categories=["Cs"]), min_size=1))
+def test_whatever_a_channel_and_a_field_are_called_the_mapping_names_them(name: str) -> None:
+    channel = Channel()
+    channel.note(0, {name: 1.0})
+    (topic,) = TOML.loads(mapping_of_log(LogSurvey({name: channel}), "log"))["topics"].values()
+    assert topic["channel"] == name
+    assert [*topic["fields"].values()] == channel.kept
 
 
 def judged_by_hand(soter: Soter, here: Path, time: str) -> str:

@@ -44,7 +44,7 @@ NAMES = list(MADE)
 @pytest.fixture(autouse=True)
 def _pymavlink(request: pytest.FixtureRequest) -> None:
     if "tlog" in request.node.name:
-        pytest.importorskip("pymavlink", reason="the extra `mavlink` is not installed")
+        pytest.importorskip("pymavlink", reason="the extra `logs` is not installed")
 
 
 def mapping(name: str, **more: Any) -> dict[str, Any]:

@@ -22,6 +22,7 @@ HISTORY = {"docs/decisions.md", "CHANGELOG.md", "tests/unit/release/test_distrib
 """What says how it was, and this file."""
 WITH_EXTRAS = re.compile(r"""(?<![\w.])(?:(soter[\w-]*)\\?|['"]\.)\[([a-z]+(?:,[a-z]+)*)\\?\]""")
 INSTALLED = re.compile(r"\b(?:pipx? install|pipx inject|uv tool install|uv add)\b[^\n`;|&#]*")
+NAMED = re.compile(r"\bextra `(\w+)`")
 OWN = re.compile(r"(?<![\w./-])soter(?![\w./-])")
 KINDS = (".py", ".md", ".toml", ".j2", ".in", ".soter", ".json", ".js", ".txt", ".sh", "run")
 
@@ -43,6 +44,7 @@ def wrong(text: str) -> list[str]:
         unknown = set(extras.split(",")) - set(EXTRAS)
         if name not in ("", DISTRIBUTION) or unknown:
             found.append(f"{name}[{extras}]")
+    found += [name for name in NAMED.findall(text) if name not in EXTRAS]
     return found + [line for line in INSTALLED.findall(text) if OWN.search(line)]
 
 
@@ -70,6 +72,7 @@ def test_the_name_and_the_version_stand_in_one_place_each() -> None:
         ("of `soter-rta[ros]`", 1),
         ("match='soter\\[log\\]'", 1),
         ("pip install -e '.[zig]'", 1),
+        ("the extra `mavlink` is absent, not the extra `logs`", 1),
     ],
 )
 def test_what_would_be_found_of_a_wrong_name(text: str, found: int) -> None:

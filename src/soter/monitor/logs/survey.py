@@ -454,4 +454,4 @@ def _shown(text: str) -> str:
 
 def _quoted(text: str) -> str:
     """A text of TOML."""
-    return json.dumps(text).replace("\x7f", "\\u007f")
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
