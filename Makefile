@@ -20,7 +20,7 @@ INSTALL = $(if $(filter newest,$(VERSIONS)),$(NEWEST),$(LOCKED))
 # tests that say which package of others they need
 THIRD_PARTIES = $(shell grep -rl importorskip tests --include='test_*.py')
 
-.PHONY: help setup demo test test-changed test-all test-real-time test-newest durations lint format soak playground docs proofs bench bench-quick figures vscode release clean
+.PHONY: help setup demo test test-changed test-all test-rest test-real-time test-newest durations lint format soak playground docs proofs bench bench-quick figures vscode release clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -50,8 +50,11 @@ test: $(VENV)/.dev  ## the quick tests, before a commit; says how many it left o
 test-changed: $(VENV)/.dev  ## SINCE=main: quick tests of what has changed since that revision, HEAD unless said
 	$(PY) -m pytest $(PARALLEL) --changed-since $(or $(SINCE),HEAD)
 
-test-all: $(VENV)/.dev  ## every test but those of real time; BUT=long: not those marked so, as CI does
+test-all: $(VENV)/.dev  ## every test but those of real time; BUT=long: not those marked so
 	$(PY) -m pytest $(PARALLEL) --all $(if $(BUT),-m "not $(BUT)")
+
+test-rest: $(VENV)/.dev  ## what `make test` leaves to `make test-all`, alone; BUT=long as there
+	$(PY) -m pytest $(PARALLEL) --rest $(if $(BUT),-m "not $(BUT)")
 
 test-real-time: $(VENV)/.dev  ## tests of real time on this machine, one after the other; a busy one may fail them
 	$(PY) -m pytest -n 0 -m real_time

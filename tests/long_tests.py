@@ -2,7 +2,7 @@
 
 Purpose: tests marked `long`, tests and lines of tables that `durations.py` has no room for, and
 tests marked `pages`, which do what a page of the documents does, run with `pytest --all`, with an
-`-m` that speaks of them, or where one is named (`FILE::TEST`). Tests marked `real_time`, which a
+`-m` that speaks of them, or where one is named (`FILE::TEST`); `pytest --rest` runs them alone. Tests marked `real_time`, which a
 machine that is busy elsewhere may fail, run only with `-m real_time` or where one is named. What is
 left out is told when a run begins and when it ends.
 `examples` is how many programs a random test draws: $SOTER_TEST_SCALE times as many. `seeds` and
@@ -80,6 +80,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="long tests and those of pages as well, every test but those of real time",
     )
     parser.addoption(
+        "--rest",
+        action="store_true",
+        help="what a run without options leaves out, alone: with it, it is --all",
+    )
+    parser.addoption(
         "--write-durations",
         action="store_true",
         help=f"enter what the tests take into {durations.FILE.name}",
@@ -95,7 +100,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def _wanted(config: pytest.Config, marker: str) -> bool:
     named = any("::" in argument for argument in config.args)
-    asked = marker != "real_time" and config.getoption("--all")
+    all_of_them = config.getoption("--all") or config.getoption("--rest")
+    asked = marker != "real_time" and all_of_them
     return bool(asked or marker in config.option.markexpr or named)
 
 
@@ -117,7 +123,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     _count(items)
     known = durations.read()
     left_out: list[pytest.Item] = []
-    quick: list[pytest.Item] = []
+    wanted: list[pytest.Item] = []
     for item in items:
         file, test, line = _lines[item.nodeid]
         marks = {mark.name for mark in item.iter_markers()}
@@ -127,9 +133,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             has.add("long")
         why = [m for m in MARKERS if m in has and not _wanted(config, m)]
         _left_out.update(why[-1:])
-        (left_out if why else quick).append(item)
+        ran_before = config.getoption("--rest") and not has
+        (left_out if why or ran_before else wanted).append(item)
     if left_out:
-        items[:] = quick
+        items[:] = wanted
         config.hook.pytest_deselected(items=left_out)
 
 

@@ -99,6 +99,7 @@ def test_other():
         (("test_two.py",), 1),
         (("test_two.py", "-n", "2"), 1),
         (("test_two.py", "--all"), 3),
+        (("test_two.py", "--rest"), 2),
         (("test_two.py", "-m", "pages"), 1),
         (("test_two.py", "-m", "long"), 1),
         (("test_two.py", "-m", "real_time"), 1),
@@ -119,7 +120,7 @@ def test_what_is_left_out_is_told(tmp_path: Path, arguments: tuple[str, ...], ra
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"{ran} passed" in done.stdout
     left_out = {"long", "pages", "real_time"} if arguments[0] == "test_two.py" else set()
-    left_out -= {*arguments, *(["long", "pages"] if "--all" in arguments else [])}
+    left_out -= {*arguments, *(["long", "pages"] if {"--all", "--rest"} & {*arguments} else [])}
     assert ("long tests left out: 1; " in done.stdout) == ("long" in left_out)
     assert ("tests of pages left out: 1; " in done.stdout) == ("pages" in left_out)
     assert ("real-time tests left out: 1; " in done.stdout) == ("real_time" in left_out)

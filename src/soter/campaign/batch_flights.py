@@ -345,9 +345,9 @@ def _compiled_instead(outside: Sequence[Component], program: str) -> tuple[str, 
         name = outside[0].name.rpartition(".")[2]
         command = f"soter policy {file.partition(':')[0]} --node {program}:{name} -o {name}.c"
         where = " where it is a chain of layers without memory" if kind == "onnx" else ""
+        into_c = f"`{command}` writes the policy as C{where}"
         written = (
-            f"`{command}` writes the policy as C{where}, for"
-            f" `--bind {name}=c:{name}.c:{name}_step`",
+            f"{into_c}, for `--bind {name}=c:{name}.c:{name}_step`",
             "`soter policy FILE -o learned.soter` writes it as a function in Soter",
         )
     return (
