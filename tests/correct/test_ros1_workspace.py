@@ -32,7 +32,6 @@ pytestmark = pytest.mark.skipif(bool(LACKING), reason=f"ROS 1 is not here: {LACK
 EXAMPLE = ROOT / "examples" / "ros" / "shuttle_ros.soter"
 WORKSPACE = ROOT / "build" / "ros1-workspace"
 """Stays from run to run: make compiles what has changed."""
-PATIENCE_S = 300.0
 LATE = "lease->state == SOTER_LEASE_ENDED || "
 """Of soter_lease.c: why what comes after the end of a lease is not taken."""
 
@@ -46,7 +45,6 @@ def in_workspace(folder: Path, command: str) -> tuple[int, str]:
         env=environment,
         capture_output=True,
         text=True,
-        timeout=PATIENCE_S,
     )
     return done.returncode, done.stdout + done.stderr
 

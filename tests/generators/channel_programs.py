@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from processes import Process
 
 AC, SC, LAW = 1.0, 0.25, -0.5
-PATIENCE_S = 30.0
 PROGRAM = f"""soter 1;
 // What moves tells who moves it: AC {AC}, SC {SC}, the law {LAW}.
 topic position: float in [-50.0, 50.0] max_age 600ms;
@@ -224,7 +223,7 @@ def going(program: Path, folder: Path, *options: str) -> Iterator[Process]:
 def ended(process: Process) -> dict[str, Any]:
     """Ends a program; its report."""
     process.send_signal(signal.SIGTERM)
-    out, said = process.communicate(timeout=PATIENCE_S)
+    out, said = process.communicate(timeout=processes.TIMEOUT_S)
     assert out, said
     run_report: dict[str, Any] = json.loads(out)
     return run_report
@@ -232,7 +231,7 @@ def ended(process: Process) -> dict[str, Any]:
 
 def soon(what: Callable[[], bool]) -> None:
     """Waits until something is so; generous, as machines are busy."""
-    end = time.monotonic() + PATIENCE_S
+    end = time.monotonic() + processes.TIMEOUT_S
     while not what():
         assert time.monotonic() < end, "it is not so"
         time.sleep(0.01)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from processes import TIMEOUT_S
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.verify import command, module_methods
 from soter.verify.module_methods import ModuleMethod
@@ -15,7 +16,6 @@ from soter.verify.module_methods import ModuleMethod
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-PATIENCE_S = 60.0
 FIRST, SECOND = "Planner", "Guard"
 PROBLEMS: Any = [
     SimpleNamespace(name=name, view="", influences=(), above=None, below=())
@@ -49,11 +49,11 @@ def test_it_is_compiled_meanwhile_and_handed_over(monkeypatch: pytest.MonkeyPatc
     def first(compiled: object) -> None:
         assert compiled is None
         proving.set()
-        assert compiling.wait(PATIENCE_S), "nothing is compiled during the first proof"
+        assert compiling.wait(TIMEOUT_S), "nothing is compiled during the first proof"
 
     def compile_second(problem: Any) -> str:
         compiling.set()
-        assert proving.wait(PATIENCE_S)
+        assert proving.wait(TIMEOUT_S)
         return f"code of {problem.name}"
 
     proofs(monkeypatch, {FIRST: first, SECOND: got.append}, {FIRST: None, SECOND: compile_second})
