@@ -73,6 +73,14 @@ def shared():
 def test_table(shared, seconds):
     busy(seconds)
 
+@pytest.mark.skip
+def test_known():
+    pass
+
+@pytest.mark.skip
+def test_unknown():
+    pass
+
 def test_cheap(shared):
     pass
 
@@ -198,7 +206,8 @@ def test_what_is_measured_is_entered_and_nothing_else_is_lost() -> None:
 def test_a_run_writes_down_what_its_tests_take(tmp_path: Path, more: tuple[str, ...]) -> None:
     shutil.copy(TESTS / "durations.py", tmp_path)
     shutil.copy(TESTS / "long_tests.py", tmp_path)
-    (tmp_path / "durations.json").write_text("{}", encoding="utf-8")
+    known = '{"test_busy.py": {"known": [9.0], "gone": [9.0]}}'
+    (tmp_path / "durations.json").write_text(known, encoding="utf-8")
     (tmp_path / "pytest.ini").write_text(MARKERS, encoding="utf-8")
     (tmp_path / "test_busy.py").write_text(BUSY, encoding="utf-8")
     done = processes.run(
@@ -210,7 +219,8 @@ def test_a_run_writes_down_what_its_tests_take(tmp_path: Path, more: tuple[str, 
     )
     assert done.returncode == 0, done.stdout + done.stderr
     tests = json.loads((tmp_path / "durations.json").read_text())["test_busy.py"]
-    assert set(tests) == {SHARED, "table"}
+    assert set(tests) == {SHARED, "table", "known"}
+    assert tests["known"] == [9.0], "another machine measured what is skipped here"
     assert 1.1 <= tests[SHARED][0] < 4.0
     assert len(tests["table"]) == 3
     assert tests["table"][0] < 0.5 <= tests["table"][1] <= tests["table"][2]

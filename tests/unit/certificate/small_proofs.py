@@ -45,38 +45,60 @@ def even_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
     return (*(low + (high - low) * k / cells for k in range(cells)), high)
 
 
-def images(check: ChainCheck, within: Cells, holds_max: int) -> dict[int, list[Any]]:
-    """For each cell and each number of holds the box reached, while everything stays within."""
-    grid = check.group.grid
+class Walk:
+    """What SC does with the states of one cell; each step is computed once, whoever asks."""
+
+    def __init__(self, check: ChainCheck, cell: tuple[int, ...]) -> None:
+        self.chain, self.n = check.chain(1), len(check.group.states)
+        self.form = form_of_box(check.group.grid.box(tuple((i, i + 1) for i in cell)), symbols=True)
+        self.steps: list[Any] = []
+
+    def step(self, k: int) -> Any:
+        """The boxes that step `k` sweeps and ends in (None: too far); None where there is no step.
+
+        All steps before it have been asked for.
+        """
+        if k == len(self.steps):
+            after = (self.chain.later if k else self.chain.first)(self.form)
+            self.steps.append(after and (after[1], self._ends(after[0])))
+            self.form = after[0] if after else ()
+        return self.steps[k]
+
+    def _ends(self, form: Any) -> Any:
+        if self.chain.last is not None:
+            return self.chain.last(form)
+        ends = [(form[2 * i], form[2 * i + 1]) for i in range(self.n)]
+        return None, tuple(x for lo, hi in ends for x in (below(lo), above(hi)))
+
+
+Walks = dict[tuple[int, ...], Walk]
+
+
+def images(
+    check: ChainCheck, within: Cells, holds_max: int, walks: Walks, of: np.ndarray
+) -> dict[int, list[Any]]:
+    """For each cell of a set and each number of holds the box reached, while all stays within."""
     images_by_cell: dict[int, list[Any]] = {}
-    chain = check.chain(1)
-    n = len(check.group.states)
-    for at, cell in enumerate(np.ndindex(grid.shape)):
-        form = form_of_box(grid.box(tuple((i, i + 1) for i in cell)), symbols=True)
-        step, row = chain.first, []
-        if not within.members[cell]:
-            images_by_cell[at] = []
+    for at, cell in enumerate(np.ndindex(of.shape)):
+        row = images_by_cell[at] = []
+        if not of[cell]:
             continue
-        for _ in range(holds_max):
-            after = step(form)
-            if after is None or not within.contains_all(after[1]):
+        walk = walks.get(cell) or walks.setdefault(cell, Walk(check, cell))
+        for k in range(holds_max):
+            step = walk.step(k)
+            if step is None or not within.contains_all(step[0]):
                 break
-            form = after[0]
-            if chain.last is not None:
-                last = chain.last(form)
-                row.append(last[1] if last and within.contains_all(last[1]) else None)
-            else:
-                ends = [(form[2 * i], form[2 * i + 1]) for i in range(n)]
-                row.append(tuple(x for lo, hi in ends for x in (below(lo), above(hi))))
-            step = chain.later
-        images_by_cell[at] = row
+            last = step[1]
+            if check.chain(1).last is not None and not (last and within.contains_all(last[1])):
+                last = None
+            row.append(last and last[1])
     return images_by_cell
 
 
-def kernel(check: ChainCheck, within: Cells, holds_max: int) -> np.ndarray:
+def kernel(check: ChainCheck, within: Cells, holds_max: int, walks: Walks) -> np.ndarray:
     """Witnesses of the greatest set that SC keeps within another one."""
     grid = check.group.grid
-    boxes = images(check, within, holds_max)
+    boxes = images(check, within, holds_max, walks, within.members)
     members = within.members.copy()
     while True:
         cells = Cells(grid, members)
@@ -92,11 +114,11 @@ def kernel(check: ChainCheck, within: Cells, holds_max: int) -> np.ndarray:
         members = witnesses > 0
 
 
-def ranks(check: ChainCheck, home: Cells, core: np.ndarray, holds_max: int) -> Any:
+def ranks(check: ChainCheck, home: Cells, core: np.ndarray, holds_max: int, walks: Walks) -> Any:
     """Ranks and their witnesses."""
     grid = check.group.grid
     everywhere = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
-    boxes = images(check, everywhere, holds_max)
+    boxes = images(check, everywhere, holds_max, walks, core)
     rank = np.zeros(grid.shape, dtype=np.uint16)
     holds = np.zeros(grid.shape, dtype=np.uint8)
     done, level = home.members.copy(), 1
@@ -154,7 +176,8 @@ def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40)
         group = GroupTables(groups_of[0], grid, none)
         safe = certain(model, [group], facts.symbol.safe, errors=False)[0]
         check = ChainCheck(model, group)
-        core = kernel(check, safe, holds_max)
+        walks: Walks = {}
+        core = kernel(check, safe, holds_max, walks)
         cells = Cells(grid, core > 0)
         phase = FreeCheck(model, group, facts.times["H_ns"])
         free = np.zeros(grid.shape, dtype=np.bool_)
@@ -163,8 +186,8 @@ def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40)
             free[cell] = bool(core[cell]) and phase.stays(box, cells, 4)
         assert facts.symbol.safer is not None
         calm = certain(model, [group], facts.symbol.safer, errors=True)[0]
-        home = kernel(check, calm, holds_max)
-        rank, holds = ranks(check, Cells(grid, home > 0), core, holds_max)
+        home = kernel(check, calm, holds_max, walks)
+        rank, holds = ranks(check, Cells(grid, home > 0), core, holds_max, walks)
         stem = f"sets/{k}_"
         tables = {
             "K": core.tobytes(),
