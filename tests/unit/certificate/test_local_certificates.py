@@ -108,7 +108,7 @@ def test_a_rank_too_low_is_rejected(base: Sealed, tmp_path: Path) -> None:
     far = np.argwhere(rank == rank.max())
     assert rank.max() > 2
     for i, j in far:
-        rank[i, j] = 1
+        rank[i, j] = 2
     wrong.write(tmp_path / "wrong")
     report = recheck(tmp_path / "wrong")
     assert not report.accepted
