@@ -5,9 +5,9 @@ own, and those of processes that were waited for. Tests of less than `TOLD_S` ar
 where nothing was measured, neither of this line nor of those after it. A quick run takes the first
 line of a test if it costs at most `FIRST_S`, and as many more, in order, as fit into `BUDGET_S` or
 cost nothing (0.0); all of them where the test is marked `whole`, or the file does not know it. What
-tests of a file share (fixtures of a module or of the session) stands beside them, under `SHARED`:
-none of them is quick where that is more than `SHARED_S`. Tests that a marker leaves out (`long`,
-`pages`, `real_time`) are not told.
+tests of a file share (fixtures of its module) stands beside them, under `SHARED`: none of them is
+quick where that is more than `SHARED_S`. Fixtures of the session are nobody's: whichever file comes
+first makes them. Tests that a marker leaves out (`long`, `pages`, `real_time`) are not told.
 `pytest --write-durations` enters what it runs; `make durations` runs all of it.
 Non-goals: time by the clock, which others have a part in; which tests are long by their nature:
 the marker `long` stands beside them.
@@ -31,16 +31,18 @@ Known = dict[str, dict[str, Lines]]
 """File below tests/ -> the name of a test, without `test_` -> seconds of its lines."""
 
 FILE = Path(__file__).with_suffix(".json")
-BUDGET_S = 1.0
+BUDGET_S = 0.5
 """What one test, with all its lines, may take of a quick run; its first line alone:"""
-FIRST_S = 1.5
+FIRST_S = 0.75
 SHARED_S = 4.0
 """What tests of a file may share in a quick run."""
-TOTAL_S = 450.0
+TOTAL_S = 300.0
 """What all tests that are told may take of a quick run, and what they share."""
 TOLD_S = BUDGET_S
 """What is less leaves nothing out."""
 SHARED = ""
+SKIPPED = 0.0
+"""What is entered of a test that was skipped, unless another machine has measured it."""
 
 
 def read() -> Known:
@@ -80,7 +82,8 @@ def entered(
             lines: Lines = []
             for k in range(count):
                 was = before[k] if k < len(before) else None
-                lines.append(round(found[k], 1) if k in found else was)
+                skipped = was is not None and found.get(k) == SKIPPED
+                lines.append(was if skipped or k not in found else round(found[k], 1))
                 if lines[-1] is None:
                     break
             cut = len(before) > 1 and None in lines
@@ -116,15 +119,20 @@ class Measuring:
     def __init__(self) -> None:
         self.tests: dict[str, float] = {}
         self.shared: dict[str, float] = defaultdict(float)
-        self._within = False
-        self._shared_s = 0.0
+        self._within = self._skipped = False
+        self._file, self._shared_s = "", 0.0
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self._skipped = self._skipped or report.skipped
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
-        begin, self._shared_s = cpu_s(), 0.0
+        begin, self._shared_s, self._skipped = cpu_s(), 0.0, False
+        self._file = item.nodeid.partition("::")[0]
+        self.shared[self._file] += 0.0
         result = yield
-        self.tests[item.nodeid] = cpu_s() - begin - self._shared_s
-        self.shared[item.nodeid.partition("::")[0]] += self._shared_s
+        took_s = cpu_s() - begin - self._shared_s
+        self.tests[item.nodeid] = SKIPPED if self._skipped else took_s
         return result
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
@@ -137,5 +145,7 @@ class Measuring:
         try:
             return (yield)
         finally:
-            self._within = False
-            self._shared_s += cpu_s() - begin
+            self._within, took_s = False, cpu_s() - begin
+            self._shared_s += took_s
+            if fixturedef.scope != "session":
+                self.shared[self._file] += took_s

@@ -68,7 +68,6 @@ def test_engines_agree(path: Path, tmp_path: Path) -> None:
             assert first_difference(s, native_trace(library, s), interpreted) is None, s.system.name
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize("name", sorted(NOTHING_TO_RUN))
 def test_a_program_that_is_left_out_has_nothing_to_run(name: str) -> None:
     assert subjects_of(ROOT / name, 2) == []

@@ -101,7 +101,6 @@ def test_the_bugs_are_those_of_the_program(rrt: Any) -> None:
     assert tuple(m.strip() for m in members.split(",")) == rrt.BUGS
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize(
     ("bug", "reasons"),
     [

@@ -251,7 +251,6 @@ def test_the_command_writes_both_files(
     assert picture.read_text(encoding="utf-8").startswith("<svg ")
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize(
     ("line", "code", "message"),
     [

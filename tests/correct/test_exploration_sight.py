@@ -370,7 +370,6 @@ NOT_PROVED = {
 }
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize("name", NOT_PROVED)
 def test_what_is_wrong_is_not_proved(name: str, tmp_path: Path) -> None:
     shutil.copytree(STREET.parents[1], tmp_path / "examples")

@@ -66,7 +66,6 @@ def test_random_programs_need_only_what_is_allowed(level: str, tmp_path: Path) -
     assert symbols <= ALLOWED
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize(
     ("folder", "level"),
     [

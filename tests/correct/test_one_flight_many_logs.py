@@ -74,7 +74,6 @@ def bits(flight: list[Recorded], folder: Path, name: str) -> list[tuple[int, int
     return list(zip(samples.times_ns, samples.stamps_ns, values, strict=True))
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize("name", list(WRITERS)[1:])
 def test_every_kind_of_log_gives_the_same_values_to_the_bit(
     flight: list[Recorded], tmp_path: Path, name: str

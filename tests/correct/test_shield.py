@@ -206,7 +206,6 @@ def moved(tops: Any, n: int) -> None:
     tops[6:] = tops[:-6].copy()
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize("wrong", [longer, everywhere, moved])
 def test_a_table_that_permits_too_much_is_rejected(
     wrong: Callable[[Any, int], None],

@@ -186,7 +186,6 @@ def test_an_axiom_of_ones_own_is_seen(proofs: Path) -> None:
     assert assumptions(proofs, ("Wrong.fine",)) == set()
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize(("name", "true", "false"), WRONG, ids=[f"{w[0]}: {w[2]}" for w in WRONG])
 def test_a_wrong_theorem_is_not_proved(
     proofs: Path, tmp_path: Path, name: str, true: str, false: str

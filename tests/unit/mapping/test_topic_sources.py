@@ -88,7 +88,6 @@ SMALL = [  # every, delayed of both; after of the second
 ]
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize(("first", "second", "after"), SMALL)
 def test_no_pattern_of_arrivals_makes_the_topic_older_and_one_makes_it_so_old(
     first: tuple[int, int], second: tuple[int, int], after: int
@@ -165,7 +164,6 @@ def taken_early(promises: Sequence[SourcePromise], samples: Samples) -> Samples:
 LATE = [((1, 0), (1, 1)), ((1, 1), (1, 0))]
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize(
     ("first", "second", "ticks"),
     [

@@ -236,7 +236,6 @@ def test_every_rule_of_the_grammar_is_reachable_and_defined() -> None:
     assert used - {"name"} == set(rules())
 
 
-@pytest.mark.whole
 def test_grammar_and_parser_accept_the_sample_files(sample: Path) -> None:
     text = sample.read_text(encoding="utf-8")
     assert problems_of(text) == []

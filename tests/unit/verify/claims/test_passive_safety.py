@@ -72,7 +72,6 @@ def test_the_re_checker_confirms_what_was_proved(proved: Path) -> None:
     assert {"P2a", "P3", "start"} <= set(report.modules[0].confirmed)
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize("wrong", EVERY)
 def test_a_wrong_rover_is_not_proved(wrong: WrongRover) -> None:
     if wrong.reads_the_place:
@@ -84,7 +83,6 @@ def test_a_wrong_rover_is_not_proved(wrong: WrongRover) -> None:
     assert result.findings["P2b"].verdict == "assumed", "nobody asks for it"
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize("wrong", SAME)
 def test_the_tables_of_the_right_one_do_not_prove_a_wrong_one(
     proved: Path, tmp_path: Path, wrong: WrongRover

@@ -26,7 +26,6 @@ EVERY = [
 ]
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize("wrong", EVERY)
 def test_a_wrong_vehicle_is_not_proved(wrong: WrongVehicle, tmp_path: Path) -> None:
     report = soter.load(wrong.write(tmp_path)).verify(refute=False)

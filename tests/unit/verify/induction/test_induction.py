@@ -593,7 +593,6 @@ NEVER = {
 }
 
 
-@pytest.mark.whole
 @pytest.mark.parametrize("name", NEVER)
 def test_a_proof_of_nothing_says_so_in_its_headline(tmp_path: Path, name: str) -> None:
     """By what the solver shows of every decision, whatever the predicates look like."""
