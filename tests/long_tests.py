@@ -2,9 +2,9 @@
 
 Purpose: tests marked `long`, tests and lines of tables that `durations.py` has no room for, and
 tests marked `pages`, which do what a page of the documents does, run with `pytest --all`, with an
-`-m` that speaks of them, or where one is named (`FILE::TEST`); `pytest --rest` runs them alone. Tests marked `real_time`, which a
-machine that is busy elsewhere may fail, run only with `-m real_time` or where one is named. What is
-left out is told when a run begins and when it ends.
+`-m` that speaks of them, or where one is named (`FILE::TEST`); `pytest --rest` runs them alone.
+Tests marked `real_time`, which a machine that is busy elsewhere may fail, run only with `-m
+real_time` or where one is named. What is left out is told when a run begins and when it ends.
 `examples` is how many programs a random test draws: $SOTER_TEST_SCALE times as many. `seeds` and
 `seed_of` are which: others for every $SOTER_TEST_SEED. `some`: of a long table the first lines.
 `--write-durations` measures what is run. Enclosures that a test compiles in its own process are

@@ -273,9 +273,10 @@ def test_no_test_has_a_variable_of_its_own() -> None:
 
 def test_the_command_for_everything_asks_for_it_and_ci_runs_it_too() -> None:
     recipes = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert re.search(rf"^{COMMAND.split()[1]}:.*\n\t.*pytest.* --all .*$", recipes, re.MULTILINE)
+    for target, option in ((COMMAND.split()[1], "--all"), ("test-rest", "--rest")):
+        assert re.search(rf"^{target}:.*\n\t.*pytest.* {option} .*$", recipes, re.MULTILINE)
     run = (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
-    assert {"make lint", "make test", f"{COMMAND} BUT=long"} <= set(run)
+    assert {"make lint", "make test", "make test-rest BUT=long"} <= set(run)
 
 
 @pytest.mark.parametrize("more", [("-n", "1"), ()])
