@@ -551,7 +551,6 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("real-time.md", "| what | needs"): DEFINED,
     ("real-time.md", "| mechanism"): DEFINED,
     ("real-time.md", "``` process 1"): "a drawing",
-    ("real-time.md", "driver.py` measures that with a thread"): ELSEWHERE,
     ("recheck.md", "| what | how much"): DEFINED,
     ("recheck.md", "| hypothesis"): DEFINED,
     ("semantics.md", "| part"): DEFINED,
