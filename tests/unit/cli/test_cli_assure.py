@@ -498,16 +498,3 @@ def test_the_document_of_strictdoc_names_every_parent(soter: Soter, cart: Path) 
         assert [f"  VALUE: {p}" in written for p in parents] == [True] * len(parents)
         assert written.count("- TYPE: Parent") == len(parents)
     assert text.count("<<<") == text.count(">>>")
-
-
-def test_without_the_arithmetic_of_the_re_checker_the_extra_is_named(
-    soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As a plain install has it: the parameters of a case are read by code of the re-checker."""
-    monkeypatch.setattr("soter.api.rechecking.find_spec", lambda _: None)
-    done = soter("assure", "cart.soter", "-o", "case", "--json")
-    assert done.exit == 1
-    (error,) = done.document["diagnostics"]
-    assert error["code"] == "D007"
-    assert "soter-rta[prove]" in str(error)
-    assert not (here / "case").exists()
