@@ -409,29 +409,29 @@ PAGES = (
     ),
     Made(
         "surveillance.md",
-        r"NumPy: ([\d,]+)\ncommands, imitated to ([\d.]+) m/s²",
+        r"NumPy: ([\d,]+)\s+commands,\s+imitated to ([\d.]+) m/s²",
         "examples/drone/eight_train.py -o build/eight.json",
         spread=True,
     ),
     Made(
         "surveillance.md",
-        r"`Learned` alone(?:.|\n)*?: (\d+) stay within ([\d.]+) m of the loop\n\(([\d.]+) to "
+        r"`Learned` alone(?:.|\n)*?: (\d+) stay within ([\d.]+) m of the loop\s\(([\d.]+) to "
         r"([\d.]+) rad/s\), (\d+) do not \(([\d.]+) to ([\d.]+) rad/s, up to ([\d.]+) m\), "
-        r"(\d+) of them collide(?:.|\n)*?for ([\d.]+) %. Right, (\d+) laps (?:.|\n)*?: (\d+) coll",
+        r"(\d+) of them\scollide(?:.|\n)*?for ([\d.]+) %. Right, (\d+) laps (?:.|\n)*?: (\d+) coll",
         "examples/drone/figures.py 5 -o build/figure-5.html",
         spread=True,
     ),
     Made(
         "surveillance.md",
-        r"over (\d+) laps ([\d.]+) s, ([\d.]+) s and ([\d.]+) s; (\d+) laps of AC alone collide, "
-        r"of\nthe protected ones none; AC is in control for ([\d.]+) %",
+        r"over (\d+) laps ([\d.]+) s, ([\d.]+) s and\s([\d.]+) s; (\d+) laps of AC alone "
+        r"collide, of\sthe protected ones none; AC is in control for ([\d.]+) %",
         "examples/drone/figures.py 12a -o build/figure-12a.html",
         spread=True,
     ),
     Made(
         "surveillance.md",
-        r"\*Ours\*: (\d+) s of the mission with its (\d+)\nplans; SC (?:.|\n)*?, for ([\d.]+) s in "
-        r"all \(AC ([\d.]+) %(?:.|\n)*?the drone is ([\d.]+) m off its plan",
+        r"\*Ours\*: (\d+) s of the mission with its (\d+)\splans; SC (?:.|\n)*?, for ([\d.]+) s in "
+        r"all \(AC\s([\d.]+) %(?:.|\n)*?the drone is ([\d.]+) m off its plan",
         "examples/drone/figures.py 12b -o build/figure-12b.html",
         spread=True,
     ),
@@ -455,7 +455,7 @@ PAGES = (
     ),
     Made(
         "testing.md",
-        r"([\d,]+) of ([\d,]+)\nare confirmed",
+        r"([\d,]+) of ([\d,]+)\sare\sconfirmed",
         "bench/tubes/flights.py --flights 100 --until 6 --changed 10",
         spread=True,
     ),
@@ -504,7 +504,6 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("dds.md", "| key"): DEFINED,
     ("deploy.md", "``` your loop"): "a drawing",
     ("drone.md", "| file"): DEFINED,
-    ("drone.md", "| | AC share | takeovers"): f"{MEASURED_ONCE}: with an earlier mixer",
     ("drone.md", "| gains"): DEFINED,
     ("drone.md", "```w  = v"): "a formula",
     ("evidence.md", "| item"): DEFINED,
@@ -552,7 +551,6 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("real-time.md", "| what | needs"): DEFINED,
     ("real-time.md", "| mechanism"): DEFINED,
     ("real-time.md", "``` process 1"): "a drawing",
-    ("real-time.md", "driver.py` measures that with a thread"): ELSEWHERE,
     ("recheck.md", "| what | how much"): DEFINED,
     ("recheck.md", "| hypothesis"): DEFINED,
     ("semantics.md", "| part"): DEFINED,
@@ -568,7 +566,6 @@ EXCEPT: dict[tuple[str, str], str] = {
     ("surveillance.md", "| | per second"): DEFINED,
     ("surveillance.md", "| assumed"): DEFINED,
     ("surveillance.md", "**Hand-over.**"): "times of a proof",
-    ("surveillance.md", "**Re-checked.**"): ELSEWHERE,
     ("testing.md", "| the report says"): DEFINED,
     ("testing.md", "an aircraft that nobody here wrote"): DEFINED,
     ("testing.md", "`bench/tubes/identify_f16.py` fits"): ELSEWHERE,

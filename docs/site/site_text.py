@@ -161,7 +161,7 @@ def _coloured(code: str, language: str, _: str) -> str:
 
 
 def coloured(code: str, name: str) -> str:
-    """Code of a language as HTML, in a `pre`."""
+    """Code of a language as HTML, in a `pre`; commands (`sh`) wrap on a phone."""
     lexer: Lexer
     if name == "soter":
         lexer = SoterLexer()
@@ -171,4 +171,5 @@ def coloured(code: str, name: str) -> str:
         except ClassNotFound:
             return f"<pre><code>{escape(code)}</code></pre>"
     inside = highlight(code, lexer, HtmlFormatter(nowrap=True, classprefix="t-"))
-    return f"<pre><code>{inside}</code></pre>"
+    kind = ' class="sh"' if name == "sh" else ""
+    return f"<pre{kind}><code>{inside}</code></pre>"

@@ -18,6 +18,9 @@ from soter.language.prelude.function_error_bounds import BOUNDS
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 COMMANDS = re.findall(r"^(soter [^\n#]*?)\s*(?:#.*)?$", README, re.MULTILINE)
+DOORS = sorted((ROOT / "docs").glob("for-*.md"))
+OF_A_CLONE = re.compile(r"\b(?:examples|bench)/|^make (?!-C)|pip install -e", re.MULTILINE)
+"""What somebody has not who installed the wheel."""
 SCREEN = 60
 """Lines of the README that somebody sees before scrolling, with the picture."""
 
@@ -119,6 +122,36 @@ def test_the_python_of_the_first_hour_works() -> None:
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("0 0.")
+
+
+@pytest.mark.parametrize("path", DOORS, ids=lambda p: p.stem)
+@pytest.mark.pages
+def test_commands_of_a_door_work_in_an_empty_folder(path: Path, tmp_path: Path) -> None:
+    """One after the other, each with the exit code that stands beside it."""
+    page = path.read_text(encoding="utf-8")
+    _, _, section = page.partition("\n## Try it in an empty folder\n")
+    block = section.split("```sh\n")[1].split("```")[0]
+    lines = block.replace("\\\n", " ").splitlines()
+    assert len(lines) >= 5
+    for line in lines:
+        words = line.partition("#")[0].split()
+        soter = [sys.executable, "-m", "soter.cli.main"] if words[0] == "soter" else [words[0]]
+        done = processes.run(
+            [*soter, *words[1:]], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+        told = re.search(r"#.*\bexit (\d+)", line)
+        assert done.returncode == (int(told[1]) if told else 0), done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("path", [*DOORS, ROOT / "README.md"], ids=lambda p: p.stem)
+def test_a_door_says_which_commands_want_a_clone(path: Path) -> None:
+    """In the section of the commands; of the README in one that says what a wheel has not."""
+    page = path.read_text(encoding="utf-8")
+    sections = [page] if path.stem == "README" else re.split(r"^## ", page, flags=re.MULTILINE)
+    for section in sections:
+        code = "\n".join(re.findall(r"^```sh\n(.*?)^```", section, re.MULTILINE | re.DOTALL))
+        said = re.search(r"want a clone|A wheel has no `examples/`", section)
+        assert said or not OF_A_CLONE.search(code), section
 
 
 def test_links_of_the_pages_lead_somewhere() -> None:

@@ -39,12 +39,7 @@ def recheck(
     not installed, X012 where the process does not compute as programs mean it; D006 of what is no
     log, D023 of a log that the certificate is not about.
     """
-    if find_spec("flint") is None:
-        raise mistake(
-            "D007",
-            "certificates are checked with `python-flint`, which is not installed",
-            f"install it: {pip_install('prove')}",
-        )
+    require_flint()
     require_plain()
     from soter.certificate.flight_check import flights_of  # noqa: PLC0415 - an extra
     from soter.certificate.format.folder import NotACertificateError  # noqa: PLC0415 - an extra
@@ -58,6 +53,16 @@ def recheck(
     if flights is not None:
         flights.add_to(report, progress or (lambda _: None))
     return report
+
+
+def require_flint() -> None:
+    """SoterError D007 where the arithmetic of the re-checker is not installed."""
+    if find_spec("flint") is None:
+        raise mistake(
+            "D007",
+            "certificates are checked with `python-flint`, which is not installed",
+            f"install it: {pip_install('prove')}",
+        )
 
 
 def no_certificate(error: Exception) -> SoterError:

@@ -192,3 +192,16 @@ def test_the_package_is_a_command(here: Path) -> None:
 
 def test_json_may_stand_before_the_command(soter: Soter) -> None:
     assert soter("--json", "check", "cart.soter").document["command"] == "check"
+
+
+def test_without_the_arithmetic_of_the_re_checker_the_extra_is_named(
+    soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a plain install has it: the parameters of a case are read by code of the re-checker."""
+    monkeypatch.setattr("soter.api.rechecking.find_spec", lambda _: None)
+    done = soter("assure", "cart.soter", "-o", "case", "--json")
+    assert done.exit == 1
+    (error,) = done.document["diagnostics"]
+    assert error["code"] == "D007"
+    assert "soter-rta[prove]" in str(error)
+    assert not (here / "case").exists()

@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.arguments import require_no_certificate
-from soter.api.assurance.certificate_check import proof_of
+from soter.api.assurance.certificate_check import command_line, proof_of, provenance_of
 from soter.api.assurance.evidence import Evidence
 from soter.api.assurance.hazard_traceability import Tracing
 from soter.api.assurance.predicate_expansion import expanded
 from soter.api.assurance.proof_goals import LAWS, RETURNS, argue
+from soter.api.rechecking import require_flint
 from soter.diagnostics.diagnostic import mistake
 from soter.report.assurance.safety_case import SUPPORTED, CaseNode, SafetyCase
 from soter.report.atomic_write import ReportError, own_place
@@ -78,9 +79,9 @@ def assure(
     `tests`: explore them now; `flights`: so many of a campaign are flown again; `hazards`: a CSV
     file of hazards, requirements and who answers for assumptions (docs/assure.md). SoterError D009
     where there is no certificate, D005 for a report that is none, D021 for hazards that are none,
-    D006 where something cannot be read or written, and as of `Program.flat`.
+    D006 where something cannot be read or written, D007 without `prove`, and as of `Program.flat`.
     """
-    from soter.api.assurance.certificate_check import command_line, provenance_of  # noqa: PLC0415 - NumPy
+    require_flint()
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
 
     for name in FILES:
