@@ -1,6 +1,6 @@
 """Forged certificates of every kind of proof, sealed as right ones are, each in a process.
 
-    .venv/bin/python bench/recheck/forged.py [--count 100] [--seed 1] [--jobs 2] [--json FILE]
+    .venv/bin/python bench/recheck/forged.py [--count 100] [--seed 1] [--jobs 2]
 
 Purpose: certificates of grids, polytopes, inductions, deployed and composed systems are forged in
 eighteen ways (`forgeries.py`, `late_forgeries.py`): sets, claims, times, inputs, programs, names,
@@ -281,7 +281,6 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--kind", action="append", choices=list(KINDS))
-    parser.add_argument("--json", type=Path)
     parser.add_argument("--keep", type=Path, help="what is done is written there as it comes")
     parser.add_argument("--made", action="store_true", help="of these only what `--keep` has")
     args = parser.parse_args()
@@ -298,8 +297,6 @@ def main() -> int:
     print(f"{len(reasons)} reasons; the slowest took {slowest:.1f} s")
     checks = sum(o.seconds for o in outcomes)
     print(f"{checks:.0f} s of checks, target: 0 false, 0 right rejected, 0 hangs")
-    if args.json:
-        args.json.write_text(json.dumps([asdict(o) for o in outcomes], indent=1))
     return 1 if any(o.wrong for o in outcomes) else 0
 
 

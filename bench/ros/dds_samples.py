@@ -6,13 +6,12 @@ of each is checked on either side. Then the same without the bridge, so that str
 are checked, too; then other types, cut payloads, random bytes, NaN and infinities.
 Non-goals: times (loopback on a busy machine); nodes of ROS 2, of which none is run.
 
-    python bench/ros/dds_samples.py --python VENV/bin/python [--samples 100000] [--json FILE]
+    python bench/ros/dds_samples.py --python VENV/bin/python [--samples 100000]
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import random
 import struct
 import sys
@@ -138,7 +137,6 @@ def main() -> None:
     parser.add_argument("--python", default=sys.executable, help="one that has cyclonedds")
     parser.add_argument("--samples", type=int, default=100_000)
     parser.add_argument("--domain", type=int, default=77)
-    parser.add_argument("--json", type=Path)
     parser.add_argument("--only", default="bridge,types,hostile,numbers")
     parser.add_argument("--folder", type=Path, help="what is built there, is used again")
     parser.add_argument("--peers", default=",".join(PEERS))
@@ -163,8 +161,6 @@ def main() -> None:
                 told["numbers"] = numbers(place)
         finally:
             place.end()
-    if asked.json:
-        asked.json.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
     _table(told)
     wrong = _wrong(told)
     print(f"{len(wrong)} of it wrong: {'; '.join(wrong)}" if wrong else "all as it should be")

@@ -1,6 +1,6 @@
 """Whole robots under `soter test`, one module at a time; wrong ones to be seen; undivided.
 
-    .venv/bin/python bench/testing/whole_robots.py [--only NAME ...] [--seconds 45] [--json FILE]
+    .venv/bin/python bench/testing/whole_robots.py [--only NAME ...] [--seconds 45]
 
 *delivery*: SOTER-on-ROS's two robots of three modules each (examples/testing/delivery.soter).
 *surveillance*: battery, planner and motion primitive of the paper's drone, each in a system of its
@@ -17,12 +17,11 @@ Purpose: the row of issue 31 on whole robots. Non-goals: verdicts
 from __future__ import annotations
 
 import argparse
-import json
 import resource
 import shutil
 import sys
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -322,7 +321,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--only", nargs="+", choices=[r.name for r in ROBOTS])
     parser.add_argument("--seconds", type=float, default=45.0, help="of what is undivided")
-    parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     all_rows, missed = [], []
     for robots in ROBOTS:
@@ -338,8 +336,6 @@ def main() -> int:
     print(f"most memory of the process: {peak / 1e6:,.0f} MB (target: {MEMORY / 1e6:,.0f} MB)")
     missed += ["memory"] if peak > MEMORY else []
     print("\n".join(missed) if missed else "every target is met")
-    if arguments.json:
-        arguments.json.write_text(json.dumps([asdict(r) for r in all_rows], indent=2) + "\n")
     return 1 if missed else 0
 
 
