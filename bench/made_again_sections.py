@@ -64,7 +64,6 @@ BEFORE = "needs a checkout of an older commit"
 PEER = "needs run-time-assurance in an environment of its own"
 PEERS = "needs the libraries of others in environments of their own"
 ROS = "needs ROS 1"
-ENDED_BY_CLOCK = "its searches end by the clock"
 MINUTES = "nothing smaller than the whole, which takes minutes; tests of its own hold it"
 
 SMALL = {
@@ -143,7 +142,6 @@ SMALL = {
     "Certificates that say more than is true": Small("--share 0.01 --jobs 1"),
     "soter verify: honest robots at the first attempt": Small(apart=MINUTES),
     "soter verify: robots made wrong": Small(apart=MINUTES),
-    "soter test: whole robots": Small("--seconds 5", apart=ENDED_BY_CLOCK),
     "soter test: bugs seeded in the examples": Small("--only two_modules --brute 1000", part=True),
     "Delays of the trusted part": Small("--runs 1", times=SIMULATED),
     "Real time: misses, controllers that fail, the way to SC's output": Small(

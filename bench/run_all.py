@@ -273,7 +273,6 @@ BENCHMARKS = (
         last="^[0-9]+ of",
     ),
     Benchmark("soter verify: robots made wrong", "bench/newcomers/wrong_robots.py"),
-    Benchmark("soter test: whole robots", "bench/testing/whole_robots.py"),
     Benchmark(
         "soter test: bugs seeded in the examples",
         "bench/testing/mutants.py",
