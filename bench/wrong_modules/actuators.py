@@ -6,6 +6,8 @@ Non-goals: longer ways (`ways.py`).
 
 from __future__ import annotations
 
+from functools import partial
+
 from bench.wrong_modules.base import LINE, RUN, Wrong, under
 from bench.wrong_modules.controllers import careful, declared
 from bench.wrong_modules.paths import (
@@ -16,33 +18,28 @@ from bench.wrong_modules.paths import (
     servo,
 )
 
+of_actuators = partial(seen, "actuators", named=NAMES_SERVO)
 ACTUATORS = (
-    seen(
-        "actuators",
+    of_actuators(
         "a filter of 5 s before the plant",
         "commands act late and little by little",
         *servo("f = f + 0.002 * (push - f); publish force = f;", "var f: float = 0.0;"),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "a rate limiter before the plant",
         "a second from left to right",
         *servo(
             "f = f + clamp(push - f, -0.02, 0.02); publish force = clamp(f, -1.0, 1.0);",
             "var f: float = 0.0;",
         ),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "a hold of half a second before the plant",
         "half a second more of AC",
         *servo("publish force = push;", period="500ms"),
         named=(),
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "a delay of 40 samples before the plant",
         "0.4 s more of AC",
         *servo(
@@ -50,47 +47,35 @@ ACTUATORS = (
             "var xs: float[40];",
             "var n: int in [0, 39] = 0;",
         ),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "a dead band before the plant",
         "what is smaller than 1 is nothing",
         *servo("publish force = abs(push) < 0.99 ? 0.2 : push;"),
         ("clamp(-4.0 * pos, -1.0, 1.0);", "clamp(-4.0 * pos, -0.9, 0.9);"),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "a wire crossed before the plant",
         "the sign is wrong",
         *servo("publish force = -push;"),
         shown=under(("publish push = pos >= 0.0 ? 1.0 : -1.0;", "publish push = -0.9;")),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "an actuator that keeps pushing right",
         "it only knows one way",
         *servo("publish force = max(push, 0.1);"),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "an actuator that stops after 3 s",
         "then it pushes right",
         *servo("publish force = time < 3.0 ? push : 1.0;"),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "an actuator that faults when it changes its mind",
         "latched, it holds 1.0",
         *servo("assert push * f >= 0.0; f = push; publish force = push;", "var f: float = 0.0;"),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "an actuator that counts commands in a queue",
         "its queue overflows: latched",
         *CMD,
@@ -101,8 +86,7 @@ ACTUATORS = (
         ),
         named=(),
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "no model: a hold of half a second before the plant",
         "half a second more of AC",
         (
@@ -119,8 +103,7 @@ ACTUATORS = (
         base=LINE,
         named=(),
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "no model: a filter before the plant",
         "commands act late",
         (
@@ -135,7 +118,6 @@ ACTUATORS = (
         ),
         ("{ p: Line; module Keep;", "{ p: Line; node Servo; module Keep;"),
         base=LINE,
-        named=NAMES_SERVO,
     ),
 )
 
@@ -143,28 +125,24 @@ ACTUATORS = (
 
 SILENCE = (r"never drop out", r"outage")
 
+of_stale = partial(seen, "stale", named=SILENCE)
 STALE = (
-    seen(
-        "stale",
+    of_stale(
         "a gauge that says nothing beyond 0.6",
         "the DM sees that it is stale and hands over to an SC that answers the last read",
         scope("if raw < 0.6 { publish pos = raw; }"),
         *careful("publish push = clamp(4.0 * (0.62 - pos), -1.0, 1.0);"),
         ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.75"),
         ("safer abs(pos) < 0.5", "safer pos > 0.3 && pos < 0.7"),
-        named=SILENCE,
     ),
-    seen(
-        "stale",
+    of_stale(
         "a gauge that is latched by a fault of its own",
         "after it asserts, nobody publishes `pos` any more",
         scope("assert raw < 0.5; publish pos = raw;"),
         *careful("publish push = clamp(4.0 * (0.55 - pos), -1.0, 1.0);"),
         ("safer abs(pos) < 0.5", "safer pos > 0.3 && pos < 0.6"),
-        named=SILENCE,
     ),
-    seen(
-        "stale",
+    of_stale(
         "a gauge that publishes outside its set",
         "it is latched beyond 0.5",
         ("topic pos: float max_age 20ms;", "topic pos: float in [-1.0, 0.5] max_age 20ms;"),
@@ -172,15 +150,13 @@ STALE = (
         ("safer abs(pos) < 0.5", "safer pos > 0.3 && pos < 0.6"),
         named=(*SILENCE, r"declared sets"),
     ),
-    seen(
-        "stale",
+    of_stale(
         "a gauge that stops for good at 2 s",
         "SC answers its last read for ever",
         scope("if time < 2.0 { publish pos = raw; }"),
         *careful("publish push = clamp(4.0 * (0.5 - pos), -1.0, 1.0);"),
         ("safer abs(pos) < 0.5", "safer pos > 0.2 && pos < 0.6"),
         ("publish push = pos >= 0.0 ? 1.0 : -1.0;", "publish push = pos > 0.3 ? -1.0 : 1.0;"),
-        named=SILENCE,
     ),
     Wrong(
         "stale",

@@ -6,6 +6,8 @@ Non-goals: SC (`controllers.py`), paths (`paths.py`), time (`timing.py`).
 
 from __future__ import annotations
 
+from functools import partial
+
 from bench.wrong_modules.base import CART, LINE, MAP, RUN, SIGHT, Base, Edit, Shown, Wrong, under
 from bench.wrong_modules.controllers import declared, one
 
@@ -16,12 +18,15 @@ NAMES_OTHER = (r"in system Other: .*",)
 """With a reason: a system that is listed as *the same problem* is no answer."""
 
 
+of_systems = partial(one, "systems")
+
+
 def also(
     name: str, why: str, other: str, *edits: Edit, base: Base = LINE, shown: Shown | None = OTHER
 ) -> Wrong:
     """A second system with the same module."""
-    return one(
-        "systems", name, why, (*edits, (WORLD, f"{other}\n{WORLD}")), shown, base, named=NAMES_OTHER
+    return of_systems(
+        name, why, (*edits, (WORLD, f"{other}\n{WORLD}")), shown, base, named=NAMES_OTHER
     )
 
 
@@ -233,16 +238,14 @@ SEVERAL = (
         ),
         base=SIGHT,
     ),
-    one(
-        "systems",
+    of_systems(
         "forced to AC in the only system",
         "the DM never switches",
         (("module Keep; until", "module Keep; force Keep ac; until"),),
         RUN,
         named=(r"forced",),
     ),
-    one(
-        "systems",
+    of_systems(
         "two instances of the module in one system, one plant of them too fast",
         "the second instance has another plant",
         (
@@ -264,6 +267,9 @@ SEVERAL = (
 VALUES = "it is proved for one value of the parameter only, and wrong for others in its range"
 
 
+of_parameters = partial(one, "parameters")
+
+
 def param(
     name: str,
     why: str,
@@ -275,8 +281,7 @@ def param(
 ) -> Wrong:
     """A parameter whose default is right."""
     word = setting.partition("=")[0]
-    return one(
-        "parameters",
+    return of_parameters(
         name,
         why,
         (declared(said), *edits),
@@ -367,8 +372,7 @@ PARAMETERS = (
         ("plant Line period 10ms", "plant Line period TICK"),
         ("state x: float = 0.0;", "state x: float = 0.6;"),
     ),
-    one(
-        "parameters",
+    of_parameters(
         "a plant's parameter that somebody may change while it matters",
         "a load of 3 makes the plant four times as fast; nothing keeps it from changing at 0.69",
         (
@@ -382,8 +386,7 @@ PARAMETERS = (
         None,
         named=(r"load changes only",),
     ),
-    one(
-        "parameters",
+    of_parameters(
         "a plant's parameter for one value of which the wires are crossed",
         "sign 1 is wrong",
         (
