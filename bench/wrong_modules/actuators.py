@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from functools import partial
 
-from bench.wrong_modules.base import LINE, RUN, Wrong, under
-from bench.wrong_modules.controllers import careful, declared
+from bench.wrong_modules.base import LINE, under
+from bench.wrong_modules.controllers import careful, declared, one
 from bench.wrong_modules.paths import (
     CMD,
     NAMES_SERVO,
@@ -126,6 +126,7 @@ ACTUATORS = (
 SILENCE = (r"never drop out", r"outage")
 
 of_stale = partial(seen, "stale", named=SILENCE)
+of_plants = partial(one, "stale")
 STALE = (
     of_stale(
         "a gauge that says nothing beyond 0.6",
@@ -158,39 +159,31 @@ STALE = (
         ("safer abs(pos) < 0.5", "safer pos > 0.2 && pos < 0.6"),
         ("publish push = pos >= 0.0 ? 1.0 : -1.0;", "publish push = pos > 0.3 ? -1.0 : 1.0;"),
     ),
-    Wrong(
-        "stale",
+    of_plants(
         "a plant whose sensor may drop out",
-        LINE,
-        careful("publish push = clamp(4.0 * (0.4 - pos), -1.0, 1.0);"),
         "the DM hands over when the read is stale, and SC answers a read of any age: to be proved "
         "or named",
+        careful("publish push = clamp(4.0 * (0.4 - pos), -1.0, 1.0);"),
         None,
-        SILENCE,
+        named=SILENCE,
     ),
-    Wrong(
-        "stale",
+    of_plants(
         "a plant that publishes every three seconds under `max_age 20ms`",
-        LINE,
+        "SC reads what is up to three seconds old",
         (
             ("plant Line period 10ms", "plant Line period 3s"),
             ("state x: float = 0.0;", "state x: float = 0.7;"),
         ),
-        "SC reads what is up to three seconds old",
-        RUN,
     ),
-    Wrong(
-        "stale",
+    of_plants(
         "a plant that publishes every 400 ms, and a `max_age` of 400 ms",
-        LINE,
-        (("plant Line period 10ms", "plant Line period 400ms"), ("max_age 20ms", "max_age 400ms")),
         "`ttf` looks ahead 0.3 s, and needs 0.45",
+        (("plant Line period 10ms", "plant Line period 400ms"), ("max_age 20ms", "max_age 400ms")),
         None,
     ),
-    Wrong(
-        "stale",
+    of_plants(
         "a second sensor, slower than the first",
-        LINE,
+        "SC reads the slow one: three seconds old under a `max_age` of 20 ms",
         (
             (
                 "topic pos: float max_age 20ms;",
@@ -208,20 +201,16 @@ STALE = (
                 "grid pos in [-1.0, 1.0] / 80, far in [-1.0, 1.0] / 80;",
             ),
         ),
-        "SC reads the slow one: three seconds old under a `max_age` of 20 ms",
-        RUN,
     ),
-    Wrong(
-        "stale",
+    of_plants(
         "SC reads what the DM does not, without an age",
-        LINE,
+        "nothing bounds the age of `far`: it may stop, and the DM does not look at it",
         (
             ("topic pos: float max_age 20ms;", "topic pos: float max_age 20ms;\ntopic far: float;"),
             ("drives pos = x;", "drives pos = x;\n  drives far = x;"),
             *careful("publish push = clamp(-4.0 * far, -1.0, 1.0);", reads="far"),
         ),
-        "nothing bounds the age of `far`: it may stop, and the DM does not look at it",
         None,
-        SILENCE,
+        named=SILENCE,
     ),
 )

@@ -9,8 +9,12 @@ Non-goals: laws that are too weak or too slow (`tests/generators/changed_modules
 from __future__ import annotations
 
 from functools import partial
+from typing import TYPE_CHECKING
 
 from bench.wrong_modules.base import CART, LINE, MAP, RUN, Base, Edit, Shown, Wrong, under
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 HEAD = "node Careful period 50ms {\n  subscribes pos;\n  publishes push;\n"
 LAW = "step { publish push = clamp(-4.0 * pos, -1.0, 1.0); }"
@@ -61,28 +65,40 @@ def one(
     return Wrong(kind, name, base, edits, why, shown, **rest)
 
 
+def because(kind: str, why: str, **usual: tuple[str, ...]) -> Callable[..., Wrong]:
+    """Entries of a kind that are all wrong for the same reason."""
+
+    def entry(
+        name: str,
+        edits: tuple[Edit, ...],
+        shown: Shown | None = RUN,
+        base: Base = LINE,
+        **rest: tuple[str, ...],
+    ) -> Wrong:
+        return one(kind, name, why, edits, shown, base, **{**usual, **rest})
+
+    return entry
+
+
 FULL = "the queue overflows between two steps: SC faults at its next one, and is latched"
 
 of_queues = partial(one, "queues")
+full = because("queues", FULL)
 QUEUES = (
-    of_queues(
+    full(
         "an unread `queue 1 fault` latches SC",
-        FULL,
         (*tick("10ms"), *stays(reads="pos, tick queue 1 fault")),
     ),
-    of_queues(
+    full(
         "an unread `queue 4 fault`, five ticks a period",
-        FULL,
         (*tick("10ms"), *stays(reads="pos, tick queue 4 fault")),
     ),
-    of_queues(
+    full(
         "an unread `queue 1 fault` of a slow, nearly equal period",
-        FULL,
         (*tick("49ms"), *stays(reads="pos, tick queue 1 fault")),
     ),
-    of_queues(
+    full(
         "the plant's own topic twice: read, and in a full queue",
-        FULL,
         careful("publish push = clamp(-4.0 * pos[0], -1.0, 1.0);", reads="pos queue 1 fault"),
     ),
     of_queues(
@@ -107,18 +123,16 @@ QUEUES = (
             ),
         ),
     ),
-    of_queues(
+    full(
         "an input topic fills an unread `queue 1 fault`",
-        FULL,
         (
             declared("input topic knob: float in [-1.0, 1.0];"),
             ("module Keep; until", "module Keep; input knob every 10ms; until"),
             *stays(reads="pos, knob queue 1 fault"),
         ),
     ),
-    of_queues(
+    full(
         "a map: an unread `queue 1 fault`",
-        FULL,
         (
             declared(
                 "topic tick: int in [0, 9] = 0;\n"
@@ -135,16 +149,15 @@ QUEUES = (
 TAKEN = "SC's first step after a take-over is a step fault: it is latched and publishes no more"
 
 of_takeover = partial(one, "takeover")
+taken = because("takeover", TAKEN)
 TAKEOVER = (
-    of_takeover("`on takeover` asserts false", TAKEN, stays("on takeover { assert false; }")),
-    of_takeover(
+    taken("`on takeover` asserts false", stays("on takeover { assert false; }")),
+    taken(
         "`on takeover` divides by zero",
-        TAKEN,
         stays("var n: int in [0, 9] = 3;", "on takeover { n = 3 / 0; }"),
     ),
-    of_takeover(
+    taken(
         "`on takeover` leaves the local's range",
-        TAKEN,
         stays("var n: int in [0, 9] = 9;", "on takeover { n = n + 1; }"),
     ),
     of_takeover(
@@ -176,27 +189,23 @@ TAKEOVER = (
             "on takeover { right = pos > 0.0; }",
         ),
     ),
-    of_takeover(
+    taken(
         "`on takeover` reads an element outside of an array",
-        TAKEN,
         (
             declared("const TABLE: float[3] = [0.0, 0.0, 0.0];"),
             *stays("var n: int in [0, 9] = 5;", "on takeover { n = TABLE[n] > 0.0 ? 0 : 1; }"),
         ),
     ),
-    of_takeover(
+    taken(
         "`on takeover` faults where SC takes over on the right",
-        TAKEN,
         stays("on takeover { assert pos < 0.3; }"),
     ),
-    of_takeover(
+    taken(
         "`on takeover` converts a large number",
-        TAKEN,
         stays("var n: int in [0, 9] = 5;", "on takeover { n = int(1e300); }"),
     ),
-    of_takeover(
+    taken(
         "a cart: `on takeover` asserts false",
-        TAKEN,
         (
             (
                 "  publishes accel;\n  step {\n    let wanted",
@@ -206,9 +215,8 @@ TAKEOVER = (
         RUN,
         CART,
     ),
-    of_takeover(
+    taken(
         "a map: `on takeover` asserts false",
-        TAKEN,
         stays("on takeover { assert false; }"),
         RUN,
         MAP,

@@ -10,31 +10,28 @@ from __future__ import annotations
 from functools import partial
 
 from bench.wrong_modules.base import MAP, RUN, SIGHT, under
-from bench.wrong_modules.controllers import GOES, careful, declared, one, stays
+from bench.wrong_modules.controllers import GOES, because, careful, declared, one, stays
 
 LATCHED = "SC is latched by a step fault and publishes no more"
 
 of_faults = partial(one, "faults")
+latched = because("faults", LATCHED)
 FAULTS = (
-    of_faults(
+    latched(
         "SC publishes outside its set beyond 0.72",
-        LATCHED,
         careful("publish push = -1.5 * clamp(pos, -1.0, 1.0);"),
         RUN,
     ),
-    of_faults(
+    latched(
         "SC publishes outside its set in a narrow band",
-        LATCHED,
         careful("publish push = abs(pos - 0.7) < 0.06 ? -1.01 : clamp(-4.0 * pos, -1.0, 1.0);"),
     ),
-    of_faults(
+    latched(
         "SC asserts that the place is below 0.65",
-        LATCHED,
         careful("assert pos < 0.65; publish push = clamp(-4.0 * pos, -1.0, 1.0);"),
     ),
-    of_faults(
+    latched(
         "SC divides by a number that is zero beyond 0.7",
-        LATCHED,
         careful(
             "let n = pos > 0.7 ? 0 : 1; publish push = clamp(-4.0 * pos, -1.0, 1.0) * float(1 / n);"
         ),
@@ -45,37 +42,32 @@ FAULTS = (
         (*careful("publish push = clamp(-4.0 * pos + 0.0 / (0.5 - pos), -1.0, 1.0);"),),
         None,
     ),
-    of_faults(
+    latched(
         "SC overflows an int",
-        LATCHED,
         careful(
             "let n = int(pos * 1e9) * 20000000000;"
             " publish push = n > 0 ? clamp(-4.0 * pos, -1.0, 1.0) : 0.0;"
         ),
     ),
-    of_faults(
+    latched(
         "SC leaves the range of an int local",
-        LATCHED,
         careful(
             "n = int(pos * 10.0); publish push = clamp(-4.0 * pos, -1.0, 1.0);",
             "var n: int in [-6, 6] = 0;",
         ),
     ),
-    of_faults(
+    latched(
         "SC converts what is too large",
-        LATCHED,
         careful(
             "let n = int(pos * 1.5e19); publish push = n > 0 ? clamp(-4.0 * pos, -1.0, 1.0) : 0.0;"
         ),
     ),
-    of_faults(
+    latched(
         "SC takes the root of a negative number: NaN",
-        LATCHED,
         careful("publish push = clamp(-4.0 * pos, -1.0, 1.0) * (0.5 + 0.0 * sqrt(0.72 - pos));"),
     ),
-    of_faults(
+    latched(
         "SC reads a table beyond its end",
-        LATCHED,
         (
             declared("const LAW: float[8] = [0.0, -0.5, -0.9, -1.0, -1.0, -1.0, -1.0, -1.0];"),
             *careful(
@@ -83,9 +75,8 @@ FAULTS = (
             ),
         ),
     ),
-    of_faults(
+    latched(
         "SC fills a list that is full",
-        LATCHED,
         careful(
             "var xs: float[<=7] = []; for i in 0..10 {"
             " if abs(pos) > 0.1 * float(i) { push xs, pos; } }"
@@ -100,16 +91,14 @@ FAULTS = (
             "failsafe push = 1.0;",
         ),
     ),
-    of_faults(
+    latched(
         "SC faults after ten thousand steps by its counter",
-        LATCHED,
         careful(
             "n = n + 1; publish push = clamp(-4.0 * pos, -1.0, 1.0);", "var n: int in [0, 100] = 0;"
         ),
     ),
-    of_faults(
+    latched(
         "SC faults on its second step in a place",
-        LATCHED,
         careful(
             "if abs(pos) > 0.6 { n = n + 1; } else { n = 0; }"
             " publish push = clamp(-4.0 * pos, -1.0, 1.0);",
@@ -125,17 +114,15 @@ FAULTS = (
         ),
         None,
     ),
-    of_faults(
+    latched(
         "a fault behind `&&`",
-        LATCHED,
         careful(
             "let n = pos > 0.65 ? 0 : 1;"
             " publish push = pos > 0.65 && 1 / n == 1 ? 1.0 : clamp(-4.0 * pos, -1.0, 1.0);"
         ),
     ),
-    of_faults(
+    latched(
         "a fault in a function that SC calls where it matters",
-        LATCHED,
         (
             declared(
                 "fun law(p: float): float { assert p < 0.65; return clamp(-4.0 * p, -1.0, 1.0); }"
@@ -143,24 +130,21 @@ FAULTS = (
             *careful("publish push = abs(pos) > 0.3 ? law(pos) : 0.0;"),
         ),
     ),
-    of_faults(
+    latched(
         "a fault in a loop's last round",
-        LATCHED,
         careful(
             "var s = 0.0; for i in 0..8 { assert pos < 1.0 - 0.05 * float(i); s = s - pos; }"
             " publish push = clamp(s, -1.0, 1.0);"
         ),
     ),
-    of_faults(
+    latched(
         "a map: SC publishes outside its set in a band",
-        LATCHED,
         careful("publish push = abs(pos - 0.7) < 0.06 ? -1.01 : clamp(-4.0 * pos, -1.0, 1.0);"),
         RUN,
         MAP,
     ),
-    of_faults(
+    latched(
         "an estimated place: SC divides by zero beyond 0.7",
-        LATCHED,
         careful(
             "let n = pos > 0.7 ? 0 : 1; publish push = clamp(-4.0 * pos, -1.0, 1.0) * float(1 / n);"
         ),
@@ -171,61 +155,46 @@ FAULTS = (
 
 BROKEN_PROMISE = "a contract that does not hold is a violation: the run counts as violated"
 
-of_contracts = partial(one, "contracts")
+broken = because("contracts", BROKEN_PROMISE, named=(r"guarantee", r"contract"))
 CONTRACTS = (
-    of_contracts(
+    broken(
         "SC guarantees less force than it uses",
-        BROKEN_PROMISE,
         stays("guarantees abs(push) < 0.9;"),
-        named=(r"guarantee", r"contract"),
     ),
-    of_contracts(
+    broken(
         "SC assumes that it is never far out",
-        BROKEN_PROMISE,
         stays("assumes abs(pos) < 0.6;"),
         named=(r"\bassumes\b", r"contract"),
     ),
-    of_contracts(
+    broken(
         "SC's guarantee faults",
-        BROKEN_PROMISE,
         stays("guarantees 1.0 / max(0.0, 0.6 - pos) > 0.0;"),
-        named=(r"guarantee", r"contract"),
     ),
-    of_contracts(
+    broken(
         "SC's assumption divides by zero",
-        BROKEN_PROMISE,
         stays("assumes 1 / (pos > 0.7 ? 0 : 1) == 1;"),
         named=(r"\bassumes\b", r"contract"),
     ),
-    of_contracts(
+    broken(
         "SC guarantees to push only while time is short",
-        BROKEN_PROMISE,
         stays("guarantees time < 5.0;"),
-        named=(r"guarantee", r"contract"),
     ),
-    of_contracts(
+    broken(
         "SC guarantees that the mode is AC",
-        BROKEN_PROMISE,
         stays("guarantees mode(Keep) == Mode.AC;"),
-        named=(r"guarantee", r"contract"),
     ),
-    of_contracts(
+    broken(
         "SC guarantees what false means",
-        BROKEN_PROMISE,
         stays("guarantees false;"),
-        named=(r"guarantee", r"contract"),
     ),
-    of_contracts(
+    broken(
         "SC of a map guarantees less force than it uses",
-        BROKEN_PROMISE,
         stays("guarantees abs(push) < 0.9;"),
         RUN,
         MAP,
-        named=(r"guarantee", r"contract"),
     ),
-    of_contracts(
+    broken(
         "SC assumes something of an input that is free",
-        BROKEN_PROMISE,
         (
             declared("input topic knob: float in [-1.0, 1.0];"),
             ("module Keep; until", "module Keep; input knob every 10ms; until"),
