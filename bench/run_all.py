@@ -283,7 +283,6 @@ BENCHMARKS = (
         "Real time: misses, controllers that fail, the way to SC's output",
         "bench/real_time/driver.py --minutes 10 --trials 100 --kills 10000 --deaths 200",
     ),
-    Benchmark("ROS 1 under /clock", "bench/ros/ros1_clock.py", last="equal|differ"),
     Benchmark(
         "ROS 1: who dies, and what the wheels are told",
         "bench/ros/ros1_kills.py",
