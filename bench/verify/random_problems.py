@@ -58,7 +58,7 @@ class RandomProblem:
     acts: int
     horizon: int = 0
     """Declared H in ns; 0: H*."""
-    _steps: dict[int, tuple[Array, Array]] = field(default_factory=dict)
+    _steps: dict[int, tuple[Array, Array]] = field(default_factory=dict, init=False)
 
     @property
     def d(self) -> int:
