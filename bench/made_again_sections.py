@@ -57,7 +57,6 @@ class Small:
 
 SIMULATED = ""
 """No column is of times: all of them are the simulated world's."""
-SHARE = "+P2b of it"
 CLOCK = "times of this machine"
 SCHEDULER = "when this machine schedules whom"
 BETAFLIGHT = "needs Betaflight's sources"
@@ -65,14 +64,12 @@ BEFORE = "needs a checkout of an older commit"
 PEER = "needs run-time-assurance in an environment of its own"
 PEERS = "needs the libraries of others in environments of their own"
 ROS = "needs ROS 1"
-ENDED_BY_CLOCK = "its searches end by the clock"
 MINUTES = "nothing smaller than the whole, which takes minutes; tests of its own hold it"
 
 SMALL = {
     "Slips of newcomers": Small(apart=MINUTES),
     "The drone's laps": Small("--laps 30 --jobs 1", flights=30, times=SIMULATED),
     "Hostile advanced controllers": Small("--laps 6 --jobs 1", flights=6, times=SIMULATED),
-    "The drone's laps with a shield": Small("--laps 10 --jobs 1", flights=10, times=SIMULATED),
     "The surveillance drone, whole": Small("--missions 40 --rrt-hours 0.02", flights=2),
     "The drone against the plant of its proof": Small(
         "--laps 5 --hostile 1 --jobs 1", flights=1, times=SIMULATED
@@ -107,8 +104,6 @@ SMALL = {
     "The mountain car: training with and without the module": Small(),
     "What people wait for": Small(machine=CLOCK),
     "From the wheel to proved, re-checked, flown": Small(machine=CLOCK),
-    "Honest modules of other kinds": Small("--only tank altitude", part=True, times=SHARE),
-    "The surveillance drone, proved": Small(apart=MINUTES, times=SHARE),
     "The surveillance drone: stacks that must not be proved": Small("--quick"),
     "The generated program and the kernel": Small(apart=MINUTES),
     "The house": Small(apart="counts of the code, others after every commit"),
@@ -128,7 +123,6 @@ SMALL = {
     "Wrong modules that must not be proved without a word": Small(apart=MINUTES),
     "Random problems and adversaries": Small("--problems 3 --steps 1e5"),
     "A closed-loop adversary against proved modules": Small("--modules 3 --steps 100000"),
-    "What a shield is worth": Small("--flights 20", flights=20),
     "A closed-loop adversary against shields": Small("--runs 20"),
     "Shields that are wrong": Small("--steps 100000"),
     "Towers flown against": Small("--towers 1 --flights 2"),
@@ -147,20 +141,13 @@ SMALL = {
     "Mutants of the re-checker's core": Small(apart=MINUTES),
     "Certificates that say more than is true": Small("--share 0.01 --jobs 1"),
     "soter verify: honest robots at the first attempt": Small(apart=MINUTES),
-    "soter verify: honest robots with a rest in the place of a grid": Small(apart=MINUTES),
-    "soter verify: polytopes of drawn systems": Small("--systems 3", apart=MINUTES),
-    "soter verify: robots that are not proved": Small(apart=MINUTES),
-    "K against what survives an adversary": Small("--chains 1 none", apart=MINUTES),
     "soter verify: robots made wrong": Small(apart=MINUTES),
-    "soter test: whole robots": Small("--seconds 5", apart=ENDED_BY_CLOCK),
-    "soter test against the brute-force enumerator": Small("--programs 12"),
     "soter test: bugs seeded in the examples": Small("--only two_modules --brute 1000", part=True),
     "Delays of the trusted part": Small("--runs 1", times=SIMULATED),
     "Real time: misses, controllers that fail, the way to SC's output": Small(
         instead="bench/real_time/driver.py --minutes 0.05 --trials 1 --kills 5 --deaths 1",
         machine=SCHEDULER,
     ),
-    "ROS 1 under /clock": Small(apart=ROS),
     "ROS 1: who dies, and what the wheels are told": Small("--ac 2 --trusted 1", machine=SCHEDULER),
     "ROS 1: what is wrong on the wire": Small(machine=SCHEDULER),
     "The wire of ROS 2: samples": Small("--samples 200", apart="needs Fast DDS and cyclonedds"),
@@ -187,8 +174,6 @@ SMALL = {
         "--worlds 1 --workers 1", times=SIMULATED
     ),
     "A rover among people": Small("--only hover --runs 3", flights=3, times="x real"),
-    "A rover among people, proved": Small(apart=MINUTES, times=SHARE),
-    "Safe exploration, proved": Small(apart=MINUTES, times=SHARE),
     "Betaflight below a proved geofence": Small(
         "--flights 8 --workers 1", flights=8, times="wall", apart=BETAFLIGHT
     ),

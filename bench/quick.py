@@ -1,13 +1,12 @@
 """All ratios of speed that people feel, beside their peers, in one short run.
 
-    make bench-quick      (or: .venv/bin/python bench/quick.py [--peer PYTHON] [--only PART])
+    make bench-quick      (or: .venv/bin/python bench/quick.py [--only PART])
 
 Purpose: a row a figure: what was measured, beside what, the target; some 15 seconds (45 where
-nothing is compiled yet), a minute with `--peer`, minutes with `--sizes`. Commands are whole
-processes, their processor time (median), so that others on the machine matter less; steps and
-flights are processor time of this process, in turns with their peers. `--peer`: a Python with
-run-time-assurance (bench/running/simplex_peer.py). What takes minutes each has a command of its own
-and is named at the end. Exit code 1 where a target is missed.
+nothing is compiled yet). Commands are whole processes, their processor time (median), so that
+others on the machine matter less; steps and flights are processor time of this process, in turns
+with what they are compared with. What takes minutes each has a command of its own and is named at
+the end. Exit code 1 where a target is missed.
 """
 
 from __future__ import annotations
@@ -17,13 +16,11 @@ import importlib.util
 import os
 import re
 import resource
-import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-import venv
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -64,7 +61,8 @@ system Bare default {{ car: cliff.MountainCar; node Driver; until 999s; }}
 """
 NODES = 1000
 ELSEWHERE = """measured elsewhere, in minutes: `verify` and `recheck` of the examples
-(bench/recheck/beside_verify.py)"""
+(bench/recheck/beside_verify.py), AFRL's filter (bench/running/simplex_peer.py), bytes of an install
+(bench/newcomers/from_wheel.py)"""
 
 
 @dataclass(frozen=True)
@@ -202,7 +200,7 @@ def turns_of(ways: dict[str, Callable[[], object]], turns: int = 3 * TURNS) -> d
     return {name: statistics.median(t) for name, t in times.items()}
 
 
-def learning(peer: str) -> Iterator[Row]:
+def learning() -> Iterator[Row]:
     """Steps of environments."""
     program = soter.load(CLIFF)
     protected = Protected(program, cliff_env.make())
@@ -228,8 +226,6 @@ def learning(peer: str) -> Iterator[Row]:
         most=False,
     )
     yield first_environment()
-    if peer:
-        yield from simplex_peer(peer)
 
 
 def first_environment() -> Row:
@@ -259,18 +255,6 @@ def cart_environment() -> Any:  # noqa: ANN401 - of the tests
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module.Cart()
-
-
-def simplex_peer(peer: str) -> Iterator[Row]:
-    """Beside AFRL's filter, by its own benchmark."""
-    script = ROOT / "bench" / "running" / "simplex_peer.py"
-    done = subprocess.run(
-        [sys.executable, str(script), "--peer", peer], capture_output=True, text=True, check=False
-    )
-    ratio = re.search(r"Python: ([\d.]+) x", done.stdout)
-    if ratio is not None:
-        name = "run-time-assurance's filter / a step's cost"
-        yield Row(name, float(ratio[1]), "x", 50.0, "explicit switching, docking", most=False)
 
 
 # ---------------------------------------------------------------- flights
@@ -306,44 +290,20 @@ def flights() -> Iterator[Row]:
     )
 
 
-# ---------------------------------------------------------------- the disk
-
-
-def sizes() -> Iterator[Row]:
-    """Virtual environments, from the registry: some minutes.
-
-    That of `make demo` holds Soter as a link to the checkout, as the Makefile installs it.
-    """
-    installs = (((".",), "`pip install .`", 110.0), (("-e", ".[demo]"), "`make demo`", 250.0))
-    for what, name, target in installs:
-        with tempfile.TemporaryDirectory() as folder:
-            venv.create(folder, with_pip=True)
-            pip = [str(Path(folder) / "bin" / "python"), "-m", "pip", "install", "--quiet"]
-            subprocess.run([*pip, *what], cwd=ROOT, check=True, capture_output=True)
-            done = subprocess.run(["du", "-sk", folder], check=True, capture_output=True, text=True)
-        yield Row(f".venv of {name}", int(done.stdout.split()[0]) / 1024, "MiB", target)
-
-
 def main() -> int:
     """Measure and print; 1 where a target is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parts: dict[str, Callable[[], Iterator[Row]]] = {
-        "sizes": sizes,
         "commands": commands,
         "keys": keystrokes,
-        "learning": lambda: learning(given.peer),
+        "learning": learning,
         "flights": flights,
     }
-    parser.add_argument("--peer", default="", help="a Python with run-time-assurance")
     parser.add_argument("--only", choices=sorted(parts), help="one part of it")
-    parser.add_argument("--sizes", action="store_true", help="virtual environments, too: minutes")
     given = parser.parse_args()
-    if given.peer and shutil.which(given.peer) is None:
-        parser.error(f"--peer: there is no program `{given.peer}`")
-    asked = {given.only} if given.only else parts.keys() - {"sizes"}
     rows: list[Row] = []
     for name, part in parts.items():
-        if name in asked or (name == "sizes" and given.sizes):
+        if given.only in (None, name):
             print(f"measuring {name} ...", file=sys.stderr, flush=True)
             rows += part()
     shown = [(r.name, f"{r.value:,.3g} {r.unit}", target_of(r), met_of(r), r.beside) for r in rows]

@@ -82,11 +82,6 @@ BENCHMARKS = (
     Benchmark(
         "Hostile advanced controllers", "bench/drone/laps.py --adversaries", heads="violations"
     ),
-    Benchmark(
-        "The drone's laps with a shield",
-        "bench/drone/laps.py --shield",
-        heads="arm|with violation|mean clean lap|AC share",
-    ),
     Benchmark("The surveillance drone, whole", "bench/drone/stack.py --missions 10000"),
     Benchmark(
         "The drone against the plant of its proof",
@@ -169,16 +164,6 @@ BENCHMARKS = (
         "bench/newcomers/from_wheel.py --everything --tools",
     ),
     Benchmark(
-        "Honest modules of other kinds",
-        "bench/verify/generality.py --recheck",
-        heads="verdict|wall|recheck",
-    ),
-    Benchmark(
-        "The surveillance drone, proved",
-        "bench/verify/generality.py --recheck --program examples/drone/surveillance.soter",
-        heads="verdict|wall|recheck",
-    ),
-    Benchmark(
         "The surveillance drone: stacks that must not be proved", "bench/drone/wrong_stacks.py"
     ),
     Benchmark(
@@ -227,7 +212,6 @@ BENCHMARKS = (
         last="^all ",
         heads="proved|safe only|violations",
     ),
-    Benchmark("What a shield is worth", "bench/adversary/shield.py", last="a step of AC, ns"),
     Benchmark(
         "A closed-loop adversary against shields",
         "bench/adversary/against_shields.py",
@@ -289,21 +273,6 @@ BENCHMARKS = (
         last="^[0-9]+ of",
     ),
     Benchmark("soter verify: robots made wrong", "bench/newcomers/wrong_robots.py"),
-    Benchmark("soter verify: polytopes of drawn systems", "bench/verify/undecided_costs.py"),
-    Benchmark(
-        "soter verify: robots that are not proved",
-        "bench/verify/undecided_costs.py --systems 0 --robots",
-    ),
-    Benchmark("K against what survives an adversary", "bench/verify/survivors.py"),
-    Benchmark(
-        "soter verify: honest robots with a rest in the place of a grid",
-        "bench/newcomers/rest_attempt.py",
-    ),
-    Benchmark("soter test: whole robots", "bench/testing/whole_robots.py"),
-    Benchmark(
-        "soter test against the brute-force enumerator",
-        "bench/testing/soundness.py --programs 600",
-    ),
     Benchmark(
         "soter test: bugs seeded in the examples",
         "bench/testing/mutants.py",
@@ -314,7 +283,6 @@ BENCHMARKS = (
         "Real time: misses, controllers that fail, the way to SC's output",
         "bench/real_time/driver.py --minutes 10 --trials 100 --kills 10000 --deaths 200",
     ),
-    Benchmark("ROS 1 under /clock", "bench/ros/ros1_clock.py", last="equal|differ"),
     Benchmark(
         "ROS 1: who dies, and what the wheels are told",
         "bench/ros/ros1_kills.py",
@@ -363,16 +331,6 @@ BENCHMARKS = (
     ),
     Benchmark(
         "A rover among people", "bench/exploration/people.py", last="^Soter", heads="touched"
-    ),
-    Benchmark(
-        "A rover among people, proved",
-        "bench/verify/generality.py --recheck --program examples/exploration/people.soter",
-        heads="verdict|wall|recheck",
-    ),
-    Benchmark(
-        "Safe exploration, proved",
-        "bench/verify/generality.py --recheck --program examples/exploration/exploration.soter",
-        heads="verdict|wall|recheck",
     ),
     Benchmark(
         "Betaflight below a proved geofence", "bench/autopilot/flights.py", heads="flights|violated"

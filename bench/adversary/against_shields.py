@@ -12,7 +12,7 @@ judgement, or later, and was not among those judged. `--toward`: with shields th
 toward SC's before they judge them. `--wrong`: every wrong shield must get no proof, be rejected by
 the re-checker, or be one on which the same adversary finds a violation, and finds none without it.
 Exit code 1 where a module is left, or a wrong shield goes unnoticed.
-Non-goals: modules without a shield (`against_proofs.py`), what a shield is worth (`shield.py`).
+Non-goals: modules without a shield (`against_proofs.py`).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Towers of two, drawn at random and flown against: what is proved of either module holds.
 
-    .venv/bin/python bench/adversary/towers.py [--towers 60] [--flights 20] [--json FILE]
+    .venv/bin/python bench/adversary/towers.py [--towers 60] [--flights 20]
 
 Purpose: each tower has a cart, thresholds, periods, delays and strengths of its own, many of them
 wrong. What `soter verify` proves of the outer module, and of the inner one while the outer one is
@@ -14,12 +14,11 @@ Non-goals: errors and disturbances at their ends in every step (`against_proofs.
 from __future__ import annotations
 
 import argparse
-import json
 import random
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import soter
@@ -174,7 +173,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
     parser.add_argument("--towers", type=int, default=60)
     parser.add_argument("--flights", type=int, default=20)
-    parser.add_argument("--json", type=Path, default=None)
     options = parser.parse_args()
     began, towers = time.perf_counter(), []
     with tempfile.TemporaryDirectory() as folder:
@@ -198,8 +196,6 @@ def main() -> int:
             f"{bite} were violated"
         )
     print(f"{time.perf_counter() - began:.0f} s")
-    if options.json is not None:
-        options.json.write_text(json.dumps([asdict(t) for t in towers], indent=1) + "\n")
     return int(any(t.proved[n] and t.violated[n] for t in towers for n in CLAIMS))
 
 

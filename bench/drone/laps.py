@@ -2,40 +2,30 @@
 
 Purpose: the first three rows and the speed row of issue 2's "Must reach", from one command:
 `python bench/drone/laps.py` flies 1,000 laps of each arm with wind and measurement errors
-drawn within their declared bounds; `--adversaries` flies hostile ACs under the module instead, and
-`--shield` two ACs under the module and under one with a shield (laps_shield.soter), which refuses
-commands or moves them toward SC's; `moved` is the share of AC's commands that it moves, in a lap.
+drawn within their declared bounds; `--adversaries` flies hostile ACs under the module instead.
 Non-goals: pictures (`make demo`).
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
 import multiprocessing
 import os
 import sys
-import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-import soter
 from soter.campaign.batch_flights import Fleet
 from soter.language.front_end import check_file, system_of
 from soter.report.terminal_tables import table
 from soter.simulate.run import NativeProgram
 from soter.verify.deploy.missing_predicates import complete
 
-if TYPE_CHECKING:
-    from soter.language.model.types import Value
-
 ROOT = Path(__file__).resolve().parents[2]
 DRONE = ROOT / "examples" / "drone"
-SHIELDED = Path(__file__).with_name("laps_shield.soter")
 ARMS = ("AdvancedOnly", "Protected", "SafeOnly")
 HOSTILE = ("Twitching", "Jerking", "Pushing", "Ramming", "Failing")
 FIRST_SEED = 10_000
@@ -57,13 +47,13 @@ class Lap:
     flown_s: float
 
 
-def fly(task: tuple[str, str, range, bool, dict[str, Value]]) -> list[Lap]:
+def fly(task: tuple[str, str, range, bool]) -> list[Lap]:
     """Every seed of one chunk.
 
-    `task`: (file, system, seeds, whether AC share is that of the whole run, parameters).
+    `task`: (file, system, seeds, whether AC share is that of the whole run).
     """
-    file, name, seeds, whole, params = task
-    system = system_of(check_file(str(DRONE / file)), name, params)
+    file, name, seeds, whole = task
+    system = system_of(check_file(str(DRONE / file)), name)
     complete(system)
     program = NativeProgram(system)
     lap_topic = next(t.name for t in system.topics if t.name.rsplit(".", 1)[-1] == "lap")
@@ -97,15 +87,11 @@ def campaign(
     count: int,
     *,
     whole: bool,
-    params: dict[str, Value] | None = None,
 ) -> list[Lap]:
     """`count` runs of a system, spread over the cores."""
     chunk = max(1, min(50, count // (2 * (os.cpu_count() or 1))))
     ends = range(FIRST_SEED, FIRST_SEED + count, chunk)
-    tasks = [
-        (file, name, range(a, min(a + chunk, FIRST_SEED + count)), whole, params or {})
-        for a in ends
-    ]
+    tasks = [(file, name, range(a, min(a + chunk, FIRST_SEED + count)), whole) for a in ends]
     return [lap for part in pool.map(fly, tasks, chunksize=1) for lap in part]
 
 
@@ -126,7 +112,7 @@ def campaign_speed(single: list[Lap]) -> tuple[float, bool]:
 
 def speeds(count: int) -> list[tuple[str, str, str, bool]]:
     """The rows of speed: each lap by itself, and all of them as a campaign."""
-    one_core = fly(("motion_primitive.soter", "Protected", range(1, 1 + count), False, {}))
+    one_core = fly(("motion_primitive.soter", "Protected", range(1, 1 + count), False))
     alone = float(np.median([lap.flown_s / lap.wall_s for lap in one_core]))
     together, same = campaign_speed(one_core)
     right = together >= FAST and same
@@ -244,59 +230,15 @@ def adversaries(pool: multiprocessing.pool.Pool, count: int) -> int:
     return total
 
 
-def shields(pool: multiprocessing.pool.Pool, count: int) -> int:
-    """Print what a shield is worth to an eager AC and to a gentle one; the number of violations."""
-    with tempfile.TemporaryDirectory() as folder:
-        text = SHIELDED.read_text("utf-8").replace('"../../examples/', f'"{ROOT}/examples/')
-        toward = Path(folder) / "laps_toward.soter"
-        toward.write_text(text.replace("  shield 8;\n", "  shield 8 toward sc;\n"), "utf-8")
-        arms = (
-            ("AC alone", "motion_primitive.soter", "AdvancedOnly", ""),
-            ("state alone", "motion_primitive.soter", "Protected", ""),
-            ("shield", str(SHIELDED), "Laps", "lap."),
-            ("toward sc", str(toward), "Laps", "lap."),
-        )
-        rows = []
-        violations = 0
-        for (who, eager), (arm, file, name, prefix) in itertools.product(
-            (("eager", True), ("gentle", False)), arms
-        ):
-            params: dict[str, Value] = {f"{prefix}AGGRESSIVE": eager}
-            laps = campaign(pool, file, name, count, whole=False, params=params)
-            broken = sum(lap.violations > 0 for lap in laps)
-            violations += broken if arm != "AC alone" else 0
-            share = float(np.mean([lap.ac_share for lap in laps]))
-            switches = float(np.mean([lap.switches for lap in laps]))
-            moved = f"{moved_share(toward, params):.1%}" if arm == "toward sc" else "-"
-            lap_s = f"{mean_lap_s(laps):.2f} s"
-            rows.append((who, arm, str(broken), lap_s, f"{share:.2%}", moved, f"{switches:.2f}"))
-    head = ("AC", "arm", "with violation", "mean clean lap", "AC share", "moved", "takeovers")
-    print(table(head, rows))
-    return violations
-
-
-def moved_share(path: Path, params: dict[str, Value]) -> float:
-    """What share of AC's commands a shield moves, in the first ten seconds of five laps."""
-    program = soter.load(path)
-    runs = [
-        program.simulate(system="Laps", seed=seed, until="10s", params=params, trace=False)
-        for seed in range(5)
-    ]
-    published, moved = np.sum([run.moved_commands[0] for run in runs], axis=0)
-    return float(moved / published)
-
-
 def main() -> int:
     """Read the command line, fly, print; exit code 1 when a target is missed."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--laps", type=int, default=1000, help="runs of each system (1000)")
     parser.add_argument("--adversaries", action="store_true", help="hostile ACs instead")
-    parser.add_argument("--shield", action="store_true", help="with and without a shield instead")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes (all cores)")
     chosen = parser.parse_args()
     with multiprocessing.Pool(chosen.jobs) as pool:
-        what = adversaries if chosen.adversaries else shields if chosen.shield else arms
-        missed = what(pool, chosen.laps)
+        missed = (adversaries if chosen.adversaries else arms)(pool, chosen.laps)
     return 1 if missed else 0
 
 

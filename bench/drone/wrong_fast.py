@@ -8,6 +8,8 @@ Non-goals: batteries and planners (`wrong_slow.py`).
 
 from __future__ import annotations
 
+from functools import partial
+
 from bench.drone.wrong_base import Edit, World, Wrong
 
 RAMS = "examples/drone/corridor_adversaries.soter"
@@ -52,66 +54,57 @@ def _fast(
 
 
 # ---------------------------------------------------------------- motion primitive
-M = "motion"
+_motion = partial(_fast, "motion")
 TTF = "ttf !S0(east, west, north, south, above, below, H) || !permit;"
 SAFER = "safer S0(east, west, north, south, above, below, H_SAFER);"
 NEED = """return m.ahead - E_Q >= Need(faster, tau, u, b, tail) && faster + (u + D) * tau <= fastest
       && m.toward - E_V - (u + D) * tau >= -fastest;"""
 LAW = "return clamp(9.0 * (clamp(2.0 * Gap(m, wished, margin), -creep, creep) - m.w), -u, u);"
 MOTIONS = (
-    _fast(M, "ttf never", "DM asks only for the permit", (TTF, "ttf !permit;")),
-    _fast(
-        M,
+    _motion("ttf never", "DM asks only for the permit", (TTF, "ttf !permit;")),
+    _motion(
         "ttf of a floor plan",
         "DM forgets ceiling and ground",
         ("&& Level(s, tau) && Upright(a, tau)\n      && Upright(b, tau);", "&& Level(s, tau);"),
     ),
-    _fast(
-        M,
+    _motion(
         "no look-ahead",
         "DM acts when the wall is reached",
         (TTF, "ttf !PhiSafe_MPr(east, west, north, south, above, below) || !permit;"),
     ),
-    _fast(
-        M,
+    _motion(
         "speed forgotten",
         "the sets go by distance alone",
         (NEED, "return m.ahead - E_Q >= tail;"),
     ),
-    _fast(
-        M,
+    _motion(
         "brakes too good",
         "the sets count on 8 m/s² of braking",
         ("const B: float = 3.0;", "const B: float = 8.0;"),
     ),
-    _fast(
-        M,
+    _motion(
         "brakes too good upright",
         "the sets count on 4 m/s² of braking upright",
         ("const B_UP: float = 0.88;", "const B_UP: float = 4.0;"),
     ),
-    _fast(
-        M,
+    _motion(
         "no margin",
         "no look-ahead, errors or tail in the sets",
         (NEED, "return m.ahead >= m.toward * abs(m.toward) / (2.0 * b);"),
     ),
-    _fast(
-        M,
+    _motion(
         "safer too wide",
         "control comes back wherever the box is not left",
         (SAFER, "safer PhiSafe_MPr(east, west, north, south, above, below);"),
     ),
-    _fast(
-        M,
+    _motion(
         "SC too weak",
         "SC brakes with a fifth of what the sets count on",
         (LAW, LAW.replace("-u, u)", "-0.2 * u, 0.2 * u)")),
     ),
-    _fast(M, "SC lets go", "SC asks for nothing", (LAW, "return 0.0;")),
-    _fast(M, "SC reversed", "SC goes the wrong way", (LAW, LAW.replace("clamp(9.0", "clamp(-9.0"))),
-    _fast(
-        M,
+    _motion("SC lets go", "SC asks for nothing", (LAW, "return 0.0;")),
+    _motion("SC reversed", "SC goes the wrong way", (LAW, LAW.replace("clamp(9.0", "clamp(-9.0"))),
+    _motion(
         "a gale",
         "five times the wind in the world and in the proof",
         ("iris.soter", "const WIND: float = 0.3;", "const WIND: float = 1.5;"),
@@ -119,45 +112,39 @@ MOTIONS = (
 )
 
 # ---------------------------------------------------------------- times of the motion primitive
-T = "timing"
+_timed = partial(_fast, "timing")
 TIMES = (
-    _fast(
-        T,
+    _timed(
         "slow decision",
         "DM looks every 200 ms",
         ("  sc MotionPrimitiveSC;\n  period 10ms;", "  sc MotionPrimitiveSC;\n  period 200ms;"),
         ("horizon 30ms;", "horizon 400ms;"),
     ),
-    _fast(
-        T,
+    _timed(
         "slow both",
         "DM looks, and SC speaks, every 200 ms",
         ("  sc MotionPrimitiveSC;\n  period 10ms;", "  sc MotionPrimitiveSC;\n  period 200ms;"),
         ("node MotionPrimitiveSC period 10ms", "node MotionPrimitiveSC period 200ms"),
     ),
-    _fast(
-        T,
+    _timed(
         "slow follower",
         "Follower speaks every 200 ms, and so long it counts",
         ("node Follower period 10ms", "node Follower period 200ms"),
         ("max_age 11ms", "max_age 210ms"),
     ),
-    _fast(
-        T,
+    _timed(
         "late DM",
         "DM may be 20 ms late",
         ("late dm 500us,", "late dm 20ms,"),
         why="nobody is late in virtual time",
     ),
-    _fast(
-        T,
+    _timed(
         "late follower",
         "Follower may be 20 ms late",
         ("Follower 500us;", "Follower 20ms;"),
         why="nobody is late in virtual time",
     ),
-    _fast(
-        T,
+    _timed(
         "slow start",
         "what is asked for acts up to 100 ms later",
         ("acts within 0ms;", "acts within 100ms;"),
@@ -166,7 +153,7 @@ TIMES = (
 )
 
 # ---------------------------------------------------------------- follower and hand-over
-F = "follower"
+_follower = partial(_fast, "follower")
 GUARD = """  return Nested(e) && Level(e, H) && Nested(w) && Level(w, H) && Nested(n) && Level(n, H)
       && Nested(s) && Level(s, H) && Nested(a) && Upright(a, H) && Nested(b) && Upright(b, H);
 """
@@ -174,15 +161,13 @@ NEXT = "      if MayEnter(blocks[at + 1], m) {\n"
 WAY = "      if MayEnter(way.corridor.blocks[0], m) {\n"
 JUMPS = _worlds("Jumping")
 FOLLOWERS = (
-    _fast(F, "next box unseen", "the next box is entered at once", (NEXT, "      if true {\n")),
-    _fast(
-        F,
+    _follower("next box unseen", "the next box is entered at once", (NEXT, "      if true {\n")),
+    _follower(
         "outside S_0",
         "the next box is entered wherever it is reached",
         (NEXT, "      if boxes.Contains(blocks[at + 1], m.p) {\n"),
     ),
-    _fast(
-        F,
+    _follower(
         "speed forgotten",
         "the guard of a box, and what it promises, say nothing of S_0",
         (
@@ -193,27 +178,23 @@ FOLLOWERS = (
             ),
         ),
     ),
-    _fast(
-        F,
+    _follower(
         "guard says yes",
         "the guard of a box, and what it promises, are always true",
         (GUARD, "  return e.room > -LONG || w.room + n.room + s.room + a.room + b.room > 0.0;\n"),
         worlds=JUMPS,
     ),
-    _fast(
-        F,
+    _follower(
         "by SC anywhere",
         "under SC the next box is entered without a look",
         (NEXT, "      if MayEnter(blocks[at + 1], m) || mode(SafeMotionPrimitive) == Mode.SC {\n"),
     ),
-    _fast(
-        F,
+    _follower(
         "one instant early",
         "the mode that was there before DM looked stands for S_0",
         (NEXT, "      if MayEnter(blocks[at + 1], m) || mode(SafeMotionPrimitive) == Mode.AC {\n"),
     ),
-    _fast(
-        F,
+    _follower(
         "two at once",
         "S_0 of the next box lets it enter the one behind",
         (
@@ -221,15 +202,13 @@ FOLLOWERS = (
             NEXT + "        at = at + 2 < blocks.len ? at + 2 : at + 1;\n",
         ),
     ),
-    _fast(
-        F,
+    _follower(
         "new way unseen",
         "a new corridor is adopted from anywhere",
         (WAY, "      if true {\n"),
         worlds=JUMPS,
     ),
-    _fast(
-        F,
+    _follower(
         "landing ignored by the tube",
         "a landing flies to the last box at once",
         (
@@ -238,8 +217,7 @@ FOLLOWERS = (
         ),
         worlds=_worlds("Landing", "Jumping"),
     ),
-    _fast(
-        F,
+    _follower(
         "box of another step",
         "the walls are those of the next box, whichever is flown",
         ("    let b = blocks[at];\n", "    let b = blocks[at + 1 < blocks.len ? at + 1 : at];\n"),
@@ -247,8 +225,8 @@ FOLLOWERS = (
 )
 
 # ---------------------------------------------------------------- the whole
-W = "composition"
 ALL = ("surveillance.soter", None)
+_whole = partial(_fast, "composition", verify=ALL)
 BOTH = ("surveillance.soter", "surveillance_adversaries.soter")
 LOW = (("battery.START_CHARGE", 0.05),)
 """The unbroken stack stays in its dock with so little."""
@@ -269,60 +247,48 @@ def _also(after: str, more: str) -> tuple[tuple[str, str, str], ...]:
 
 
 WHOLE = (
-    _fast(
-        W,
+    _whole(
         "battery not asked",
         "the system leaves SafeBattery to its AC",
         *_also("  module battery.SafeBattery;\n", "  force SafeBattery ac;\n"),
-        verify=ALL,
         worlds=AIRBORNE,
     ),
-    _fast(
-        W,
+    _whole(
         "landing replaced",
         "the system has a node for Land that flies on",
         ("battery.soter", "node Land period", STAYS + "node Land period"),
         *_also("  module battery.SafeBattery;\n", "  replace Land by battery.Stays;\n"),
-        verify=ALL,
         worlds=AIRBORNE,
     ),
-    _fast(
-        W,
+    _whole(
         "walls not asked",
         "the system leaves SafeMotionPrimitive to its AC",
         *_also("  module drone.SafeMotionPrimitive;\n", "  force SafeMotionPrimitive ac;\n"),
-        verify=ALL,
         worlds=STACK,
     ),
-    _fast(
-        W,
+    _whole(
         "SC replaced",
         "the system has a node for the motion primitive's SC that asks for nothing",
         ("node MotionPrimitiveSC period", IDLES + "node MotionPrimitiveSC period"),
         *_also(
             "  module drone.SafeMotionPrimitive;\n", "  replace MotionPrimitiveSC by drone.Idles;\n"
         ),
-        verify=ALL,
         worlds=STACK,
     ),
-    _fast(
-        W,
+    _whole(
         "plan unseen",
         "two modules rely on corridors that the third one's follower adopts unseen after 50 ms",
         ("planner.soter", "        if Proper(c) {\n", "        if true {\n"),
         ("planner.soter", "SETTLED: duration = 250ms", "SETTLED: duration = 50ms"),
-        verify=ALL,
         worlds=(World(HOSTILE, "Lying", 60.0, "Sound", 3),),
     ),
 )
 FAST = (*MOTIONS, *TIMES, *FOLLOWERS, *WHOLE)
 
 # ---------------------------------------------------------------- what is assumed
-A = "assumed"
-MPR = ("corridor.soter", "SafeMotionPrimitive")
+_assumed = partial(_fast, "assumed")
 ASSUMED = (
-    _fast(
-        A,
+    _assumed(
         "no inflation in Sound",
         "boxes are free that keep no radius from walls: `safe` itself says too little",
         (
@@ -334,16 +300,14 @@ ASSUMED = (
         worlds=(World(RAMS, "Ramming", 60.0, "NoCollision", 4),),
         assumed="opaque .*Sound",
     ),
-    _fast(
-        A,
+    _assumed(
         "a gale unforeseen",
         "five times the wind that the proof knows",
         ("iris.soter", "const WIND: float = 0.3;", "const WIND: float = 1.5;"),
         ("const D: float = iris.WIND + RESIDUAL;", "const D: float = 0.3 + RESIDUAL;"),
         assumed="d behaves like",
     ),
-    _fast(
-        A,
+    _assumed(
         "walls shown too far",
         "Follower shows every wall half a metre farther",
         *(
@@ -356,8 +320,7 @@ ASSUMED = (
         ),
         assumed="shows, within the errors declared, the state of d that Follower",
     ),
-    _fast(
-        A,
+    _assumed(
         "shaped twice",
         "Shaper flies twice what is asked for",
         ("iris.shaped(filter, control)", "iris.shaped(filter, 2.0 * control)"),

@@ -8,7 +8,7 @@ Non-goals: what is proved (`soter verify`).
 
     python bench/exploration/people.py               10,000 encounters and more
     python bench/exploration/people.py --runs 10
-    python bench/exploration/people.py --only street --set PASSAGE=1.5
+    python bench/exploration/people.py --only street
     python bench/exploration/people.py --price       what a lidar costs: shares of AC's mean speed
 
 An *encounter* begins where somebody comes within 1 m of the vehicle's hull and ends beyond 2 m.
@@ -87,7 +87,6 @@ def table(name: str, asked: argparse.Namespace) -> None:
     path = FOLDER / f"{name}.soter"
     program = soter.load(path)
     kind_of_people = {"people": "KIND", "street": "people.KIND"}.get(name, "walkers.KIND")
-    params = dict(text.split("=", 1) for text in asked.set)
     print(
         f"{path.name:<17}{'people':<12}{'runs':>6}{'encounters':>12}{'touched':>9}{'m/s':>10}"
         f"{'AC %':>8}{'x real':>8}"
@@ -95,8 +94,7 @@ def table(name: str, asked: argparse.Namespace) -> None:
     for arm, vehicle in VEHICLES[name].items():
         total = 0
         for kind, runs in RUNS.items():
-            values = {kind_of_people: kind, **{n: float(v) for n, v in params.items()}}
-            text, encounters = row(program, vehicle, asked.runs or runs, values)
+            text, encounters = row(program, vehicle, asked.runs or runs, {kind_of_people: kind})
             total += encounters
             print(f"{arm:<17}{kind:<12}{text}", flush=True)
         print(f"{arm:<17}{'all':<12}{'':>6}{total:>12}")
@@ -164,7 +162,6 @@ def main() -> None:
         "--runs", type=int, help="of each kind; by default as many as the table has"
     )
     parser.add_argument("--only", choices=VEHICLES, help="one file of them")
-    parser.add_argument("--set", action="append", default=[], metavar="NAME=NUMBER")
     parser.add_argument("--price", action="store_true", help="the price of a lidar, of 100 runs")
     asked = parser.parse_args()
     if asked.price:

@@ -193,19 +193,18 @@ def fly(row: Row, folder: Path, seconds: float) -> str:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--folder", type=Path, help="of packages, which are kept")
     parser.add_argument("--seconds", type=float, default=60.0)
     arguments = parser.parse_args()
     os.environ |= {"ROS_DOMAIN_ID": str(os.getpid() % 200 + 1), "CYCLONEDDS_URI": LOOPBACK}
-    folder = arguments.folder or Path(tempfile.mkdtemp())
-    folder.mkdir(parents=True, exist_ok=True)
-    build(folder)
-    print(
-        f"{'one drone':<18} {'nearest, m':>10} {'overlaps':>8} {'outside':>7} {'changes':>7} "
-        f"{'of 0 then':>9} {'moved, s':>8} {'late':>6}"
-    )
-    for row in ROWS:
-        print(fly(row, folder, arguments.seconds), flush=True)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        build(folder)
+        print(
+            f"{'one drone':<18} {'nearest, m':>10} {'overlaps':>8} {'outside':>7} {'changes':>7} "
+            f"{'of 0 then':>9} {'moved, s':>8} {'late':>6}"
+        )
+        for row in ROWS:
+            print(fly(row, folder, arguments.seconds), flush=True)
 
 
 if __name__ == "__main__":

@@ -45,9 +45,7 @@ def _run(*words: str | Path) -> None:
 def build_package(
     package: Path, system: str, map_name: str, map_text: str, *more: str, source: Path = FLEET
 ) -> None:
-    """A machine of vehicle.soter, compiled, with `more` options; kept where it is there already."""
-    if (package / "build").exists():
-        return
+    """A machine of vehicle.soter, compiled, with `more` options."""
     maps = package.parent / f"{package.name}_map"
     shutil.copytree(FLEET / "msg", maps / "msg", dirs_exist_ok=True)
     (maps / map_name).write_text(map_text, "utf-8")
@@ -295,20 +293,19 @@ def fly(row: Row, folder: Path, seconds: float) -> str:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--folder", type=Path, help="of packages, which are kept")
     parser.add_argument("--seconds", type=float, default=70.0)
     parser.add_argument("--row", type=int, choices=range(len(ROWS)), help="this one alone")
     args = parser.parse_args()
     os.environ |= {"ROS_DOMAIN_ID": str(os.getpid() % 200 + 1), "CYCLONEDDS_URI": LOOPBACK}
-    folder = args.folder or Path(tempfile.mkdtemp())
-    folder.mkdir(parents=True, exist_ok=True)
-    build(folder)
-    print(
-        f"{'one machine':<34} {'collisions':>10} {'crossings':>9} {'afterwards':>10} "
-        f"{'moved, s':>10} {'late':>6}"
-    )
-    for row in ROWS if args.row is None else ROWS[args.row : args.row + 1]:
-        print(fly(row, folder, args.seconds), flush=True)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        build(folder)
+        print(
+            f"{'one machine':<34} {'collisions':>10} {'crossings':>9} {'afterwards':>10} "
+            f"{'moved, s':>10} {'late':>6}"
+        )
+        for row in ROWS if args.row is None else ROWS[args.row : args.row + 1]:
+            print(fly(row, folder, args.seconds), flush=True)
 
 
 if __name__ == "__main__":

@@ -42,12 +42,13 @@ from generators.robot_logs import (  # noqa: E402 - the same
     odometry,
     whole,
 )
-from soter.report.mcap_reading import CHANNEL as MCAP_CHANNEL  # noqa: E402 - the same
-from soter.report.mcap_reading import CHUNK, MESSAGE, SCHEMA, STATISTICS  # noqa: E402 - the same
+from soter.report.mcap_reading import CHUNK, MESSAGE, STATISTICS  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from random import Random
+
+    from bench.hostile.log_records import Records
 
     Way = Callable[["Kind", Path, Random], Path | None]
     """From a kind and an empty folder to a damaged log; None where it has no such thing."""
@@ -215,20 +216,41 @@ def exchanged(recorded: Flight) -> Flight:
     return [*recorded[:50], recorded[51], recorded[50], *recorded[52:]]
 
 
-def renamed(kind: Kind, folder: Path, _: Random) -> Path | None:
-    """The id of a channel means another one from the middle on, or in one of two places."""
-    log = kind.written(folder, flight())
-    file = kind.messages(log)
-    if file.suffix == ".bag":
-        return rewritten(log, lambda records: inside(records, other_topic))
-    if file.suffix != ".mcap":
-        return None
-    records = mcap_records(file)
-    middle = [i for i, (k, _) in enumerate(records) if k in (CHUNK, MESSAGE)]
+def by_parts(
+    mcap: Callable[[Records], None] | None = None,
+    bag: Callable[[list[Any]], None] | None = None,
+    sql: str = "",
+) -> Way:
+    """What happens to records of an MCAP or of a bag of ROS 1, and to the tables of SQLite."""
+
+    def way(kind: Kind, folder: Path, _: Random) -> Path | None:
+        log = kind.written(folder, flight())
+        file = kind.messages(log)
+        if file.suffix == ".mcap" and mcap is not None:
+            records = mcap_records(file)
+            mcap(records)
+            as_mcap(file, records)
+        elif file.suffix == ".bag" and bag is not None:
+            rewritten(log, bag)
+        elif file.suffix == ".db3" and sql:
+            _sql(file, sql)
+        else:
+            return None
+        return log
+
+    return way
+
+
+def data_of(records: Records) -> list[int]:
+    """Which records of an MCAP hold messages."""
+    return [i for i, (k, _) in enumerate(records) if k in (CHUNK, MESSAGE)]
+
+
+def channel_again(records: Records) -> None:
+    """The id of a channel means another one from the middle on."""
+    middle = data_of(records)
     channel = mcap_record(Channel(1, "/camera/odom", "json", {}, 1))
     records.insert(middle[len(middle) // 2], channel)
-    as_mcap(file, records)
-    return log
 
 
 def other_topic(parts: list[Any]) -> None:
@@ -238,17 +260,15 @@ def other_topic(parts: list[Any]) -> None:
     parts[place] = kind, {**header, "topic": b"/camera/odom"}, content
 
 
-def another_schema(kind: Kind, folder: Path, _: Random) -> Path | None:
+def schema_again(records: Records) -> None:
     """The id of a schema means another one from the end of the data on."""
-    log = kind.written(folder, flight())
-    file = kind.messages(log)
-    if file.suffix != ".mcap":
-        return None
-    records = mcap_records(file)
-    last = max(i for i, (k, _) in enumerate(records) if k in (CHUNK, MESSAGE))
-    records.insert(last, mcap_record(Schema(1, b"float64 x\n", "ros2msg", "robot/msg/Other")))
-    as_mcap(file, records)
-    return log
+    schema = mcap_record(Schema(1, b"float64 x\n", "ros2msg", "robot/msg/Other"))
+    records.insert(data_of(records)[-1], schema)
+
+
+def last_gone(records: Records) -> None:
+    """The last record with messages is lost."""
+    del records[data_of(records)[-1]]
 
 
 def last_lost(parts: list[Any]) -> None:
@@ -256,89 +276,39 @@ def last_lost(parts: list[Any]) -> None:
     del parts[-1]
 
 
-def one_less(kind: Kind, folder: Path, _: Random) -> Path | None:
-    """A part of the messages is lost, and counts and indexes stand as they were."""
-    log = kind.written(folder, flight())
-    file = kind.messages(log)
-    if file.suffix == ".db3":
-        _sql(file, "DELETE FROM messages WHERE id > 80")
-    elif file.suffix == ".mcap":
-        records = mcap_records(file)
-        del records[max(i for i, (k, _) in enumerate(records) if k in (CHUNK, MESSAGE))]
-        as_mcap(file, records)
-    elif file.suffix == ".bag":
-        rewritten(log, lambda records: inside(records, last_lost))
-    else:
-        return None
-    return log
+def other_count(records: Records) -> None:
+    """The statistics of an MCAP count 200 messages."""
+    place = place_of(records, STATISTICS)
+    records[place] = STATISTICS, (200).to_bytes(8, "little") + records[place][1][8:]
 
 
-def uncounted(kind: Kind, folder: Path, _: Random) -> Path | None:
-    """What counts its messages says another number."""
-    log = kind.written(folder, flight())
-    file = kind.messages(log)
-    metadata = log / "metadata.yaml"
-    if metadata.exists():
-        text = metadata.read_text().replace(f"message_count: {MESSAGES}", "message_count: 200")
-        metadata.write_text(text)
-    elif file.suffix == ".mcap":
-        records = mcap_records(file)
-        place = place_of(records, STATISTICS)
-        body = records[place][1]
-        records[place] = STATISTICS, (200).to_bytes(8, "little") + body[8:]
-        as_mcap(file, records)
-    elif file.suffix == ".bag":
-        rewritten(log, _one_chunk_less)
-    else:
-        return None
-    return log
-
-
-def _one_chunk_less(records: list[Any]) -> None:
+def one_chunk_less(records: list[Any]) -> None:
     """The head of a bag of ROS 1 counts fewer chunks, and the index has fewer."""
     header = records[0][1]
-    (n,) = [int.from_bytes(header["chunk_count"], "little")]
+    n = int.from_bytes(header["chunk_count"], "little")
     header["chunk_count"] = (n - 1).to_bytes(4, "little")
     del records[-1]
 
 
-def no_definition(kind: Kind, folder: Path, _: Random) -> Path | None:
-    """The definitions of messages and of channels are gone."""
+def uncounted(kind: Kind, folder: Path, chance: Random) -> Path | None:
+    """What counts its messages says another number: of a bag of ROS 2 its metadata."""
+    if not kind.file:
+        return by_parts(other_count, one_chunk_less)(kind, folder, chance)
     log = kind.written(folder, flight())
-    file = kind.messages(log)
-    if file.suffix == ".mcap":
-        records = mcap_records(file)
-        as_mcap(file, [r for r in records if r[0] not in (SCHEMA, MCAP_CHANNEL)])
-        return log if any(r[0] == MESSAGE for r in records) else None
-    if file.suffix == ".db3":
-        _sql(file, "DELETE FROM topics")
-        return log
-    if file.suffix == ".bag":
-        return rewritten(log, _no_connection)
-    return None
+    metadata = log / "metadata.yaml"
+    text = metadata.read_text().replace(f"message_count: {MESSAGES}", "message_count: 200")
+    metadata.write_text(text)
+    return log
 
 
-def _no_connection(records: list[Any]) -> None:
-    records[:] = [r for r in records if r[0] != CONNECTION1]
-    records[0][1]["conn_count"] = bytes(4)
+def chunk_again(records: Records) -> None:
+    """A chunk of an MCAP stands there twice."""
+    place = data_of(records)[0]
+    records.insert(place, records[place])
 
 
-def chunk_twice(kind: Kind, folder: Path, _: Random) -> Path | None:
-    """A chunk stands there twice."""
-    log = kind.written(folder, flight())
-    file = kind.messages(log)
-    if file.suffix == ".mcap":
-        records = mcap_records(file)
-        place = next(i for i, (k, _) in enumerate(records) if k in (CHUNK, MESSAGE))
-        records.insert(place, records[place])
-        as_mcap(file, records)
-        return log
-    if file.suffix == ".bag":
-        return rewritten(log, _chunk_again)
-    return None
-
-
-def _chunk_again(records: list[Any]) -> None:
+def chunk1_again(records: list[Any]) -> None:
+    """A chunk of a bag of ROS 1 stands there twice."""
     place = next(i for i, r in enumerate(records) if r[0] == CHUNK1)
     records.insert(place, records[place])
 
@@ -381,6 +351,7 @@ def _sql(file: Path, sql: str) -> None:
     connection.close()
 
 
+CHUNK_TWICE = by_parts(chunk_again, chunk1_again)
 WAYS: dict[str, Way] = {
     "cut at a quarter": by_bytes(lambda d, _: d[: at(0.25, d)]),
     "cut at three quarters": by_bytes(lambda d, _: d[: at(0.75, d)]),
@@ -419,10 +390,12 @@ WAYS: dict[str, Way] = {
     "the clock set back at the end": by_messages(partial(moved, begin=MESSAGES - 1, by_ms=-200)),
     "two messages are exchanged": by_messages(exchanged),
     "equal times, two and two": by_messages(pairs),
-    "an id with two meanings": renamed,
-    "a schema with two meanings": another_schema,
-    "messages lost, counts as before": one_less,
+    "an id with two meanings": by_parts(channel_again, lambda r: inside(r, other_topic)),
+    "a schema with two meanings": by_parts(schema_again),
+    "messages lost, counts as before": by_parts(
+        last_gone, lambda r: inside(r, last_lost), "DELETE FROM messages WHERE id > 80"
+    ),
     "a count that is another": uncounted,
-    "a part in a file beside it": lambda *a: in_wal(*a) or lost_beside(*a) or chunk_twice(*a),
+    "a part in a file beside it": lambda *a: in_wal(*a) or lost_beside(*a) or CHUNK_TWICE(*a),
 }
 """What happens to a log, by name: disks, transfers, recorders that die, tools that copy parts."""

@@ -7,16 +7,16 @@ from __future__ import annotations
 
 import json
 import shutil
-import signal
 import socket
 import subprocess
 import sys
 import tempfile
-import threading
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from bench.processes import Processes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -26,7 +26,6 @@ HERE = Path(__file__).resolve().parent
 EXAMPLE = ROOT / "examples" / "mavlink" / "geofence.soter"
 MAPPING = EXAMPLE.with_suffix(".toml")
 SHARED = Path("/dev/shm")  # noqa: S108 - where channels belong
-PATIENCE_S = 20
 
 
 def missing() -> str:
@@ -54,31 +53,13 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-class Stack:
-    """The processes by name, and the lines of each."""
+class Stack(Processes):
+    """The processes of the package."""
 
     def __init__(self, package: Path, channels: Path) -> None:
+        super().__init__()
         self.package, self.channels = package, channels
         self.port = free_port()
-        self.running: dict[str, subprocess.Popen[str]] = {}
-        self.readers: dict[str, threading.Thread] = {}
-        self.heard: dict[str, list[str]] = {}
-
-    def start(self, name: str, *words: str | Path) -> subprocess.Popen[str]:
-        """A process; its lines are collected as they come."""
-        process = subprocess.Popen(
-            [str(w) for w in words],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        )
-        assert process.stdout is not None
-        lines = self.heard.setdefault(name, [])
-        reader = threading.Thread(target=lines.extend, args=(process.stdout,), daemon=True)
-        reader.start()
-        self.running[name], self.readers[name] = process, reader
-        return process
 
     def actuator(self) -> None:
         """The leases' side."""
@@ -97,20 +78,6 @@ class Stack:
         program = self.package / "trusted" / "geofence"
         self.start("trusted", program, "--channels", self.channels, "--misses", "1000000")
 
-    def end(self, name: str, number: signal.Signals = signal.SIGTERM) -> int:
-        """End one and wait for it; its exit code."""
-        process = self.running.pop(name)
-        process.send_signal(number)
-        try:
-            code = process.wait(PATIENCE_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            code = process.wait()
-        self.readers.pop(name).join(PATIENCE_S)
-        assert process.stdout is not None
-        process.stdout.close()
-        return code
-
     def report(self) -> dict[str, Any]:
         """What the bridge said of itself when it ended."""
         lines = [x for x in self.heard["bridge"] if x.startswith("{")]
@@ -125,5 +92,4 @@ def stack(package: Path) -> Iterator[Stack]:
         try:
             yield made
         finally:
-            for name in reversed([*made.running]):
-                made.end(name, signal.SIGKILL)
+            made.end_all()

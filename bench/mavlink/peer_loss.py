@@ -39,7 +39,6 @@ HURRY = ROOT / "examples" / "mavlink" / "hurry.py"
 WISH = (0.0, 1.5, 0.0)
 LOSS_S = 0.5
 PEER_LOOKS_MS, MARGIN_MS = 5.0, 20.0
-RESEND_MS = 50.0
 LEASE_MS = 119.0
 """As `soter build` prints it."""
 AC_MS = {

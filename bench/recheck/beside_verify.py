@@ -1,6 +1,6 @@
 """`soter recheck` of every example beside the `soter verify` that wrote its certificate.
 
-    .venv/bin/python bench/recheck/beside_verify.py [FILE ...] [--certificates DIR] [--json FILE]
+    .venv/bin/python bench/recheck/beside_verify.py [FILE ...] [--certificates DIR]
 
 Every program of `examples` with a `verify` block is verified in a process of its own with an empty
 cache folder (engine, enclosures and decision module are compiled, too), and its certificate is
@@ -14,7 +14,6 @@ Non-goals: whether changed certificates are noticed (`corruptions.py`).
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import re
 import resource
@@ -23,7 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 from soter.report.terminal_tables import table
@@ -128,7 +127,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("program", type=Path, nargs="*", help="by default every example")
     parser.add_argument("--certificates", type=Path, help="where to keep them")
-    parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     rows: list[Row] = []
     with tempfile.TemporaryDirectory(prefix="soter-bench-") as temporary:
@@ -145,8 +143,6 @@ def main() -> int:
     print(f"{sum(r.met for r in rows)} of {len(rows)} accepted within {MOST_S:.0f} s of CPU")
     print(f"median {median:.1f} s of CPU (target {MEDIAN_S:.0f})")
     print(f"load of the machine at the end (1, 5, 15 minutes): {load}; {os.cpu_count()} cores")
-    if given.json:
-        given.json.write_text(json.dumps([asdict(r) for r in rows], indent=1), encoding="utf-8")
     return 0 if all(r.met for r in rows) and median <= MEDIAN_S else 1
 
 

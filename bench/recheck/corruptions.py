@@ -389,7 +389,6 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--drag", type=float, default=0.0, help="1/m: a flow that is not linear")
-    parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     began = time.perf_counter()
     outcomes = run(args.count, args.seed, args.jobs, args.drag)
@@ -406,8 +405,6 @@ def main() -> int:
     true = len(outcomes) - rejected - len(wrong)
     print(f"{'all':<26}{len(outcomes):>7}{rejected:>10}{true:>16}{len(wrong):>17}")
     print(f"{time.perf_counter() - began:.0f} s, target: 0 accepted and false")
-    if args.json:
-        args.json.write_text(json.dumps([vars(o) for o in outcomes], indent=1))
     return 1 if wrong else 0
 
 

@@ -1,6 +1,6 @@
 """Forged certificates of every kind of proof, sealed as right ones are, each in a process.
 
-    .venv/bin/python bench/recheck/forged.py [--count 100] [--seed 1] [--jobs 2] [--json FILE]
+    .venv/bin/python bench/recheck/forged.py [--count 100] [--seed 1] [--jobs 2]
 
 Purpose: certificates of grids, polytopes, inductions, deployed and composed systems are forged in
 eighteen ways (`forgeries.py`, `late_forgeries.py`): sets, claims, times, inputs, programs, names,
@@ -222,15 +222,7 @@ def untouched() -> list[Outcome]:
     return outcomes
 
 
-def run(
-    count: int,
-    seed: int,
-    jobs: int,
-    kinds: list[str],
-    keep: Path | None = None,
-    *,
-    made: bool = False,
-) -> list[Outcome]:
+def run(count: int, seed: int, jobs: int, keep: Path | None) -> list[Outcome]:
     """`count` forgeries of each kind, dealt out to families in turn, less what `keep` has."""
     _BASES.update({name: base_of(name) for name in PROGRAMS})
     pieces = Pieces(keep, "forged")
@@ -242,13 +234,9 @@ def run(
     for n, kind in enumerate(KINDS):
         fitting = {b.family for b in _BASES.values() if fits(kind, b)}
         of = [f for f in families if f in fitting]
-        work += [
-            (kind, of[k % len(of)], seed * 1_000_000 + 1000 * n + k)
-            for k in range(count if kind in kinds else 0)
-        ]
+        work += [(kind, of[k % len(of)], seed * 1_000_000 + 1000 * n + k) for k in range(count)]
     random.Random(seed).shuffle(work)  # noqa: S311 - no secret
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("fork")) as pool:
-        work = [w for w in work if not made or pieces.has(str(w))]
         asked = {w: pool.submit(judge, *w) for w in work if not pieces.has(str(w))}
         for w in work:
             done = pieces.piece(str(w), lambda w=w: asdict(asked[w].result()))  # type: ignore[misc]
@@ -280,14 +268,9 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=100, help="forgeries of each kind")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--kind", action="append", choices=list(KINDS))
-    parser.add_argument("--json", type=Path)
     parser.add_argument("--keep", type=Path, help="what is done is written there as it comes")
-    parser.add_argument("--made", action="store_true", help="of these only what `--keep` has")
     args = parser.parse_args()
-    outcomes = run(
-        args.count, args.seed, args.jobs, args.kind or list(KINDS), args.keep, made=args.made
-    )
+    outcomes = run(args.count, args.seed, args.jobs, args.keep)
     print("accepted (exit 0 or 4) of all that were made")
     print(table(outcomes))
     for o in outcomes:
@@ -298,8 +281,6 @@ def main() -> int:
     print(f"{len(reasons)} reasons; the slowest took {slowest:.1f} s")
     checks = sum(o.seconds for o in outcomes)
     print(f"{checks:.0f} s of checks, target: 0 false, 0 right rejected, 0 hangs")
-    if args.json:
-        args.json.write_text(json.dumps([asdict(o) for o in outcomes], indent=1))
     return 1 if any(o.wrong for o in outcomes) else 0
 
 

@@ -1,6 +1,6 @@
 """Certificates that say more than is true, sealed again.
 
-    .venv/bin/python bench/recheck/overstated.py [--share 1.0] [--seed 1] [--jobs 2] [--json FILE]
+    .venv/bin/python bench/recheck/overstated.py [--share 1.0] [--seed 1] [--jobs 2]
 
 Purpose: edits of programs, parameters, modules, systems, times, claims, inputs, assumptions and
 tables of small modules (`small_modules.py`), every hash made right; `soter recheck` must accept
@@ -23,7 +23,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -313,7 +313,6 @@ def main() -> int:
     parser.add_argument("--share", type=float, default=1.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     began = time.perf_counter()
     outcomes = run(args.share, args.seed, args.jobs)
@@ -332,8 +331,6 @@ def main() -> int:
     for reason, count in Counter(o.written for o in outcomes if o.written).most_common(12):
         print(f"  written by verify and rejected, {count} times: {reason}")
     print(f"{time.perf_counter() - began:.0f} s, target: 0 overstated, 0 written and rejected")
-    if args.json:
-        args.json.write_text(json.dumps([asdict(o) for o in outcomes], indent=1))
     return 1 if any(o.wrong for o in outcomes) else 0
 
 

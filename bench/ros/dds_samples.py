@@ -6,13 +6,12 @@ of each is checked on either side. Then the same without the bridge, so that str
 are checked, too; then other types, cut payloads, random bytes, NaN and infinities.
 Non-goals: times (loopback on a busy machine); nodes of ROS 2, of which none is run.
 
-    python bench/ros/dds_samples.py --python VENV/bin/python [--samples 100000] [--json FILE]
+    python bench/ros/dds_samples.py --python VENV/bin/python [--samples 100000]
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import random
 import struct
 import sys
@@ -26,6 +25,7 @@ from bench.ros.dds_fields import TYPES
 from bench.ros.dds_peers import Place, missing
 
 PEERS = ("Fast DDS", "cyclonedds-python")
+DOMAIN = 77
 ODOM = "nav_msgs::msg::dds_::Odometry_"
 HEAD = b"\x00\x01\x00\x00"
 """CDR, the lowest byte first."""
@@ -137,34 +137,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--python", default=sys.executable, help="one that has cyclonedds")
     parser.add_argument("--samples", type=int, default=100_000)
-    parser.add_argument("--domain", type=int, default=77)
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--only", default="bridge,types,hostile,numbers")
-    parser.add_argument("--folder", type=Path, help="what is built there, is used again")
-    parser.add_argument("--peers", default=",".join(PEERS))
     asked = parser.parse_args()
     if missing():
         sys.exit(f"not on this machine: {missing()}")
-    told: dict[str, Any] = {}
-    only, peers = asked.only.split(","), asked.peers.split(",")
     with tempfile.TemporaryDirectory() as own:
-        place = Place(asked.folder or Path(own), asked.python, asked.domain)
-        if not (place.folder / "fast_peer").exists():
-            place.build()
+        place = Place(Path(own), asked.python, DOMAIN)
+        place.build()
         print(f"built in {place.folder}", file=sys.stderr, flush=True)
         try:
-            if "bridge" in only:
-                told["bridge"] = [through_the_bridge(place, p, asked.samples) for p in peers]
-            if "types" in only:
-                told["types"] = [over_the_types(place, p, asked.samples // 5) for p in peers]
-            if "hostile" in only:
-                told["hostile"] = hostile(place)
-            if "numbers" in only:
-                told["numbers"] = numbers(place)
+            told = {
+                "bridge": [through_the_bridge(place, p, asked.samples) for p in PEERS],
+                "types": [over_the_types(place, p, asked.samples // 5) for p in PEERS],
+                "hostile": hostile(place),
+                "numbers": numbers(place),
+            }
         finally:
             place.end()
-    if asked.json:
-        asked.json.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
     _table(told)
     wrong = _wrong(told)
     print(f"{len(wrong)} of it wrong: {'; '.join(wrong)}" if wrong else "all as it should be")
@@ -176,28 +164,24 @@ def _table(told: dict[str, Any]) -> None:
     heads = ("sent", "answered", "refused", "lost", "misread")
     print(f"{'':<44}" + "".join(f"{h:>10}" for h in heads))
     for way, runs in (("bridge", "bridge"), ("no bridge", "types")):
-        for run in told.get(runs, ()):
+        for run in told[runs]:
             for key in TYPES:
                 counts = "".join(f"{run[key][h]:>10}" for h in heads)
                 print(f"{run['peer'] + ', ' + way + ', ' + key:<44}{counts}")
-    if "hostile" in told:
-        h, odom = told["hostile"], told["hostile"]["bridge"][0]
-        matched = f"{h['other name']['matched']} and {h['other structure']['matched']}"
-        print(f"writers of another name, of another structure, that were matched: {matched}")
-        refused = f"{odom['not_readable']} not readable, {odom['of_another_size']} of another size"
-        print(
-            f"payloads that mean harm: {h['sent']}, of them {refused}, {odom['taken']} taken, two"
-        )
-        print("of which are whole: the good one, and its bytes once more as XCDR2")
-    if "numbers" in told:
-        same = told["numbers"]["same_bits"]
-        print(f"NaN, infinities, the ends of double: {sum(same.values())} of {len(same)} same bits")
+    h, odom = told["hostile"], told["hostile"]["bridge"][0]
+    matched = f"{h['other name']['matched']} and {h['other structure']['matched']}"
+    print(f"writers of another name, of another structure, that were matched: {matched}")
+    refused = f"{odom['not_readable']} not readable, {odom['of_another_size']} of another size"
+    print(f"payloads that mean harm: {h['sent']}, of them {refused}, {odom['taken']} taken, two")
+    print("of which are whole: the good one, and its bytes once more as XCDR2")
+    same = told["numbers"]["same_bits"]
+    print(f"NaN, infinities, the ends of double: {sum(same.values())} of {len(same)} same bits")
 
 
 def _wrong(told: dict[str, Any]) -> list[str]:
     """What is not as the table has it."""
     found = []
-    for run in (*told.get("bridge", ()), *told.get("types", ())):
+    for run in (*told["bridge"], *told["types"]):
         for key in TYPES:
             of = run[key]
             done = of["answered"] + of["refused"]
@@ -205,14 +189,13 @@ def _wrong(told: dict[str, Any]) -> list[str]:
                 found.append(f"{run['peer']}, {key}: {of}")
         behind = [run["harness"]] if "harness" in run else [run["wire"][key] for key in TYPES]
         found += [f"{run['peer']}: {b}" for b in behind if b["misread"]]
-    if "hostile" in told:
-        odom = told["hostile"]["bridge"][0]
-        refused = odom["of_another_size"] + odom["not_readable"]
-        if odom["taken"] != 2 or refused < told["hostile"]["sent"] - 3:
-            found.append(f"payloads: {odom}")  # taken: the good one, and its bytes as XCDR2
-        if odom["peers_of_another_type"] < 2:
-            found.append("peers of another type were not counted")
-    if not all(told.get("numbers", {}).get("same_bits", {}).values()):
+    odom = told["hostile"]["bridge"][0]
+    refused = odom["of_another_size"] + odom["not_readable"]
+    if odom["taken"] != 2 or refused < told["hostile"]["sent"] - 3:
+        found.append(f"payloads: {odom}")  # taken: the good one, and its bytes as XCDR2
+    if odom["peers_of_another_type"] < 2:
+        found.append("peers of another type were not counted")
+    if not all(told["numbers"]["same_bits"].values()):
         found.append(f"numbers: {told['numbers']['same_bits']}")
     return found
 

@@ -13,12 +13,13 @@ import socket
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from bench.processes import Processes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -71,10 +72,13 @@ def built_node(name: str, folder: Path) -> Path:
     return program
 
 
-class Nodes:
-    """Processes with a master of their own; `heard`: the lines that each printed, with its name."""
+class Nodes(Processes):
+    """Processes with a master of their own."""
+
+    ENDED_BY = signal.SIGINT
 
     def __init__(self, folder: Path) -> None:
+        super().__init__()
         self.folder = folder
         with socket.socket() as free:
             free.bind(("127.0.0.1", 0))
@@ -84,47 +88,8 @@ class Nodes:
             "ROS_MASTER_URI": f"http://127.0.0.1:{self.port}",
             "ROS_IP": "127.0.0.1",
             "ROS_HOME": str(folder / "home"),
+            "PYTHONPATH": "/usr/lib/python3/dist-packages",
         }
-        self.running: dict[str, subprocess.Popen[str]] = {}
-        self.readers: dict[str, threading.Thread] = {}
-        self.heard: dict[str, list[str]] = {}
-
-    def start(self, name: str, *words: str | Path) -> subprocess.Popen[str]:
-        """A process; its lines are collected as they come."""
-        process = subprocess.Popen(
-            [str(w) for w in words],
-            env=self.environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        )
-        lines = self.heard.setdefault(name, [])
-        assert process.stdout is not None
-        reader = threading.Thread(target=lines.extend, args=(process.stdout,), daemon=True)
-        reader.start()
-        self.running[name], self.readers[name] = process, reader
-        return process
-
-    def tell(self, name: str, number: signal.Signals) -> int:
-        """Send it; CLOCK_MONOTONIC just before, ns."""
-        now = time.monotonic_ns()
-        self.running[name].send_signal(number)
-        return now
-
-    def end(self, name: str, number: signal.Signals = signal.SIGINT) -> int:
-        """End one and wait for it; its exit code."""
-        process = self.running.pop(name)
-        process.send_signal(number)
-        try:
-            code = process.wait(10)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            code = process.wait()
-        self.readers.pop(name).join(10)
-        assert process.stdout is not None
-        process.stdout.close()
-        return code
 
 
 @contextmanager
@@ -134,7 +99,6 @@ def nodes() -> Iterator[Nodes]:
         made = Nodes(Path(place))
         (Path(place) / "home").mkdir()
         master = ["/usr/bin/rosmaster", "--core", "-p", str(made.port)]
-        made.environment["PYTHONPATH"] = "/usr/lib/python3/dist-packages"
         made.start("master", SYSTEM_PYTHON, *master)
         end = time.monotonic() + 20.0
         while time.monotonic() < end:
@@ -145,5 +109,4 @@ def nodes() -> Iterator[Nodes]:
         try:
             yield made
         finally:
-            for name in reversed([*made.running]):
-                made.end(name, signal.SIGKILL)
+            made.end_all()

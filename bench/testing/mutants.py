@@ -1,6 +1,6 @@
 """Seeded bugs in the shipped examples: `soter test` finds them, by the least trace.
 
-    .venv/bin/python bench/testing/mutants.py [--only TEXT] [--brute TRANSITIONS] [--json FILE]
+    .venv/bin/python bench/testing/mutants.py [--only TEXT] [--brute TRANSITIONS]
 
 Per mutant of `mutant_models.py`: the example as it is is explored and clean; the changed
 one is written beside copies of its imports, explored, and its trace is read back from the file and
@@ -16,12 +16,11 @@ table of their own.
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
 import sys
 import tempfile
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -211,7 +210,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--only", default="", help="mutants whose file or kind contains this")
     parser.add_argument("--brute", type=int, default=BRUTE, help="transitions of the enumerator")
-    parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     most, only = arguments.brute, arguments.only
     began = time.perf_counter()
@@ -247,9 +245,6 @@ def main() -> int:
     for name, value in figures.items():
         print(f"{name:66} {value:3}")
     print(f"{time.perf_counter() - began:.0f} s")
-    if arguments.json:
-        document = {"figures": figures, "mutants": [asdict(r) for r in (*rows, *floats, *harmless)]}
-        arguments.json.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     fine = (
         all(r.minimal and r.replayed for r in rows)
         and all(r.found and r.replayed for r in floats)

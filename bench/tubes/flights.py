@@ -1,7 +1,7 @@
 """Flights behind a module with `rest`, every verdict of which is done again from its log.
 
     .venv/bin/python bench/tubes/flights.py [--flights 100] [--until 20] [--changed 10]
-        [--first-seed 1] [--json FILE]
+        [--first-seed 1]
 
 Purpose: prove examples/evidence/follow.soter with an advanced controller that is wild, fly it with
 other seeds, and re-check every verdict "AC" of each log in Arb: how many there were, how many were
@@ -13,11 +13,10 @@ Non-goals: whether a robot that is decided by the check is safe (`tests/unit/ver
 from __future__ import annotations
 
 import argparse
-import json
 import random
 import sys
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -152,7 +151,6 @@ def main() -> int:
     parser.add_argument("--until", type=float, default=20.0)
     parser.add_argument("--changed", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=1)
-    parser.add_argument("--json")
     args = parser.parse_args()
     every = []
     with tempfile.TemporaryDirectory() as place:
@@ -167,8 +165,6 @@ def main() -> int:
             every.append(flown(program, folder, seed, args.until, change=k < args.changed))
             print(_line([every[-1]]), flush=True)
     print(f"\nall     {_line(every)}")
-    if args.json:
-        Path(args.json).write_text(json.dumps([asdict(f) for f in every], indent=1))
     return 0 if all(f.confirmed == f.verdicts and f.named is not False for f in every) else 1
 
 

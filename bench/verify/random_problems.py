@@ -9,7 +9,7 @@ Non-goals: being easy to prove; many are not, and then nothing is claimed about 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -58,7 +58,7 @@ class RandomProblem:
     acts: int
     horizon: int = 0
     """Declared H in ns; 0: H*."""
-    _steps: dict[int, tuple[Array, Array]] = field(default_factory=dict)
+    _steps: dict[int, tuple[Array, Array]] = field(default_factory=dict, init=False)
 
     @property
     def d(self) -> int:
@@ -206,7 +206,7 @@ def problem(number: int) -> RandomProblem:
     """Problem number `number`."""
     rng = np.random.default_rng([2026, number])
     family = FAMILIES[number % len(FAMILIES)]
-    return _MAKERS[family](number, rng)
+    return replace(_MAKERS[family](rng), number=number, family=family)
 
 
 # ---------------------------------------------------------------- families
@@ -220,9 +220,7 @@ def _between(rng: np.random.Generator, low: float, high: float) -> float:
     return _round(float(np.exp(rng.uniform(np.log(low), np.log(high)))))
 
 
-def _flow(
-    number: int,
-    family: str,
+def _drawn(
     rng: np.random.Generator,
     a: list[list[float]],
     b: list[float],
@@ -233,18 +231,20 @@ def _flow(
     cells: tuple[int, ...],
     bend: float = 0.0,
     drag: float = 0.0,
+    *,
+    is_map: bool = False,
 ) -> RandomProblem:
+    """A problem of this plant, with errors and times at random; its family is filled in later."""
     n = len(a)
-    sc = int(rng.choice([10, 20, 40]))
+    sc = 1 if is_map else int(rng.choice([10, 20, 40]))
     error = [_round(x * rng.choice([0.0, 0.002, 0.01])) for x in box]
-    weaker = 1.0 if rng.random() < 0.7 else 0.8
-    tiny = [0, 1, 2] if sc <= 10 else [0, 1, 3]
-    plant = int(rng.choice([5, 10]))
+    weaker = 1.0 if is_map or rng.random() < 0.7 else 0.8
+    times = (1, int(rng.choice([1, 2, 3])), 1, 0, 0, 0, 0, 0, 0) if is_map else _times(rng, sc)
     return RandomProblem(
-        number,
-        family,
+        0,
+        "",
         n,
-        False,
+        is_map,
         np.array(a),
         np.array([0.0] * (n - 1) + [bend]),
         drag,
@@ -256,26 +256,25 @@ def _flow(
         np.array(error),
         np.array(box),
         cells,
-        sc,
-        sc * int(rng.choice([1, 2, 5])),
-        plant,
-        plant + int(rng.choice([0, 5, 20, 100])),
-        int(rng.choice(tiny)),
-        int(rng.choice(tiny)),
-        int(rng.choice(tiny)),
-        int(rng.choice([0, 1])),
-        int(rng.choice([0, 1])),
+        *times,
     )
 
 
-def _integrator(number: int, rng: np.random.Generator) -> RandomProblem:
+def _times(rng: np.random.Generator, sc: int) -> tuple[int, ...]:
+    """The times of a flow, in the order of `RandomProblem`."""
+    tiny = [0, 1, 2] if sc <= 10 else [0, 1, 3]
+    plant = int(rng.choice([5, 10]))
+    dm, age = sc * int(rng.choice([1, 2, 5])), plant + int(rng.choice([0, 5, 20, 100]))
+    late = (int(rng.choice(most)) for most in (tiny, tiny, tiny, [0, 1], [0, 1]))
+    return (sc, dm, plant, age, *late)
+
+
+def _integrator(rng: np.random.Generator) -> RandomProblem:
     control = _between(rng, 1.0, 8.0)
     speed = _between(rng, 0.8, 4.0)
     wind = _round(control * rng.choice([0.02, 0.1, 0.2]))
     p, v = 1.5, _round(np.sqrt(3.0 * control) * 1.05)
-    return _flow(
-        number,
-        "integrator",
+    return _drawn(
         rng,
         [[0.0, 1.0], [0.0, 0.0]],
         [0.0, 1.0],
@@ -287,20 +286,18 @@ def _integrator(number: int, rng: np.random.Generator) -> RandomProblem:
     )
 
 
-def _tank(number: int, rng: np.random.Generator) -> RandomProblem:
+def _tank(rng: np.random.Generator) -> RandomProblem:
     control = _between(rng, 0.2, 2.0)
     wind = _round(control * rng.choice([0.1, 0.4, 0.8]))
     gain = _between(rng, 0.5, 20.0)
-    return _flow(number, "tank", rng, [[0.0]], [1.0], [gain], control, [wind], [1.0], (400,))
+    return _drawn(rng, [[0.0]], [1.0], [gain], control, [wind], [1.0], (400,))
 
 
-def _lag(number: int, rng: np.random.Generator) -> RandomProblem:
+def _lag(rng: np.random.Generator) -> RandomProblem:
     rate = _between(rng, 2.0, 20.0)
     control = _between(rng, 0.5, 2.0)
     wind = _round(0.3 * control * rng.uniform(0.1, 1.0))
-    return _flow(
-        number,
-        "lag",
+    return _drawn(
         rng,
         [[0.0, 1.0], [0.0, -rate]],
         [0.0, rate],
@@ -312,13 +309,11 @@ def _lag(number: int, rng: np.random.Generator) -> RandomProblem:
     )
 
 
-def _pole(number: int, rng: np.random.Generator) -> RandomProblem:
+def _pole(rng: np.random.Generator) -> RandomProblem:
     bend = _between(rng, 0.5, 6.0)
     control = _round(bend + _between(rng, 1.0, 8.0))
     kp = bend * rng.uniform(1.0, 3.0) + 2.0
-    return _flow(
-        number,
-        "pole",
+    return _drawn(
         rng,
         [[0.0, 1.0], [0.0, 0.0]],
         [0.0, 1.0],
@@ -332,12 +327,10 @@ def _pole(number: int, rng: np.random.Generator) -> RandomProblem:
     )
 
 
-def _swing(number: int, rng: np.random.Generator) -> RandomProblem:
+def _swing(rng: np.random.Generator) -> RandomProblem:
     bend = -_between(rng, 1.0, 9.0)
     control = _between(rng, 1.0, 4.0)
-    return _flow(
-        number,
-        "swing",
+    return _drawn(
         rng,
         [[0.0, 1.0], [0.0, -_between(rng, 0.05, 0.5)]],
         [0.0, 1.0],
@@ -351,14 +344,12 @@ def _swing(number: int, rng: np.random.Generator) -> RandomProblem:
     )
 
 
-def _chain(number: int, rng: np.random.Generator) -> RandomProblem:
+def _chain(rng: np.random.Generator) -> RandomProblem:
     """Position, speed, lagged acceleration."""
     rate = _between(rng, 8.0, 25.0)
     control = _between(rng, 1.0, 4.0)
     speed = _between(rng, 0.6, 1.6)
-    return _flow(
-        number,
-        "chain",
+    return _drawn(
         rng,
         [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -rate]],
         [0.0, 0.0, rate],
@@ -370,65 +361,20 @@ def _chain(number: int, rng: np.random.Generator) -> RandomProblem:
     )
 
 
-def _map(
-    number: int,
-    family: str,
-    rng: np.random.Generator,
-    a: list[list[float]],
-    b: list[float],
-    gain: list[float],
-    control: float,
-    wind: list[float],
-    box: list[float],
-    cells: tuple[int, ...],
-    bend: float = 0.0,
-) -> RandomProblem:
-    n = len(a)
-    error = [_round(x * rng.choice([0.0, 0.002, 0.01])) for x in box]
-    return RandomProblem(
-        number,
-        family,
-        n,
-        True,
-        np.array(a),
-        np.array([0.0] * (n - 1) + [bend]),
-        0.0,
-        np.array(b),
-        np.array([_round(k) for k in gain]),
-        control,
-        control,
-        np.array(wind),
-        np.array(error),
-        np.array(box),
-        cells,
-        1,
-        int(rng.choice([1, 2, 3])),
-        1,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-    )
-
-
-def _map1(number: int, rng: np.random.Generator) -> RandomProblem:
+def _map1(rng: np.random.Generator) -> RandomProblem:
     grow = _round(rng.uniform(0.7, 1.3))
     control = _between(rng, 0.1, 0.5)
     wind = _round(0.3 * rng.uniform(0.1, 1.0) * control)
     gain = grow * rng.uniform(0.5, 1.3)
-    return _map(number, "map1", rng, [[grow]], [1.0], [gain], control, [wind], [1.0], (400,))
+    return _drawn(rng, [[grow]], [1.0], [gain], control, [wind], [1.0], (400,), is_map=True)
 
 
-def _map2(number: int, rng: np.random.Generator) -> RandomProblem:
+def _map2(rng: np.random.Generator) -> RandomProblem:
     keep = _round(rng.uniform(0.6, 1.0))
     control = _between(rng, 0.05, 0.2)
     bend = float(rng.choice([0.0, 0.0, 0.02, -0.05]))
     kp = rng.uniform(0.05, 0.3)
-    return _map(
-        number,
-        "map2",
+    return _drawn(
         rng,
         [[1.0, 0.5], [0.0, keep]],
         [0.0, 1.0],
@@ -438,6 +384,7 @@ def _map2(number: int, rng: np.random.Generator) -> RandomProblem:
         [1.0, _round(0.9 * np.sqrt(4.0 * control))],
         (100, 100),
         bend=bend,
+        is_map=True,
     )
 
 

@@ -1,6 +1,6 @@
 """Random problems, and adversaries against every set that is claimed about them.
 
-    .venv/bin/python bench/verify/soundness.py [--problems 200] [--steps 10000000] [--json FILE]
+    .venv/bin/python bench/verify/soundness.py [--problems 200] [--steps 10000000]
 
 Purpose: for each problem of `random_problems.py` the engine's claims (K with witnesses, R(H), S_0
 and the other levels) are attacked by simulations of their own: exact steps or RK4 of 1 ms in NumPy,
@@ -22,11 +22,10 @@ Non-goals: the certificate's own check (`soter recheck`).
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Callable  # noqa: TC003 - a table is declared with it
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -475,7 +474,6 @@ def main() -> int:
     parser.add_argument("--problems", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--steps", type=float, default=1e7)
-    parser.add_argument("--json", type=Path)
     parser.add_argument(
         "--blind", action="store_true", help="hide things from the engine: there must be escapes"
     )
@@ -502,9 +500,6 @@ def main() -> int:
             print(f"{len(findings)} of {arguments.problems}", file=sys.stderr, flush=True)
     summary = _summary(findings)
     _print(findings, summary)
-    if arguments.json:
-        document = {"summary": summary, "problems": [asdict(f) for f in findings]}
-        arguments.json.write_text(json.dumps(document, indent=2) + "\n")
     return 1 if summary["escapes"] else 0
 
 

@@ -1,6 +1,6 @@
 """The model of time against every schedule of random small systems.
 
-    .venv/bin/python bench/verify/time_model.py [--systems 5000] [--json FILE] [--blind NAME|all]
+    .venv/bin/python bench/verify/time_model.py [--systems 5000] [--blind NAME|all]
 
 Purpose: for each system of `tests/generators/schedule_systems.py` every quantity that a proof takes
 from `soter.verify.time.schedule` (ages, start of SC, j, d, H*, h_0, T_dec, the look ahead) is
@@ -16,7 +16,6 @@ Non-goals: whether the definitions are those of the generated programs.
 from __future__ import annotations
 
 import argparse
-import json
 import statistics
 import sys
 import time
@@ -253,7 +252,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--systems", type=int, default=5000)
     parser.add_argument("--first", type=int, default=0, help="number of the first system")
-    parser.add_argument("--json", type=Path)
     parser.add_argument("--blind", choices=[*BLIND, "all"], help="there must be counterexamples")
     arguments = parser.parse_args()
     numbers = range(arguments.first, arguments.first + arguments.systems)
@@ -270,8 +268,6 @@ def main() -> int:
         print(f"| {SYMBOLS[q]} | {counts} | {slack} |")
     print(f"{len(numbers)} systems, {time.process_time() - began:.0f} s of CPU time")
     print(*shown, sep="\n\n")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(summary, indent=2) + "\n")
     return 1 if shown else 0
 
 

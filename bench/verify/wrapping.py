@@ -1,6 +1,6 @@
 """Axes that wrap around, of drawn plants, against an adversary and against axes of five turns.
 
-    .venv/bin/python bench/verify/wrapping.py [--systems 300] [--wide 3] [--json FILE]
+    .venv/bin/python bench/verify/wrapping.py [--systems 300] [--wide 3]
         [--kept .soter/wrapping]
 
 Purpose: for each plant of `tests/generators/turning_systems.py` K on one turn of headings. *Wrong*:
@@ -15,7 +15,6 @@ Non-goals: the re-checker (tests/unit/certificate/test_axes_around_a_turn.py).
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from collections import Counter
@@ -116,7 +115,6 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--systems", type=int, default=300)
     parser.add_argument("--wide", type=int, default=3)
-    parser.add_argument("--json", type=Path)
     parser.add_argument("--kept", type=Path, default=ROOT / ".soter" / "wrapping")
     options = parser.parse_args()
     compiled_enclosures.UNIT_LEVEL = "-O1"  # the same bits, and many small modules are compiled
@@ -135,8 +133,6 @@ def main() -> int:
     print(f"lost: {row.lost} of {row.wide_cells:,} cells that {row.wide} axes of five turns keep")
     print(f"{row.counted} where somebody counts turns, {row.counted_wraps} wrap; target 0")
     print(f"{row.cpu_s:.0f} s of CPU")
-    if options.json:
-        options.json.write_text(json.dumps(asdict(row), indent=1))
     return int(bool(row.wrong or row.counted_wraps))
 
 

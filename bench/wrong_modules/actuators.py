@@ -6,8 +6,10 @@ Non-goals: longer ways (`ways.py`).
 
 from __future__ import annotations
 
-from bench.wrong_modules.base import LINE, RUN, Wrong, under
-from bench.wrong_modules.controllers import careful, declared
+from functools import partial
+
+from bench.wrong_modules.base import LINE, under
+from bench.wrong_modules.controllers import careful, declared, one
 from bench.wrong_modules.paths import (
     CMD,
     NAMES_SERVO,
@@ -16,33 +18,28 @@ from bench.wrong_modules.paths import (
     servo,
 )
 
+of_actuators = partial(seen, "actuators", named=NAMES_SERVO)
 ACTUATORS = (
-    seen(
-        "actuators",
+    of_actuators(
         "a filter of 5 s before the plant",
         "commands act late and little by little",
         *servo("f = f + 0.002 * (push - f); publish force = f;", "var f: float = 0.0;"),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "a rate limiter before the plant",
         "a second from left to right",
         *servo(
             "f = f + clamp(push - f, -0.02, 0.02); publish force = clamp(f, -1.0, 1.0);",
             "var f: float = 0.0;",
         ),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "a hold of half a second before the plant",
         "half a second more of AC",
         *servo("publish force = push;", period="500ms"),
         named=(),
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "a delay of 40 samples before the plant",
         "0.4 s more of AC",
         *servo(
@@ -50,47 +47,35 @@ ACTUATORS = (
             "var xs: float[40];",
             "var n: int in [0, 39] = 0;",
         ),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "a dead band before the plant",
         "what is smaller than 1 is nothing",
         *servo("publish force = abs(push) < 0.99 ? 0.2 : push;"),
         ("clamp(-4.0 * pos, -1.0, 1.0);", "clamp(-4.0 * pos, -0.9, 0.9);"),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "a wire crossed before the plant",
         "the sign is wrong",
         *servo("publish force = -push;"),
         shown=under(("publish push = pos >= 0.0 ? 1.0 : -1.0;", "publish push = -0.9;")),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "an actuator that keeps pushing right",
         "it only knows one way",
         *servo("publish force = max(push, 0.1);"),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "an actuator that stops after 3 s",
         "then it pushes right",
         *servo("publish force = time < 3.0 ? push : 1.0;"),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "an actuator that faults when it changes its mind",
         "latched, it holds 1.0",
         *servo("assert push * f >= 0.0; f = push; publish force = push;", "var f: float = 0.0;"),
-        named=NAMES_SERVO,
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "an actuator that counts commands in a queue",
         "its queue overflows: latched",
         *CMD,
@@ -101,8 +86,7 @@ ACTUATORS = (
         ),
         named=(),
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "no model: a hold of half a second before the plant",
         "half a second more of AC",
         (
@@ -119,8 +103,7 @@ ACTUATORS = (
         base=LINE,
         named=(),
     ),
-    seen(
-        "actuators",
+    of_actuators(
         "no model: a filter before the plant",
         "commands act late",
         (
@@ -135,7 +118,6 @@ ACTUATORS = (
         ),
         ("{ p: Line; module Keep;", "{ p: Line; node Servo; module Keep;"),
         base=LINE,
-        named=NAMES_SERVO,
     ),
 )
 
@@ -143,28 +125,25 @@ ACTUATORS = (
 
 SILENCE = (r"never drop out", r"outage")
 
+of_stale = partial(seen, "stale", named=SILENCE)
+of_plants = partial(one, "stale")
 STALE = (
-    seen(
-        "stale",
+    of_stale(
         "a gauge that says nothing beyond 0.6",
         "the DM sees that it is stale and hands over to an SC that answers the last read",
         scope("if raw < 0.6 { publish pos = raw; }"),
         *careful("publish push = clamp(4.0 * (0.62 - pos), -1.0, 1.0);"),
         ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.75"),
         ("safer abs(pos) < 0.5", "safer pos > 0.3 && pos < 0.7"),
-        named=SILENCE,
     ),
-    seen(
-        "stale",
+    of_stale(
         "a gauge that is latched by a fault of its own",
         "after it asserts, nobody publishes `pos` any more",
         scope("assert raw < 0.5; publish pos = raw;"),
         *careful("publish push = clamp(4.0 * (0.55 - pos), -1.0, 1.0);"),
         ("safer abs(pos) < 0.5", "safer pos > 0.3 && pos < 0.6"),
-        named=SILENCE,
     ),
-    seen(
-        "stale",
+    of_stale(
         "a gauge that publishes outside its set",
         "it is latched beyond 0.5",
         ("topic pos: float max_age 20ms;", "topic pos: float in [-1.0, 0.5] max_age 20ms;"),
@@ -172,49 +151,39 @@ STALE = (
         ("safer abs(pos) < 0.5", "safer pos > 0.3 && pos < 0.6"),
         named=(*SILENCE, r"declared sets"),
     ),
-    seen(
-        "stale",
+    of_stale(
         "a gauge that stops for good at 2 s",
         "SC answers its last read for ever",
         scope("if time < 2.0 { publish pos = raw; }"),
         *careful("publish push = clamp(4.0 * (0.5 - pos), -1.0, 1.0);"),
         ("safer abs(pos) < 0.5", "safer pos > 0.2 && pos < 0.6"),
         ("publish push = pos >= 0.0 ? 1.0 : -1.0;", "publish push = pos > 0.3 ? -1.0 : 1.0;"),
-        named=SILENCE,
     ),
-    Wrong(
-        "stale",
+    of_plants(
         "a plant whose sensor may drop out",
-        LINE,
-        careful("publish push = clamp(4.0 * (0.4 - pos), -1.0, 1.0);"),
         "the DM hands over when the read is stale, and SC answers a read of any age: to be proved "
         "or named",
+        careful("publish push = clamp(4.0 * (0.4 - pos), -1.0, 1.0);"),
         None,
-        SILENCE,
+        named=SILENCE,
     ),
-    Wrong(
-        "stale",
+    of_plants(
         "a plant that publishes every three seconds under `max_age 20ms`",
-        LINE,
+        "SC reads what is up to three seconds old",
         (
             ("plant Line period 10ms", "plant Line period 3s"),
             ("state x: float = 0.0;", "state x: float = 0.7;"),
         ),
-        "SC reads what is up to three seconds old",
-        RUN,
     ),
-    Wrong(
-        "stale",
+    of_plants(
         "a plant that publishes every 400 ms, and a `max_age` of 400 ms",
-        LINE,
-        (("plant Line period 10ms", "plant Line period 400ms"), ("max_age 20ms", "max_age 400ms")),
         "`ttf` looks ahead 0.3 s, and needs 0.45",
+        (("plant Line period 10ms", "plant Line period 400ms"), ("max_age 20ms", "max_age 400ms")),
         None,
     ),
-    Wrong(
-        "stale",
+    of_plants(
         "a second sensor, slower than the first",
-        LINE,
+        "SC reads the slow one: three seconds old under a `max_age` of 20 ms",
         (
             (
                 "topic pos: float max_age 20ms;",
@@ -232,20 +201,16 @@ STALE = (
                 "grid pos in [-1.0, 1.0] / 80, far in [-1.0, 1.0] / 80;",
             ),
         ),
-        "SC reads the slow one: three seconds old under a `max_age` of 20 ms",
-        RUN,
     ),
-    Wrong(
-        "stale",
+    of_plants(
         "SC reads what the DM does not, without an age",
-        LINE,
+        "nothing bounds the age of `far`: it may stop, and the DM does not look at it",
         (
             ("topic pos: float max_age 20ms;", "topic pos: float max_age 20ms;\ntopic far: float;"),
             ("drives pos = x;", "drives pos = x;\n  drives far = x;"),
             *careful("publish push = clamp(-4.0 * far, -1.0, 1.0);", reads="far"),
         ),
-        "nothing bounds the age of `far`: it may stop, and the DM does not look at it",
         None,
-        SILENCE,
+        named=SILENCE,
     ),
 )

@@ -85,20 +85,7 @@ def under(*edits: Edit) -> Shown:
 
 # ---------------------------------------------------------------- control arms
 
-LINE = Base(
-    "line",
-    """soter 1;
-
-topic pos: float max_age 20ms;
-topic push: float in [-1.0, 1.0] = 0.0;
-
-plant Line period 10ms {
-  reads push;
-  drives pos = x;
-  state x: float = 0.0;
-  der x = push;
-}
-node Fast period 50ms {
+KEEP = """node Fast period 50ms {
   subscribes pos;
   publishes push;
   step { publish push = pos >= 0.0 ? 1.0 : -1.0; }
@@ -115,14 +102,36 @@ rta Keep {
   safe abs(pos) < 1.0;
   ttf abs(pos) > 0.7;
   safer abs(pos) < 0.5;
-  verify {
-    grid pos in [-1.0, 1.0] / 80;
-    late dm 0ms, sc 0ms;
+"""
+"""AC, SC and the head of the module of the first three."""
+PROMPT = """    late dm 0ms, sc 0ms;
     response dm 0ms, sc 0ms;
     acts within 0ms;
   }
 }
-system World default { p: Line; module Keep; until 10s; always abs(p.truth.x) < 1.0; }
+"""
+"""The end of a module in which nothing is late."""
+
+LINE = Base(
+    "line",
+    """soter 1;
+
+topic pos: float max_age 20ms;
+topic push: float in [-1.0, 1.0] = 0.0;
+
+plant Line period 10ms {
+  reads push;
+  drives pos = x;
+  state x: float = 0.0;
+  der x = push;
+}
+"""
+    + KEEP
+    + """  verify {
+    grid pos in [-1.0, 1.0] / 80;
+"""
+    + PROMPT
+    + """system World default { p: Line; module Keep; until 10s; always abs(p.truth.x) < 1.0; }
 """,
 )
 
@@ -152,32 +161,14 @@ node Scope period 10ms {
   publishes pos;
   step { publish pos = raw; }
 }
-node Fast period 50ms {
-  subscribes pos;
-  publishes push;
-  step { publish push = pos >= 0.0 ? 1.0 : -1.0; }
-}
-node Careful period 50ms {
-  subscribes pos;
-  publishes push;
-  step { publish push = clamp(-4.0 * pos, -1.0, 1.0); }
-}
-rta Keep {
-  ac Fast;
-  sc Careful;
-  period 50ms;
-  safe abs(pos) < 1.0;
-  ttf abs(pos) > 0.7;
-  safer abs(pos) < 0.5;
-  verify {
+"""
+    + KEEP
+    + """  verify {
     abstracts b by m: Model = { x: b.truth.x };
     grid pos in [-1.0, 1.0] / 80;
-    late dm 0ms, sc 0ms;
-    response dm 0ms, sc 0ms;
-    acts within 0ms;
-  }
-}
-system World default {
+"""
+    + PROMPT
+    + """system World default {
   b: Body;
   node Scope;
   module Keep;
@@ -200,24 +191,9 @@ plant Steps period 50ms {
   state x: float = 0.0;
   next x = x + 0.05 * push;
 }
-node Fast period 50ms {
-  subscribes pos;
-  publishes push;
-  step { publish push = pos >= 0.0 ? 1.0 : -1.0; }
-}
-node Careful period 50ms {
-  subscribes pos;
-  publishes push;
-  step { publish push = clamp(-4.0 * pos, -1.0, 1.0); }
-}
-rta Keep {
-  ac Fast;
-  sc Careful;
-  period 50ms;
-  safe abs(pos) < 1.0;
-  ttf abs(pos) > 0.7;
-  safer abs(pos) < 0.5;
-  verify { grid pos in [-1.0, 1.0] / 80; }
+"""
+    + KEEP
+    + """  verify { grid pos in [-1.0, 1.0] / 80; }
 }
 system World default { p: Steps; module Keep; until 10s; always abs(p.truth.x) < 1.0; }
 """,
@@ -265,12 +241,9 @@ rta Keep {
   safer Fits(motion, 0.5) && abs(motion.v) < 1.5;
   verify {
     grid motion.x in [-4.0, 4.0] / 100, motion.v in [-4.0, 4.0] / 80;
-    late dm 0ms, sc 0ms;
-    response dm 0ms, sc 0ms;
-    acts within 0ms;
-  }
-}
-system World default { c: Cart; module Keep; until 20s; always abs(c.truth.x) < 4.0; }
+"""
+    + PROMPT
+    + """system World default { c: Cart; module Keep; until 20s; always abs(c.truth.x) < 4.0; }
 """,
 )
 
@@ -310,12 +283,9 @@ rta Keep {
   safer y.a * y.a + y.b * y.b < 0.0008;
   verify {
     grid y.a in [-0.67, 0.67] / 100, y.b in [-0.67, 0.67] / 100;
-    late dm 0ms, sc 0ms;
-    response dm 0ms, sc 0ms;
-    acts within 0ms;
-  }
-}
-system World default {
+"""
+    + PROMPT
+    + """system World default {
   r: Ring;
   module Keep;
   until 10s;

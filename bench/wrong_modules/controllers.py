@@ -8,7 +8,13 @@ Non-goals: laws that are too weak or too slow (`tests/generators/changed_modules
 
 from __future__ import annotations
 
+from functools import partial
+from typing import TYPE_CHECKING
+
 from bench.wrong_modules.base import CART, LINE, MAP, RUN, Base, Edit, Shown, Wrong, under
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 HEAD = "node Careful period 50ms {\n  subscribes pos;\n  publishes push;\n"
 LAW = "step { publish push = clamp(-4.0 * pos, -1.0, 1.0); }"
@@ -59,35 +65,43 @@ def one(
     return Wrong(kind, name, base, edits, why, shown, **rest)
 
 
+def because(kind: str, why: str, **usual: tuple[str, ...]) -> Callable[..., Wrong]:
+    """Entries of a kind that are all wrong for the same reason."""
+
+    def entry(
+        name: str,
+        edits: tuple[Edit, ...],
+        shown: Shown | None = RUN,
+        base: Base = LINE,
+        **rest: tuple[str, ...],
+    ) -> Wrong:
+        return one(kind, name, why, edits, shown, base, **{**usual, **rest})
+
+    return entry
+
+
 FULL = "the queue overflows between two steps: SC faults at its next one, and is latched"
 
+of_queues = partial(one, "queues")
+full = because("queues", FULL)
 QUEUES = (
-    one(
-        "queues",
+    full(
         "an unread `queue 1 fault` latches SC",
-        FULL,
         (*tick("10ms"), *stays(reads="pos, tick queue 1 fault")),
     ),
-    one(
-        "queues",
+    full(
         "an unread `queue 4 fault`, five ticks a period",
-        FULL,
         (*tick("10ms"), *stays(reads="pos, tick queue 4 fault")),
     ),
-    one(
-        "queues",
+    full(
         "an unread `queue 1 fault` of a slow, nearly equal period",
-        FULL,
         (*tick("49ms"), *stays(reads="pos, tick queue 1 fault")),
     ),
-    one(
-        "queues",
+    full(
         "the plant's own topic twice: read, and in a full queue",
-        FULL,
         careful("publish push = clamp(-4.0 * pos[0], -1.0, 1.0);", reads="pos queue 1 fault"),
     ),
-    one(
-        "queues",
+    of_queues(
         "a queue that is empty at the first step",
         "SC indexes an empty list at 0 s: the node SC follows publishes later",
         (
@@ -98,8 +112,7 @@ QUEUES = (
             ),
         ),
     ),
-    one(
-        "queues",
+    of_queues(
         "SC drives by how many values came",
         "more than three ticks in a period and it pushes the wrong way",
         (
@@ -110,20 +123,16 @@ QUEUES = (
             ),
         ),
     ),
-    one(
-        "queues",
+    full(
         "an input topic fills an unread `queue 1 fault`",
-        FULL,
         (
             declared("input topic knob: float in [-1.0, 1.0];"),
             ("module Keep; until", "module Keep; input knob every 10ms; until"),
             *stays(reads="pos, knob queue 1 fault"),
         ),
     ),
-    one(
-        "queues",
+    full(
         "a map: an unread `queue 1 fault`",
-        FULL,
         (
             declared(
                 "topic tick: int in [0, 9] = 0;\n"
@@ -139,35 +148,30 @@ QUEUES = (
 
 TAKEN = "SC's first step after a take-over is a step fault: it is latched and publishes no more"
 
+of_takeover = partial(one, "takeover")
+taken = because("takeover", TAKEN)
 TAKEOVER = (
-    one("takeover", "`on takeover` asserts false", TAKEN, stays("on takeover { assert false; }")),
-    one(
-        "takeover",
+    taken("`on takeover` asserts false", stays("on takeover { assert false; }")),
+    taken(
         "`on takeover` divides by zero",
-        TAKEN,
         stays("var n: int in [0, 9] = 3;", "on takeover { n = 3 / 0; }"),
     ),
-    one(
-        "takeover",
+    taken(
         "`on takeover` leaves the local's range",
-        TAKEN,
         stays("var n: int in [0, 9] = 9;", "on takeover { n = n + 1; }"),
     ),
-    one(
-        "takeover",
+    of_takeover(
         "`on takeover` faults at the third time",
         "the third take-over latches SC",
         stays("var n: int in [0, 99] = 0;", "on takeover { n = n + 1; assert n < 3; }"),
     ),
-    one(
-        "takeover",
+    of_takeover(
         "`on takeover` faults at the hundredth time, by its range",
         "the hundredth take-over latches SC",
         stays("var n: int in [0, 99] = 0;", "on takeover { n = n + 1; }"),
         Shown(("run", "--until", "200s")),
     ),
-    one(
-        "takeover",
+    of_takeover(
         "`on takeover` sets a flag that turns the law round",
         "after the first take-over SC pushes to the wall",
         careful(
@@ -176,8 +180,7 @@ TAKEOVER = (
             "on takeover { wrong = true; }",
         ),
     ),
-    one(
-        "takeover",
+    of_takeover(
         "`on takeover` remembers a side and SC holds it",
         "SC pushes to the side where it took over, whatever it reads since",
         careful(
@@ -186,31 +189,23 @@ TAKEOVER = (
             "on takeover { right = pos > 0.0; }",
         ),
     ),
-    one(
-        "takeover",
+    taken(
         "`on takeover` reads an element outside of an array",
-        TAKEN,
         (
             declared("const TABLE: float[3] = [0.0, 0.0, 0.0];"),
             *stays("var n: int in [0, 9] = 5;", "on takeover { n = TABLE[n] > 0.0 ? 0 : 1; }"),
         ),
     ),
-    one(
-        "takeover",
+    taken(
         "`on takeover` faults where SC takes over on the right",
-        TAKEN,
         stays("on takeover { assert pos < 0.3; }"),
     ),
-    one(
-        "takeover",
+    taken(
         "`on takeover` converts a large number",
-        TAKEN,
         stays("var n: int in [0, 9] = 5;", "on takeover { n = int(1e300); }"),
     ),
-    one(
-        "takeover",
+    taken(
         "a cart: `on takeover` asserts false",
-        TAKEN,
         (
             (
                 "  publishes accel;\n  step {\n    let wanted",
@@ -220,37 +215,32 @@ TAKEOVER = (
         RUN,
         CART,
     ),
-    one(
-        "takeover",
+    taken(
         "a map: `on takeover` asserts false",
-        TAKEN,
         stays("on takeover { assert false; }"),
         RUN,
         MAP,
     ),
 )
 
+of_modes = partial(one, "modes")
 MODES = (
-    one(
-        "modes",
+    of_modes(
         "SC does its duty only while it has no control",
         "`in_control` is true whenever its outputs count: then it pushes to the wall",
         careful("publish push = in_control ? 1.0 : clamp(-4.0 * pos, -1.0, 1.0);"),
     ),
-    one(
-        "modes",
+    of_modes(
         "SC pushes the other way while the mode is SC",
         "that is when it counts",
         careful("publish push = mode(Keep) == Mode.SC ? 1.0 : clamp(-4.0 * pos, -1.0, 1.0);"),
     ),
-    one(
-        "modes",
+    of_modes(
         "SC stops working after five seconds",
         "from then on it pushes right",
         careful("publish push = time > 5.0 ? 1.0 : clamp(-4.0 * pos, -1.0, 1.0);"),
     ),
-    one(
-        "modes",
+    of_modes(
         "SC stops working when its read is 5 ms old",
         "the runtime may be late: an age above zero makes it push right",
         (
@@ -264,14 +254,12 @@ MODES = (
             ),
         ),
     ),
-    one(
-        "modes",
+    of_modes(
         "SC publishes only while it is not in control",
         "it never publishes",
         careful("if !in_control { publish push = clamp(-4.0 * pos, -1.0, 1.0); }"),
     ),
-    one(
-        "modes",
+    of_modes(
         "SC counts its steps while in control and then gives up",
         "after twenty steps in control its local says: push right",
         careful(
@@ -280,20 +268,17 @@ MODES = (
             "var n: int in [0, 99] = 0;",
         ),
     ),
-    one(
-        "modes",
+    of_modes(
         "`ttf` asks for the mode",
         "as long as AC has control it is never time",
         (("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.7 && mode(Keep) == Mode.SC"),),
     ),
-    one(
-        "modes",
+    of_modes(
         "`ttf` asks how old the read is",
         "fresh reads are trusted anywhere",
         (("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.7 && age(pos) > 0.005"),),
     ),
-    one(
-        "modes",
+    of_modes(
         "SC of one module reads the mode of another",
         "the other module is in mode SC",
         (
@@ -309,28 +294,25 @@ MODES = (
     ),
 )
 
+of_silent = partial(one, "silent")
 SILENT = (
-    one(
-        "silent",
+    of_silent(
         "SC publishes only on the right",
         "on the left AC's last command stays",
         careful("if pos > 0.0 { publish push = clamp(-4.0 * pos, -1.0, 1.0); }"),
         under((GOES, "publish push = -1.0;")),
     ),
-    one(
-        "silent",
+    of_silent(
         "SC publishes only where it is quiet",
         "beyond 0.6 AC's last command stays",
         careful("if abs(pos) < 0.6 { publish push = clamp(-4.0 * pos, -1.0, 1.0); }"),
     ),
-    one(
-        "silent",
+    of_silent(
         "SC never publishes",
         "AC's last command stays",
         careful("if pos > 2.0 { publish push = -1.0; }"),
     ),
-    one(
-        "silent",
+    of_silent(
         "SC publishes every hundredth step",
         "AC acts for five seconds",
         careful(
@@ -338,8 +320,7 @@ SILENT = (
             "var n: int in [0, 99] = 0;",
         ),
     ),
-    one(
-        "silent",
+    of_silent(
         "SC publishes until it was once beyond 0.6",
         "then never again",
         careful(
@@ -348,8 +329,7 @@ SILENT = (
             "var done: bool = false;",
         ),
     ),
-    one(
-        "silent",
+    of_silent(
         "SC publishes in a loop that may be empty",
         "the loop over what came is empty where nothing came: AC's command stays",
         (
@@ -360,22 +340,19 @@ SILENT = (
             ),
         ),
     ),
-    one(
-        "silent",
+    of_silent(
         "SC publishes twice, and the last one counts",
         "the last one pushes right",
         careful(
             "publish push = clamp(-4.0 * pos, -1.0, 1.0); if pos > 0.6 { publish push = 1.0; }"
         ),
     ),
-    one(
-        "silent",
+    of_silent(
         "SC publishes in a loop, and the last round counts",
         "the last round pushes right",
         careful("for i in 0..3 { publish push = clamp(float(i) - 1.0, -1.0, 1.0); }"),
     ),
-    one(
-        "silent",
+    of_silent(
         "SC of a cart publishes only at speed",
         "at rest AC's last push stays",
         (
@@ -390,8 +367,7 @@ SILENT = (
         RUN,
         CART,
     ),
-    one(
-        "silent",
+    of_silent(
         "SC of a map publishes only on the right",
         "on the left AC's command stays",
         careful("if pos > 0.0 { publish push = clamp(-4.0 * pos, -1.0, 1.0); }"),

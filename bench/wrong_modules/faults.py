@@ -7,82 +7,67 @@ Non-goals: when they publish (`controllers.py`).
 
 from __future__ import annotations
 
+from functools import partial
+
 from bench.wrong_modules.base import MAP, RUN, SIGHT, under
-from bench.wrong_modules.controllers import GOES, careful, declared, one, stays
+from bench.wrong_modules.controllers import GOES, because, careful, declared, one, stays
 
 LATCHED = "SC is latched by a step fault and publishes no more"
 
+of_faults = partial(one, "faults")
+latched = because("faults", LATCHED)
 FAULTS = (
-    one(
-        "faults",
+    latched(
         "SC publishes outside its set beyond 0.72",
-        LATCHED,
         careful("publish push = -1.5 * clamp(pos, -1.0, 1.0);"),
         RUN,
     ),
-    one(
-        "faults",
+    latched(
         "SC publishes outside its set in a narrow band",
-        LATCHED,
         careful("publish push = abs(pos - 0.7) < 0.06 ? -1.01 : clamp(-4.0 * pos, -1.0, 1.0);"),
     ),
-    one(
-        "faults",
+    latched(
         "SC asserts that the place is below 0.65",
-        LATCHED,
         careful("assert pos < 0.65; publish push = clamp(-4.0 * pos, -1.0, 1.0);"),
     ),
-    one(
-        "faults",
+    latched(
         "SC divides by a number that is zero beyond 0.7",
-        LATCHED,
         careful(
             "let n = pos > 0.7 ? 0 : 1; publish push = clamp(-4.0 * pos, -1.0, 1.0) * float(1 / n);"
         ),
     ),
-    one(
-        "faults",
+    of_faults(
         "SC divides by zero at one place exactly",
         "at 0.5 - pos == 0, reachable: AC may go and wait there",
         (*careful("publish push = clamp(-4.0 * pos + 0.0 / (0.5 - pos), -1.0, 1.0);"),),
         None,
     ),
-    one(
-        "faults",
+    latched(
         "SC overflows an int",
-        LATCHED,
         careful(
             "let n = int(pos * 1e9) * 20000000000;"
             " publish push = n > 0 ? clamp(-4.0 * pos, -1.0, 1.0) : 0.0;"
         ),
     ),
-    one(
-        "faults",
+    latched(
         "SC leaves the range of an int local",
-        LATCHED,
         careful(
             "n = int(pos * 10.0); publish push = clamp(-4.0 * pos, -1.0, 1.0);",
             "var n: int in [-6, 6] = 0;",
         ),
     ),
-    one(
-        "faults",
+    latched(
         "SC converts what is too large",
-        LATCHED,
         careful(
             "let n = int(pos * 1.5e19); publish push = n > 0 ? clamp(-4.0 * pos, -1.0, 1.0) : 0.0;"
         ),
     ),
-    one(
-        "faults",
+    latched(
         "SC takes the root of a negative number: NaN",
-        LATCHED,
         careful("publish push = clamp(-4.0 * pos, -1.0, 1.0) * (0.5 + 0.0 * sqrt(0.72 - pos));"),
     ),
-    one(
-        "faults",
+    latched(
         "SC reads a table beyond its end",
-        LATCHED,
         (
             declared("const LAW: float[8] = [0.0, -0.5, -0.9, -1.0, -1.0, -1.0, -1.0, -1.0];"),
             *careful(
@@ -90,18 +75,15 @@ FAULTS = (
             ),
         ),
     ),
-    one(
-        "faults",
+    latched(
         "SC fills a list that is full",
-        LATCHED,
         careful(
             "var xs: float[<=7] = []; for i in 0..10 {"
             " if abs(pos) > 0.1 * float(i) { push xs, pos; } }"
             " publish push = clamp(-4.0 * pos, -1.0, 1.0);"
         ),
     ),
-    one(
-        "faults",
+    of_faults(
         "a fail-safe value that pushes right",
         "SC faults, and its fail-safe acts",
         careful(
@@ -109,26 +91,21 @@ FAULTS = (
             "failsafe push = 1.0;",
         ),
     ),
-    one(
-        "faults",
+    latched(
         "SC faults after ten thousand steps by its counter",
-        LATCHED,
         careful(
             "n = n + 1; publish push = clamp(-4.0 * pos, -1.0, 1.0);", "var n: int in [0, 100] = 0;"
         ),
     ),
-    one(
-        "faults",
+    latched(
         "SC faults on its second step in a place",
-        LATCHED,
         careful(
             "if abs(pos) > 0.6 { n = n + 1; } else { n = 0; }"
             " publish push = clamp(-4.0 * pos, -1.0, 1.0);",
             "var n: int in [0, 1] = 0;",
         ),
     ),
-    one(
-        "faults",
+    of_faults(
         "SC faults only where an error of measurement puts it",
         "the read may be 0.9 beyond the border of C: no place in C is there",
         (
@@ -137,19 +114,15 @@ FAULTS = (
         ),
         None,
     ),
-    one(
-        "faults",
+    latched(
         "a fault behind `&&`",
-        LATCHED,
         careful(
             "let n = pos > 0.65 ? 0 : 1;"
             " publish push = pos > 0.65 && 1 / n == 1 ? 1.0 : clamp(-4.0 * pos, -1.0, 1.0);"
         ),
     ),
-    one(
-        "faults",
+    latched(
         "a fault in a function that SC calls where it matters",
-        LATCHED,
         (
             declared(
                 "fun law(p: float): float { assert p < 0.65; return clamp(-4.0 * p, -1.0, 1.0); }"
@@ -157,27 +130,21 @@ FAULTS = (
             *careful("publish push = abs(pos) > 0.3 ? law(pos) : 0.0;"),
         ),
     ),
-    one(
-        "faults",
+    latched(
         "a fault in a loop's last round",
-        LATCHED,
         careful(
             "var s = 0.0; for i in 0..8 { assert pos < 1.0 - 0.05 * float(i); s = s - pos; }"
             " publish push = clamp(s, -1.0, 1.0);"
         ),
     ),
-    one(
-        "faults",
+    latched(
         "a map: SC publishes outside its set in a band",
-        LATCHED,
         careful("publish push = abs(pos - 0.7) < 0.06 ? -1.01 : clamp(-4.0 * pos, -1.0, 1.0);"),
         RUN,
         MAP,
     ),
-    one(
-        "faults",
+    latched(
         "an estimated place: SC divides by zero beyond 0.7",
-        LATCHED,
         careful(
             "let n = pos > 0.7 ? 0 : 1; publish push = clamp(-4.0 * pos, -1.0, 1.0) * float(1 / n);"
         ),
@@ -188,69 +155,46 @@ FAULTS = (
 
 BROKEN_PROMISE = "a contract that does not hold is a violation: the run counts as violated"
 
+broken = because("contracts", BROKEN_PROMISE, named=(r"guarantee", r"contract"))
 CONTRACTS = (
-    one(
-        "contracts",
+    broken(
         "SC guarantees less force than it uses",
-        BROKEN_PROMISE,
         stays("guarantees abs(push) < 0.9;"),
-        named=(r"guarantee", r"contract"),
     ),
-    one(
-        "contracts",
+    broken(
         "SC assumes that it is never far out",
-        BROKEN_PROMISE,
         stays("assumes abs(pos) < 0.6;"),
         named=(r"\bassumes\b", r"contract"),
     ),
-    one(
-        "contracts",
+    broken(
         "SC's guarantee faults",
-        BROKEN_PROMISE,
         stays("guarantees 1.0 / max(0.0, 0.6 - pos) > 0.0;"),
-        named=(r"guarantee", r"contract"),
     ),
-    one(
-        "contracts",
+    broken(
         "SC's assumption divides by zero",
-        BROKEN_PROMISE,
         stays("assumes 1 / (pos > 0.7 ? 0 : 1) == 1;"),
         named=(r"\bassumes\b", r"contract"),
     ),
-    one(
-        "contracts",
+    broken(
         "SC guarantees to push only while time is short",
-        BROKEN_PROMISE,
         stays("guarantees time < 5.0;"),
-        named=(r"guarantee", r"contract"),
     ),
-    one(
-        "contracts",
+    broken(
         "SC guarantees that the mode is AC",
-        BROKEN_PROMISE,
         stays("guarantees mode(Keep) == Mode.AC;"),
-        named=(r"guarantee", r"contract"),
     ),
-    one(
-        "contracts",
+    broken(
         "SC guarantees what false means",
-        BROKEN_PROMISE,
         stays("guarantees false;"),
-        named=(r"guarantee", r"contract"),
     ),
-    one(
-        "contracts",
+    broken(
         "SC of a map guarantees less force than it uses",
-        BROKEN_PROMISE,
         stays("guarantees abs(push) < 0.9;"),
         RUN,
         MAP,
-        named=(r"guarantee", r"contract"),
     ),
-    one(
-        "contracts",
+    broken(
         "SC assumes something of an input that is free",
-        BROKEN_PROMISE,
         (
             declared("input topic knob: float in [-1.0, 1.0];"),
             ("module Keep; until", "module Keep; input knob every 10ms; until"),
@@ -262,9 +206,9 @@ CONTRACTS = (
 
 KEPT = "what SC keeps may have any value when it takes over, and one of them is wrong"
 
+of_locals = partial(one, "locals")
 LOCALS = (
-    one(
-        "locals",
+    of_locals(
         "SC pushes the other way every fourth step",
         KEPT,
         (
@@ -276,8 +220,7 @@ LOCALS = (
         ),
         None,
     ),
-    one(
-        "locals",
+    of_locals(
         "SC waits ten steps before it acts",
         "half a second more for AC's last command",
         (
@@ -289,8 +232,7 @@ LOCALS = (
             declared("fun in_c(p: float): bool { return abs(p) < 0.6; }"),
         ),
     ),
-    one(
-        "locals",
+    of_locals(
         "SC remembers a side from before it took over",
         KEPT,
         careful(
@@ -298,8 +240,7 @@ LOCALS = (
             "var right: bool = true;",
         ),
     ),
-    one(
-        "locals",
+    of_locals(
         "a counter wraps and the law with it",
         "at 90 of 100 it pushes right for half a s",
         careful(
@@ -307,8 +248,7 @@ LOCALS = (
             "var n: int in [0, 99] = 0;",
         ),
     ),
-    one(
-        "locals",
+    of_locals(
         "a state machine that ends in a phase without a law",
         "Done pushes right",
         (
@@ -321,8 +261,7 @@ LOCALS = (
             ),
         ),
     ),
-    one(
-        "locals",
+    of_locals(
         "a gain that is halved at every step",
         "after some steps SC pushes no more",
         careful(
@@ -330,8 +269,7 @@ LOCALS = (
             "var n: int in [0, 40] = 0;",
         ),
     ),
-    one(
-        "locals",
+    of_locals(
         "SC answers what it read 1.5 s ago",
         "in that time AC went from one side to the other",
         careful(
@@ -341,8 +279,7 @@ LOCALS = (
         ),
         under((GOES, "publish push = time < 0.6 ? -1.0 : 1.0;")),
     ),
-    one(
-        "locals",
+    of_locals(
         "SC answers the side on which it was 1.5 s ago",
         "in that time AC went from one side to the other",
         careful(
@@ -352,8 +289,7 @@ LOCALS = (
         ),
         under((GOES, "publish push = time < 0.6 ? -1.0 : 1.0;")),
     ),
-    one(
-        "locals",
+    of_locals(
         "SC integrates its error without bound",
         "the integral of AC's time winds up",
         careful(
@@ -362,8 +298,7 @@ LOCALS = (
             "var sum: float = 0.0;",
         ),
     ),
-    one(
-        "locals",
+    of_locals(
         "a flag that a far place sets for ever",
         "beyond 0.65 once, and it pushes right",
         careful(
@@ -372,8 +307,7 @@ LOCALS = (
             "var bad: bool = false;",
         ),
     ),
-    one(
-        "locals",
+    of_locals(
         "a map: SC pushes the other way every fourth step",
         KEPT,
         careful(

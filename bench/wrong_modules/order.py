@@ -6,6 +6,7 @@ Non-goals: what estimators make of a state (`paths.py`).
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from bench.wrong_modules.controllers import careful, declared
@@ -35,44 +36,36 @@ SLOW_SC: tuple[Edit, ...] = (
 NAMES_FIRST: tuple[str, ...] = ()
 """Order and first reads are followed, not named."""
 
+of_order = partial(seen, "order", named=())
 ORDER = (
-    seen(
-        "order",
+    of_order(
         "SC steps before the estimator: the default pulls it out",
         BEFORE,
         *SLOW_SC,
         *start("-0.85"),
         default("0.9"),
-        named=NAMES_FIRST,
     ),
-    seen(
-        "order",
+    of_order(
         "the default is on the other side of a door",
         BEFORE,
         *SLOW_SC,
         *start("0.85"),
         default("-1.0"),
-        named=NAMES_FIRST,
     ),
-    seen(
-        "order",
+    of_order(
         "the estimator starts a second later",
         "SC answers the default for a second",
         scope("if time >= 1.0 { publish pos = raw; }"),
         default("-0.3"),
-        named=(),
     ),
-    seen(
-        "order",
+    of_order(
         "the estimator starts 300 ms later, the state is near the border",
         "SC answers the default for 300 ms",
         scope("if time >= 0.3 { publish pos = raw; }"),
         *start("0.8"),
         default("-0.3"),
-        named=(),
     ),
-    seen(
-        "order",
+    of_order(
         "two nodes on the path, the later one declared first",
         "at 0 s neither has published anything for SC: it reads the default; each adds a period",
         ("topic push: float", "topic mid: float max_age 20ms;\ntopic push: float"),
@@ -89,10 +82,8 @@ ORDER = (
         *SLOW_SC,
         *start("-0.85"),
         default("0.9"),
-        named=(),
     ),
-    seen(
-        "order",
+    of_order(
         "an estimator that is two periods behind",
         "two nodes, each holds what it read for 200 ms: 400 ms old under a `max_age` of 210 ms",
         ("topic push: float", "topic mid: float max_age 210ms;\ntopic push: float"),
@@ -109,10 +100,8 @@ ORDER = (
         ("  node Scope;\n", "  node Last;\n  node First;\n"),
         ("topic pos: float max_age 20ms;", "topic pos: float max_age 210ms;"),
         ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.65"),
-        named=(),
     ),
-    seen(
-        "order",
+    of_order(
         "two nodes that hold for 200 ms each, in step",
         "half a period apart: 300 ms old under a `max_age` of 210 ms",
         ("topic push: float", "topic mid: float max_age 210ms;\ntopic push: float"),
@@ -128,10 +117,8 @@ ORDER = (
         ("  node Scope;\n", "  node First;\n  node Last;\n"),
         ("topic pos: float max_age 20ms;", "topic pos: float max_age 210ms;"),
         ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.75"),
-        named=(),
     ),
-    seen(
-        "order",
+    of_order(
         "a fresh stamp on an old sample, after the first sample",
         "First samples every 500 ms, Last republishes every 10 ms, and never a default",
         ("topic push: float", "topic mid: float max_age 1s;\ntopic push: float"),
@@ -145,10 +132,8 @@ ORDER = (
             ),
         ),
         ("  node Scope;\n", "  node First;\n  node Last;\n"),
-        named=(),
     ),
-    seen(
-        "order",
+    of_order(
         "the DM believes in a fresh stamp on an old sample",
         "First samples every 500 ms, Last republishes every 10 ms: the stamp is fresh, the state "
         "half a second old",
@@ -164,26 +149,20 @@ ORDER = (
             ),
         ),
         ("  node Scope;\n", "  node First;\n  node Last;\n"),
-        named=(),
     ),
-    seen(
-        "order",
+    of_order(
         "the actuator's node steps before SC in the instant",
         "the command waits for the actuator's next step, up to 700 ms later",
         *servo("publish force = push;", period="700ms"),
-        named=(),
     ),
-    seen(
-        "order",
+    of_order(
         "SC before the estimator, and the DM too: a `ttf` of the default",
         "the default looks fine: SC pushes right from 0.9 on",
         *start("0.9"),
         default("-1.0"),
         *SLOW_SC,
-        named=NAMES_FIRST,
     ),
-    seen(
-        "order",
+    of_order(
         "SC faults at the default: it asserts that it sees something",
         "at 0 s it reads the default 0.0, and is latched before the estimator's first step",
         *careful("assert pos != 0.0; publish push = clamp(-4.0 * pos + 2.0, -1.0, 1.0);"),
@@ -192,10 +171,8 @@ ORDER = (
         ("safe abs(pos) < 1.0", "safe pos > 0.1 && pos < 0.9"),
         ("ttf abs(pos) > 0.7", "ttf pos < 0.3 || pos > 0.7"),
         ("safer abs(pos) < 0.5", "safer pos > 0.4 && pos < 0.6"),
-        named=NAMES_FIRST,
     ),
-    seen(
-        "order",
+    of_order(
         "SC divides by the default",
         "at 0 s it divides by 0.0, and is latched",
         *careful("publish push = clamp(2.0 - 4.0 * pos * (pos / pos), -1.0, 1.0);"),
@@ -204,10 +181,8 @@ ORDER = (
         ("safe abs(pos) < 1.0", "safe pos > 0.1 && pos < 0.9"),
         ("ttf abs(pos) > 0.7", "ttf pos < 0.3 || pos > 0.7"),
         ("safer abs(pos) < 0.5", "safer pos > 0.4 && pos < 0.6"),
-        named=NAMES_FIRST,
     ),
-    seen(
-        "order",
+    of_order(
         "SC looks the default up in a table",
         "the default 9.0 is beyond the table: SC is latched at 0 s",
         declared(
@@ -215,26 +190,20 @@ ORDER = (
         ),
         *careful("publish push = LAW[int(floor(pos * 4.0 + 5.5))];"),
         default("9.0"),
-        named=NAMES_FIRST,
     ),
-    seen(
-        "order",
+    of_order(
         "SC publishes outside its set at the default",
         "the default 3.0 lies outside of the grid: SC's command there is refused",
         *careful("publish push = pos > 2.0 ? 1.5 : clamp(-4.0 * pos, -1.0, 1.0);"),
         default("3.0"),
-        named=NAMES_FIRST,
     ),
-    seen(
-        "order",
+    of_order(
         "SC converts the default",
         "the default 1e30 is no int: latched at 0 s",
         *careful("let n = int(pos); publish push = n > 9 ? 0.0 : clamp(-4.0 * pos, -1.0, 1.0);"),
         default("1e30"),
-        named=NAMES_FIRST,
     ),
-    seen(
-        "order",
+    of_order(
         "an element of a record has another default than the state",
         BEFORE,
         *start("-0.85"),
@@ -251,6 +220,5 @@ ORDER = (
         ("ttf abs(pos) > 0.7", "ttf abs(pos.x) > 0.5"),
         ("safer abs(pos) < 0.5", "safer abs(pos.x) < 0.3"),
         ("grid pos in", "grid pos.x in"),
-        named=NAMES_FIRST,
     ),
 )

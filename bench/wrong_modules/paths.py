@@ -6,6 +6,8 @@ Non-goals: SC itself (`controllers.py`).
 
 from __future__ import annotations
 
+from functools import partial
+
 from bench.wrong_modules.base import LINE, RUN, SIGHT, Base, Edit, Shown, Wrong, under
 from bench.wrong_modules.controllers import GOES, declared, one
 
@@ -103,15 +105,14 @@ QUICK: tuple[Edit, ...] = (
 LAGS = "what it publishes is not the state within the error that the model declares"
 KEEPS = "var at: float = 0.0;"
 
+of_estimators = partial(seen, "estimators")
 ESTIMATORS = (
-    seen(
-        "estimators",
+    of_estimators(
         "a low-pass filter of 0.6 s",
         LAGS,
         scope("at = at + 0.016 * (raw - at); publish pos = at;", KEEPS),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "a moving average over 64 samples",
         LAGS,
         scope(
@@ -121,8 +122,7 @@ ESTIMATORS = (
             "var n: int in [0, 63] = 0;",
         ),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "a delay line of 40 samples",
         LAGS,
         scope(
@@ -131,8 +131,7 @@ ESTIMATORS = (
             "var n: int in [0, 39] = 0;",
         ),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "a dead reckoning that never looks",
         "it counts on what was commanded half",
         (
@@ -143,8 +142,7 @@ ESTIMATORS = (
             ),
         ),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "a dead reckoning with a drift",
         "0.2 a second off",
         (
@@ -156,53 +154,45 @@ ESTIMATORS = (
             ),
         ),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "a rate limiter",
         "it follows at half of the speed",
         scope("at = at + clamp(raw - at, -0.005, 0.005); publish pos = at;", KEEPS),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "a slope that is measured wrong",
         "half of the place",
         scope("publish pos = 0.5 * raw;"),
     ),
-    seen("estimators", "an offset of 0.4", LAGS, scope("publish pos = raw - 0.4;"), shown=PUSHING),
-    seen(
-        "estimators",
+    of_estimators("an offset of 0.4", LAGS, scope("publish pos = raw - 0.4;"), shown=PUSHING),
+    of_estimators(
         "a gauge that ends at 0.6",
         LAGS,
         scope("publish pos = clamp(raw, -0.6, 0.6);"),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "a coarse gauge: whole steps of 0.97",
         LAGS,
         scope("publish pos = 0.97 * floor(raw / 0.97);"),
         shown=PUSHING,
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "a gauge that is blind on the right",
         "it says 0.0 beyond 0.4",
         scope("publish pos = raw > 0.4 ? 0.0 : raw;"),
     ),
-    seen("estimators", "a wrong sign", LAGS, scope("publish pos = -raw;"), shown=PUSHING),
-    seen(
-        "estimators",
+    of_estimators("a wrong sign", LAGS, scope("publish pos = -raw;"), shown=PUSHING),
+    of_estimators(
         "a hysteresis of 0.97",
         LAGS,
         scope("if abs(raw - at) > 0.97 { at = raw; } publish pos = at;", KEEPS),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "a gauge that freezes after 3 s",
         "time is in no set of states",
         scope("if time < 3.2 { at = raw; } publish pos = at;", KEEPS),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "an estimator every second behind `max_age 10ms`",
         "SC answers a read that is up to a second old; nothing enforces its age",
         scope("publish pos = raw;", period="1s"),
@@ -210,24 +200,21 @@ ESTIMATORS = (
         ("topic pos: float max_age 20ms;", "topic pos: float max_age 10ms;"),
         named=(),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "an estimator every three seconds behind `max_age 20ms`",
         "SC answers a read that is up to three seconds old; nothing enforces its age",
         scope("publish pos = raw;", period="3s"),
         *start("0.7"),
         named=(),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "an estimator every second, and a `max_age` of a second",
         "the stamp is young enough, and H* counts it: a `ttf` for 20 ms is not",
         scope("publish pos = raw;", period="1s"),
         ("topic pos: float max_age 20ms;", "topic pos: float max_age 1s;"),
         named=(),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "an estimator that mixes two places",
         "half of what it read a second ago",
         scope(
@@ -236,8 +223,7 @@ ESTIMATORS = (
             "var n: int in [0, 99] = 0;",
         ),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "an estimator that publishes every 50th step",
         "SC and DM read what is half a second old: the DM sees that it is stale, SC does not",
         scope(
@@ -246,8 +232,7 @@ ESTIMATORS = (
         *QUICK,
         named=(),
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "no plant drives what the module reads: a filter between",
         "a filter of 0.6 s between plant and module, and no model beside it",
         ("drives pos = x;", "drives raw = x;"),
@@ -263,8 +248,7 @@ ESTIMATORS = (
         ("grid pos in", "grid p.x in"),
         base=LINE,
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "no plant drives what the module reads: a node every second",
         "what SC reads is up to a second old",
         ("drives pos = x;", "drives raw = x;"),
@@ -280,8 +264,7 @@ ESTIMATORS = (
         ("grid pos in", "grid p.x in"),
         base=LINE,
     ),
-    seen(
-        "estimators",
+    of_estimators(
         "a plant for the module's eyes: its own model of the world",
         "the model that drives `pos` is not moved by what moves the body, and nothing ties them",
         ("abstracts b by m: Model = { x: b.truth.x };\n", ""),

@@ -6,12 +6,14 @@ Non-goals: SC (`controllers.py`).
 
 from __future__ import annotations
 
+from functools import partial
+
 from bench.wrong_modules.base import CART, LINE, MAP, RUN, SIGHT, Base, Edit, Shown, Wrong, under
 from bench.wrong_modules.controllers import careful, declared, one
 
+of_gates = partial(one, "gates")
 GATES = (
-    one(
-        "gates",
+    of_gates(
         "the output's default pushes to the wall, and SC comes late",
         "from 0.8 on the default acts for 300 ms, until SC's first step",
         (
@@ -24,23 +26,20 @@ GATES = (
             ("safer abs(pos) < 0.5", "safer abs(pos) < 0.05"),
         ),
     ),
-    one(
-        "gates",
+    of_gates(
         "the output's default lies outside of its set",
         "what acts before anything is published is not in U",
         (("= 0.0;\n\nplant", "= 30.0;\n\nplant"),),
         None,
         codes=("V001", "V002", "V004", "V009"),
     ),
-    one(
-        "gates",
+    of_gates(
         "the set is far larger than what the plant was thought to take",
         "AC may publish 30, and no look-ahead of 0.3 is enough",
         (("float in [-1.0, 1.0] = 0.0;", "float in [-30.0, 30.0] = 0.0;"),),
         under(("publish push = pos >= 0.0 ? 1.0 : -1.0;", "publish push = 30.0;")),
     ),
-    one(
-        "gates",
+    of_gates(
         "a second output that SC never publishes",
         "AC leaves `brake` at its worst, and SC does not touch it",
         (
@@ -60,8 +59,7 @@ GATES = (
             ),
         ),
     ),
-    one(
-        "gates",
+    of_gates(
         "a second output that SC publishes only at rest",
         "AC leaves `pull` at its worst until SC is at rest",
         (
@@ -84,8 +82,7 @@ GATES = (
             ),
         ),
     ),
-    one(
-        "gates",
+    of_gates(
         "an output of which the plant takes the third power",
         "the plant amplifies what the gate lets pass",
         (
@@ -96,22 +93,20 @@ GATES = (
     ),
 )
 
+of_ranges = partial(one, "ranges")
 RANGES = (
-    one(
-        "ranges",
+    of_ranges(
         "a disturbance as strong as SC",
         "nothing holds against it",
         (("  der x = push;", "  disturbance w: float in [1.1, 1.1];\n  der x = push + w;"),),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "a disturbance on one side only",
         "zero at its low end, 1.5 at its high end",
         (("  der x = push;", "  disturbance w: float in [0.0, 1.5];\n  der x = push + w;"),),
         None,
     ),
-    one(
-        "ranges",
+    of_ranges(
         "an error of measurement as large as C",
         "the DM sees anything",
         (("  der x = push;\n}", "  der x = push;\n  measured pos within 0.9;\n}"),),
@@ -120,8 +115,7 @@ RANGES = (
             (("publish push = pos >= 0.0 ? 1.0 : -1.0;", "publish push = 1.0;"),),
         ),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "an error where only the DM looks",
         "`ttf` reads the blurred topic, SC the exact one",
         (
@@ -135,15 +129,13 @@ RANGES = (
             ("safer abs(pos) < 0.5", "safer abs(est) < 0.5"),
         ),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "an initial range that reaches beyond C",
         "it may start at 1.4",
         (("state x: float = 0.0;", "state x: float in [-1.4, 1.4];"),),
         Shown(("run", "--seed", "1")),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "an initial range that leaves no time",
         "it may start at 0.999",
         (
@@ -153,8 +145,7 @@ RANGES = (
         ),
         under(("state x: float in [-0.999, 0.999];", "state x: float = 0.999;")),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "a constant of the plant that is drawn at the start",
         "the plant's gain is anything up to 14",
         (
@@ -170,8 +161,7 @@ RANGES = (
         ),
         under(("state g: float in [1.0, 14.0];", "state g: float = 13.0;")),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "the model beside the flying plant knows no wind",
         "the body has a wind of 1, its model none: that it behaves like it is assumed, and wrong",
         (
@@ -188,16 +178,14 @@ RANGES = (
         SIGHT,
         named=(r"b behaves like m",),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "the model beside the flying plant starts elsewhere",
         "the body starts at 1.2, its model at 0: the map says where a run starts",
         (("drives raw = x;\n  state x: float = 0.0;", "drives raw = x;\n  state x: float = 1.2;"),),
         RUN,
         SIGHT,
     ),
-    one(
-        "ranges",
+    of_ranges(
         "an input topic that SC follows out of C",
         "SC goes to the goal, which may be at 1.5",
         (
@@ -206,8 +194,7 @@ RANGES = (
             *careful("publish push = clamp(4.0 * (goal - pos), -1.0, 1.0);", reads="pos, goal"),
         ),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "an input topic by which SC divides",
         "the input may be zero: SC is latched",
         (
@@ -216,8 +203,7 @@ RANGES = (
             *careful("publish push = clamp(-4.0 * pos / scale, -1.0, 1.0);", reads="pos, scale"),
         ),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "a switch that somebody else sets",
         "`stop` is true after 3 s, and SC does not do what it should",
         (
@@ -232,8 +218,7 @@ RANGES = (
             ),
         ),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "a phase that somebody else sets",
         "in phase Land SC pushes right",
         (
@@ -249,8 +234,7 @@ RANGES = (
             ),
         ),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "a gear that somebody else sets",
         "in gear 9 SC pushes right",
         (
@@ -265,8 +249,7 @@ RANGES = (
             ),
         ),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "`ttf` believes a switch that somebody else sets",
         "true: nobody hands over",
         (
@@ -278,8 +261,7 @@ RANGES = (
             ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.7 && !sure"),
         ),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "a node's topic that SC trusts",
         "`bias` may be 1 by its set, and the node publishes that",
         (
@@ -294,8 +276,7 @@ RANGES = (
 )
 
 SCHEMES = (
-    one(
-        "ranges",
+    of_ranges(
         "a stiff plant, and Euler's scheme",
         "the equation is stable, what runs is not: each step of 10 ms turns the sign and doubles",
         (
@@ -305,8 +286,7 @@ SCHEMES = (
         RUN,
         named=(r"not the simulator's scheme",),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "a stiff plant, and the scheme of Runge and Kutta",
         "the equation is stable, what runs is not",
         (
@@ -316,16 +296,14 @@ SCHEMES = (
         RUN,
         named=(r"not the simulator's scheme",),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "a plant that stops beyond the topic's set",
         "beyond 0.6 it publishes nothing and stands still for ever",
         (("topic pos: float max_age", "topic pos: float in [-0.6, 0.6] max_age"),),
         RUN,
         named=(r"declared sets",),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "`ttf` believes an input topic",
         "where the input says so nobody hands over",
         (
@@ -334,8 +312,7 @@ SCHEMES = (
             ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.7 && knob > 0.0"),
         ),
     ),
-    one(
-        "ranges",
+    of_ranges(
         "a promise to give control back within 100 ms",
         "from 0.7 to 0.5 it takes 200 ms at least",
         (("    acts within 0ms;", "    acts within 0ms;\n    recover within 100ms;"),),

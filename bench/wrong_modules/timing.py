@@ -8,9 +8,11 @@ Non-goals: ages along paths (`paths.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from bench.wrong_modules.base import LINE, MAP, RING, Edit, Shown, Wrong
+from bench.wrong_modules.controllers import one
 from bench.wrong_modules.loop import Loop, line, mode, variants
 
 if TYPE_CHECKING:
@@ -190,45 +192,40 @@ HORIZONS = (
 
 BUSY = "a DM that takes longer than its period is never done in time: decisions pile up"
 
+of_timing = partial(one, "timing")
 OVERLOAD = (
     timed("the DM takes 400 ms, every 50 ms", BUSY, Times(0.5, response_dm=400)),
     timed("the DM takes 100 ms, every 50 ms", BUSY, Times(0.82, response_dm=100)),
     timed("the DM takes 150 ms, every 50 ms", BUSY, Times(0.74, response_dm=150)),
     timed("the DM starts 30 ms late and takes 120", BUSY, Times(0.79, late_dm=30, response_dm=120)),
-    Wrong(
-        "timing",
+    of_timing(
         "SC is slower than the DM",
-        LINE,
+        "P1a: SC comes half a second after the decision",
         (
             ("node Careful period 50ms", "node Careful period 500ms"),
             ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.9"),
         ),
-        "P1a: SC comes half a second after the decision",
         None,
     ),
-    Wrong(
-        "timing",
+    of_timing(
         "SC takes longer than its period",
-        LINE,
-        (("response dm 0ms, sc 0ms", "response dm 0ms, sc 200ms"),),
         "SC is never done before its next release",
+        (("response dm 0ms, sc 0ms", "response dm 0ms, sc 200ms"),),
         None,
     ),
-    Wrong(
-        "timing",
+    of_timing(
         "a map: the DM is later than a step of the plant",
-        MAP,
-        (("verify { grid", "verify { late dm 60ms, sc 0ms; grid"),),
         "its verdict belongs to the step before: AC has a step more",
+        (("verify { grid", "verify { late dm 60ms, sc 0ms; grid"),),
         None,
-    ),
-    Wrong(
-        "timing",
-        "a map: commands act after the next step",
         MAP,
-        (("verify { grid", "verify { acts within 70ms; grid"),),
+    ),
+    of_timing(
+        "a map: commands act after the next step",
         "SC's command acts a step later than the sets say",
+        (("verify { grid", "verify { acts within 70ms; grid"),),
         None,
+        MAP,
     ),
 )
 

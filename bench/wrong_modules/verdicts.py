@@ -1,7 +1,7 @@
 """Wrong modules of many kinds: none may be called proved without a word about what is wrong.
 
     .venv/bin/python bench/wrong_modules/verdicts.py [--kind K] [--only NAME] [--demos]
-        [--refute] [--json FILE]
+        [--refute]
 
 Purpose: run `soter verify FILE` on every module of `wrong_*.py`, and count: it
 is *refused* with a code, *undecided*, *refuted*, proved with the reason *named* in what is printed
@@ -17,14 +17,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
-import json
 import os
 import re
 import sys
 import tempfile
 import time
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -147,7 +146,6 @@ def main() -> int:
     parser.add_argument("--demos", action="store_true", help="run the demonstrations, too")
     parser.add_argument("--refute", action="store_true", help="look for refutations, too: slow")
     parser.add_argument("--verbose", action="store_true", help="print what was printed")
-    parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     chosen = [
         w
@@ -184,9 +182,6 @@ def main() -> int:
         }
     for name, value in figures.items():
         print(f"{name:40} {value}")
-    if arguments.json:
-        document = {"figures": figures, "modules": [asdict(r) for r in rows]}
-        arguments.json.write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
     wrong_answers = any(r.answer in (PROVED, BROKEN) for r in rows)
     not_shown = any(r.demonstration == NOT_SHOWN for r in rows)
     idle = any(answer != PROVED for answer in arms.values())

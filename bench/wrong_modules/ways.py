@@ -6,6 +6,8 @@ Non-goals: single nodes (`paths.py`).
 
 from __future__ import annotations
 
+from functools import partial
+
 from bench.wrong_modules.base import LINE as LIN
 from bench.wrong_modules.base import Edit, Shown, Wrong, under
 from bench.wrong_modules.controllers import GOES, careful, declared, one
@@ -28,41 +30,35 @@ KEEP = ("--module", "Keep")
 HELD = "what SC publishes waits for a later node's next step: AC's command acts that much longer"
 OLD = "what SC reads is as old as the publisher's period"
 
+seen_ways = partial(seen, "ways", named=())
 MODULES = (
-    seen(
-        "ways",
+    seen_ways(
         "another module estimates, every three seconds",
         OLD,
         (SCOPE, EYES.format(p="3s")),
         (SCOPE_LINE, "  module Eyes;\n"),
         *start("0.7"),
         ("topic pos: float max_age", "topic pos: float in [-1e9, 1e9] max_age"),
-        named=(),
         options=KEEP,
     ),
-    seen(
-        "ways",
+    seen_ways(
         "another module estimates, every half second, of a fast plant",
         OLD,
         (SCOPE, EYES.format(p="500ms")),
         (SCOPE_LINE, "  module Eyes;\n"),
         *QUICK,
         ("topic pos: float max_age", "topic pos: float in [-1e9, 1e9] max_age"),
-        named=(),
         options=KEEP,
     ),
-    seen(
-        "ways",
+    seen_ways(
         "another module drives the plant, every 700 ms",
         HELD,
         *(e for e in CMD if "node Servo" not in e[1]),
         declared(INNER.format(p="700ms")),
         (SCOPE_LINE, "  node Scope;\n  module Inner;\n"),
-        named=(),
         options=KEEP,
     ),
-    seen(
-        "ways",
+    seen_ways(
         "another module drives the plant and turns the sign",
         "its SC has crossed wires",
         *(e for e in CMD if "node Servo" not in e[1]),
@@ -102,29 +98,22 @@ def relayed(first: str, second: str) -> tuple[Edit, ...]:
 
 
 OUTWARD = (
-    seen(
-        "ways",
+    seen_ways(
         "a second node behind the actuator's, every 700 ms",
         HELD,
         *relayed("10ms", "700ms"),
-        named=(),
     ),
-    seen(
-        "ways",
+    seen_ways(
         "a second node behind the actuator's, every 500 ms",
         HELD,
         *relayed("50ms", "500ms"),
-        named=(),
     ),
-    seen(
-        "ways",
+    seen_ways(
         "three nodes of 10 ms and a slow one in the middle",
         HELD,
         *relayed("600ms", "10ms"),
-        named=(),
     ),
-    seen(
-        "ways",
+    seen_ways(
         "the actuator's node reads a queue and takes the oldest",
         "of 50 commands it keeps the first that came: half a second old",
         *CMD,
@@ -133,51 +122,41 @@ OUTWARD = (
             " publishes force; step { publish force = push.len > 0 ? push[0] : 1.0; }"
             " }"
         ),
-        named=(),
     ),
-    seen(
-        "ways",
+    seen_ways(
         "the actuator's node publishes every 70th step only",
         HELD,
         *servo(
             "n = n < 69 ? n + 1 : 0; if n == 0 { publish force = push; }",
             "var n: int in [0, 69] = 0;",
         ),
-        named=(),
     ),
-    seen(
-        "ways",
+    seen_ways(
         "the actuator's node does not publish small commands",
         "SC's -0.9 is small: the plant keeps AC's 1.0",
         *servo("if abs(push) > 0.95 { publish force = push; }"),
         ("clamp(-4.0 * pos, -1.0, 1.0);", "clamp(-4.0 * pos, -0.9, 0.9);"),
-        named=(),
     ),
 )
 
 SOMETIMES = "it publishes only now and then: what SC reads in between is of any age"
 
 INWARD = (
-    seen(
-        "ways",
+    seen_ways(
         "an estimator that publishes only what is new",
         SOMETIMES,
         scope("if abs(raw) > 0.95 { publish pos = raw; }"),
         *start("0.96"),
         ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.7"),
         *careful("publish push = clamp(-4.0 * pos, -1.0, 1.0);"),
-        named=(),
     ),
-    seen(
-        "ways",
+    seen_ways(
         "an estimator that publishes in a branch that time closes",
         SOMETIMES,
         scope("if time < 0.05 { publish pos = raw; }"),
         *start("0.7"),
-        named=(),
     ),
-    seen(
-        "ways",
+    seen_ways(
         "an estimator that publishes when it likes to",
         SOMETIMES,
         scope(
@@ -187,10 +166,8 @@ INWARD = (
         ),
         *QUICK,
         shown=Shown(("run", "--until", "300s")),
-        named=(),
     ),
-    seen(
-        "ways",
+    seen_ways(
         "a second estimator takes over from the first, later",
         "Late publishes what Scope read 600 ms ago, on the same path",
         ("topic push: float", "topic mid: float max_age 20ms;\ntopic push: float"),
@@ -206,7 +183,6 @@ INWARD = (
         (SCOPE_LINE, "  node Scope;\n  node Late;\n"),
         *start("0.7"),
         shown=None,
-        named=(),
     ),
 )
 
@@ -216,21 +192,17 @@ INNER_SERVO = (
     "node Relay period {p} {{ subscribes mid; publishes force; step {{ publish force = mid; }} }}"
 )
 INNER_WAYS = (
-    seen(
-        "ways",
+    seen_ways(
         "a node behind SC that also reads the sensor, and a slow one behind it",
         HELD,
         *TWO,
         declared(INNER_SERVO.format(p="700ms")),
-        named=(),
     ),
-    seen(
-        "ways",
+    seen_ways(
         "the flying plant shows itself every 600 ms, the estimator every 10 ms",
         "the stamp is fresh, the state up to 610 ms old",
         ("plant Body period 10ms", "plant Body period 600ms"),
         shown=PUSH,
-        named=(),
     ),
 )
 
@@ -285,8 +257,7 @@ APART = "the two outputs do not switch at once: in between both are 1, and the p
 
 def skewed(phase: str, name: str) -> Wrong:
     """Two outputs that must switch together."""
-    return seen(
-        "ways",
+    return seen_ways(
         name,
         APART,
         *SKEWED,
@@ -295,7 +266,6 @@ def skewed(phase: str, name: str) -> Wrong:
             " step { publish force = push; } }"
         ),
         shown=Shown(("run", "--until", "60s")),
-        named=(),
     )
 
 
@@ -313,18 +283,14 @@ def silent(text: str, *more: Edit) -> tuple[Edit, ...]:
 
 
 DROPOUTS = (
-    seen(
-        "ways",
+    seen_ways(
         "a declared drop-out of a second, a fast plant",
         SILENT,
         *silent("1s"),
         *QUICK,
         shown=None,
-        named=(),
     ),
-    seen(
-        "ways", "a declared drop-out of three seconds", SILENT, *silent("3s"), shown=None, named=()
-    ),
+    seen_ways("a declared drop-out of three seconds", SILENT, *silent("3s"), shown=None),
     one(
         "ways",
         "a declared drop-out of three seconds, without a model",
@@ -353,8 +319,7 @@ LATE_TWINS = (
     " horizon 60ms; always abs(b.truth.x) < 1.0; }\nsystem World default {"
 )
 MIXED = (
-    seen(
-        "ways",
+    seen_ways(
         "two estimators of one kind: one has spoken, the other has not yet",
         "SC sees a state beside a default and asserts that both are near: it is latched",
         *start("0.45"),
@@ -389,16 +354,13 @@ MIXED = (
 )
 
 TIMES_OF_NODES = (
-    seen(
-        "ways",
+    seen_ways(
         "a declared lateness of the estimator's, longer than its period",
         "an estimator that is 200 ms late, every 10 ms, is never done",
         ("late dm 0ms, sc 0ms", "late dm 0ms, sc 0ms, Scope 200ms"),
         shown=None,
-        named=(),
     ),
-    seen(
-        "ways",
+    seen_ways(
         "a declared lateness of the estimator's, and a bold `ttf`",
         "9 ms late: what is read is 9 ms older, and the wall is nearer than that",
         ("late dm 0ms, sc 0ms", "late dm 0ms, sc 0ms, Scope 9ms"),
@@ -406,17 +368,14 @@ TIMES_OF_NODES = (
         ("max_age 20ms;\ntopic push", "max_age 40ms;\ntopic push"),
         ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.93"),
         shown=None,
-        named=(),
     ),
-    seen(
-        "ways",
+    seen_ways(
         "an estimator every 40 ms, and a bold `ttf`",
         "stamp 40 ms old, state 40 ms older still",
         scope("publish pos = raw;", period="40ms"),
         ("max_age 20ms;\ntopic push", "max_age 60ms;\ntopic push"),
         ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.93"),
         shown=PUSH,
-        named=(),
     ),
 )
 

@@ -13,11 +13,13 @@ import pytest
 
 pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
-from bench.ros import ros1_bad_input, ros1_clock
+from bench.ros import ros1_bad_input
 from bench.ros.ros1_nodes import ROOT, SYSTEM_PYTHON, missing, nodes
 
 import processes
+from generators import ros1_clock
 from generators.ros1_packages import built_node, built_package
+from long_tests import some
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,21 +33,16 @@ def clock(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built_node("ros1_clock", tmp_path_factory.mktemp("clock"))
 
 
-@pytest.fixture(scope="module")
-def cart(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path, system, topic, kind, fields, _ = ros1_clock.PROGRAMS["cart"]
-    folder = tmp_path_factory.mktemp("cart")
-    entry = {"channel": f"/{topic}", "type": kind, "fields": fields}
-    (folder / "map.json").write_text(json.dumps({"topics": {topic: entry}}))
-    return built_package(ROOT / path, system, folder / "map.json", folder / "package")
-
-
 @pytest.mark.parametrize("back", [(), ("3.0",)], ids=["forth", "back once"])
+@pytest.mark.parametrize("name", some(ros1_clock.PROGRAMS, 1))
 def test_under_clock_the_trace_is_that_of_soter_run(
-    clock: Path, cart: Path, back: tuple[str, ...]
+    clock: Path, tmp_path: Path, name: str, back: tuple[str, ...]
 ) -> None:
-    path, system, *_, step = ros1_clock.PROGRAMS["cart"]
-    told = ros1_clock.under_clock(cart, "cart", clock, step, *back)
+    path, system, topic, kind, fields, step = ros1_clock.PROGRAMS[name]
+    entry = {"channel": f"/{topic}", "type": kind, "fields": fields}
+    (tmp_path / "map.json").write_text(json.dumps({"topics": {topic: entry}}))
+    build = built_package(ROOT / path, system, tmp_path / "map.json", tmp_path / "package")
+    told = ros1_clock.under_clock(build, (ROOT / path).stem, clock, step, *back)
     assert told == ros1_clock.run_hash(ROOT / path, system)
 
 

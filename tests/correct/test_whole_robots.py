@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 
 import pytest
-from bench.testing.whole_robots import (
+
+from generators.whole_robots import (
     DELIVERY,
     ROBOTS,
     SURVEILLANCE,
@@ -14,7 +15,6 @@ from bench.testing.whole_robots import (
     caught,
     explored,
 )
-
 from soter.explore.results import EXHAUSTED, VIOLATED, wholes
 from soter.language.front_end import check_file
 
@@ -32,7 +32,7 @@ def test_a_wrong_program_breaks_a_property_or_a_contract(robots: Robots, mutant:
 @pytest.mark.parametrize("robots", ROBOTS, ids=lambda r: r.name)
 def test_the_right_program_is_clean(robots: Robots) -> None:
     text = robots.file.read_text(encoding="utf-8")
-    results = explored(robots.file, text, (), None)
+    results = explored(robots.file, text, ())
     assert {r.name: r.verdict for r in results} == {r.name: EXHAUSTED for r in results}
     (whole,) = wholes(results)
     assert not whole.missing
@@ -42,7 +42,7 @@ def test_a_wrong_battery_of_the_drone_breaks_its_part_of_the_whole() -> None:
     wrong = next(m for m in SURVEILLANCE.mutants if m.tests == ("BatteryPart",))
     assert caught(SURVEILLANCE, wrong)
     text = SURVEILLANCE.file.read_text(encoding="utf-8")
-    (right,) = explored(SURVEILLANCE.file, text, wrong.tests, None)
+    (right,) = explored(SURVEILLANCE.file, text, wrong.tests)
     assert right.verdict == EXHAUSTED
 
 
@@ -50,7 +50,7 @@ def test_what_is_said_of_the_whole_needs_every_part_clean() -> None:
     given = DELIVERY.file.read_text(encoding="utf-8")
     short = re.sub(r"horizon \d+ms", "horizon 30ms", given)
     names = tuple(check_file(str(DELIVERY.file), short).tests)
-    results = explored(DELIVERY.file, short, names, None)
+    results = explored(DELIVERY.file, short, names)
     assert [r.verdict for r in results] == [EXHAUSTED for _ in names]
     (whole,) = wholes(results)
     assert not whole.missing

@@ -19,7 +19,7 @@ SLOW = {
     "drag",
     "pendulum",
     "gimbal",
-}  # more than 3 s of processor time each: bench/verify/generality.py
+}  # more than 3 s of processor time each
 NEVER_BACK = {
     "standing"
 }  # where it stands it is not given back, and nothing can be done about that

@@ -1,19 +1,15 @@
 """Whether the re-checker's tube confirms what the check of a decision module says.
 
-    .venv/bin/python bench/tubes/agreement.py [PROGRAM] [--count 20] [--seed 1]
-
 Of a module with `rest` estimates are drawn, and between one that its generated check calls good and
 one that it does not the last good one is looked for: where it is nearest to being wrong. The tube
-in Arb (`certificate/tubes/`) is asked of every good one. It says how many it does not confirm, and
-gives exit code 1 where there is one. Beside that it counts what Arb confirms of those not called
-good: how much the check leaves out.
+in Arb (`certificate/tubes/`) is asked of every good one. Beside that it is counted what Arb
+confirms of those not called good: how much the check leaves out.
+Purpose: `Subject`, `agreement`. Non-goals: deciding how many.
 """
 
 from __future__ import annotations
 
-import argparse
 import random
-import sys
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -31,7 +27,7 @@ from soter.verify.tubes.tube_check import TubeCheck
 if TYPE_CHECKING:
     from soter.verify.problem.problem import Interval
 
-FOLLOW = Path(__file__).parents[2] / "examples" / "evidence" / "follow.soter"
+FOLLOW = Path(__file__).resolve().parents[2] / "examples" / "evidence" / "follow.soter"
 FAR = 400.0
 """Where estimates of states without a set are drawn: between 0 and this."""
 HALVINGS = 10
@@ -117,20 +113,3 @@ def agreement(subject: Subject, count: int, seed: int) -> Counts:
                 counts.left_out += confirmed
         before = estimate, said
     return counts
-
-
-def main() -> int:
-    """The command."""
-    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    options.add_argument("program", nargs="?", type=Path, default=FOLLOW)
-    options.add_argument("--count", type=int, default=20)
-    options.add_argument("--seed", type=int, default=1)
-    given = options.parse_args()
-    found = agreement(Subject(given.program.read_text("utf-8")), given.count, given.seed)
-    print(f"called good: {found.good}, not confirmed: {found.unconfirmed}")
-    print(f"not called good: {found.others}, good by Arb: {found.left_out}")
-    return int(found.unconfirmed > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
