@@ -83,15 +83,7 @@ def finer_home(case: Case, engine: GridGroup, part: GroupSets) -> tuple[FinerHom
 
 def engine_on(case: Case, engine: GridGroup, group: Group) -> GridGroup:
     """The engine of the same group on other cells."""
-    return GridGroup.of(
-        engine.library,
-        case.problem,
-        group,
-        case.parameter,
-        threads=engine.threads,
-        progress=engine.progress,
-        stop=engine.stop,
-    )
+    return GridGroup.of(engine.library, case.problem, group, case.parameter, threads=engine.threads)
 
 
 def target_on(

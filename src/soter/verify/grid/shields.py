@@ -123,6 +123,4 @@ def between(engine: GridGroup, control: int, low: float, high: float) -> GridGro
         open_ends=engine.open_ends,
         unbounded=engine.unbounded,
         wraps=engine.wraps,
-        progress=engine.progress,
-        stop=engine.stop,
     )
