@@ -38,10 +38,10 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     import soter.api
+    from soter.core.arrays import Bytes
     from soter.gym.disturbance_explanation import SessionPlant
     from soter.language.model.system import Component
     from soter.language.model.types import Value
-    from soter.native.library import Bytes
 
     Call = Callable[[Any], int]
 

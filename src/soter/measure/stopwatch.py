@@ -41,11 +41,11 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.core.arrays import Bytes
     from soter.core.core import CoreSystem
     from soter.core.layout import StateLayout
     from soter.language.model.system import Bound, Component, System
     from soter.language.model.types import Type, Value
-    from soter.native.library import Bytes
 
 
 WILD = 1e3

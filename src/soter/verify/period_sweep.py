@@ -39,14 +39,12 @@ from soter.verify.time.time_checks import late_commands_need
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Bools
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.problem.problem import Problem
 
-    Bools = NDArray[np.bool_]
     Progress = Callable[[float], None]
 
 FACTORS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)

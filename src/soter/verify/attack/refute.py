@@ -64,8 +64,6 @@ class RefutationSearch:
 
     found: Counterexample | None
     runs: int
-    virtual_s: float
-    wall_s: float
     hindrance: str = ""
     """Why nothing could be tried, in words."""
 
@@ -90,7 +88,6 @@ def _search(
     budget_s: float,
     runs: Callable[[_Attack, _SearchBudget], Iterator[Counterexample]],
 ) -> RefutationSearch:
-    began = time.perf_counter()
     index = next(m.index for m in system.modules if m.name == module)
     attacks, hindrance = _attacks(system, index)
     clock = _SearchBudget(budget_s)
@@ -109,9 +106,7 @@ def _search(
                 counterexample = _confirmed(candidate, system)
                 if counterexample is not None:
                     break
-    return RefutationSearch(
-        counterexample, clock.runs, clock.virtual_ns / 1e9, time.perf_counter() - began, hindrance
-    )
+    return RefutationSearch(counterexample, clock.runs, hindrance)
 
 
 def _attacks(system: System, index: int) -> tuple[list[_Attack], str]:
@@ -160,7 +155,6 @@ class _SearchBudget:
     def __init__(self, budget_s: float) -> None:
         self.budget_s = budget_s
         self.runs = 0
-        self.virtual_ns = 0
         self._began = time.process_time()
 
     def goes_on(self) -> bool:
@@ -224,7 +218,6 @@ def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
                 seed = (pattern << 56) | k
                 row = attack.go(attack.start(seed), until_ns)
                 clock.runs += 1
-                clock.virtual_ns += until_ns
                 seen_ns = int(row["properties"][0]["first_ns"])
                 if seen_ns != NEVER and seen_ns >= known_ns:
                     yield attack.candidate(LEAVES, seed, seen_ns, None)
@@ -247,7 +240,6 @@ def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
             row = attack.go(state, at_ns)
             began, returns = _place(attack, state, row), int(row["modules"][attack.index]["to_ac"])
             clock.runs += 1
-            clock.virtual_ns += at_ns
             for turn in range(1, CYCLE_TURNS + 1):
                 row = attack.go(state, at_ns + turn * turn_ns)
                 m = row["modules"][attack.index]

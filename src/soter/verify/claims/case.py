@@ -28,14 +28,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.format.folder import Certificate
+    from soter.core.arrays import Bools, Floats
     from soter.verify.claims.product_sets import FailsafeClaim, SetFactor
     from soter.verify.claims.results import ModuleResult, Region
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.tables.level_table import LevelTable
-
-    Bools = NDArray[np.bool_]
-    Floats = NDArray[np.float64]
 
 
 class GroupProof(GroupResult):

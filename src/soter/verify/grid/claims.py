@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.format.folder import Certificate
+    from soter.core.arrays import Bools, Floats
     from soter.report.proof.record import RegionFigure
     from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
@@ -39,8 +40,6 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.tables.level_table import LevelTable
 
-    Bools = NDArray[np.bool_]
-    Floats = NDArray[np.float64]
     Arrays = Mapping[str, NDArray[np.generic]]
 
 

@@ -20,12 +20,10 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.core.arrays import Bools, Floats
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.grid.group_inputs import GridInputs
 
-    Bools = npt.NDArray[np.bool_]
-    Bytes = npt.NDArray[np.uint8]
-    Floats = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int32]
 
 TILE = {1: (64,), 2: (8, 8), 3: (4, 4, 4), 4: (2, 2, 4, 4)}

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.verify.grid.group_model import Bools, Bytes, Floats
+    from soter.core.arrays import Bools, Bytes, Floats
     from soter.verify.grid.sets import GridGroup
 
     Masks = npt.NDArray[np.uint64]

@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.core.arrays import Bools
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
     from soter.verify.problem.problem import Group
 
-    Bools = NDArray[np.bool_]
     Lengths = Sequence[Sequence[int]]
 
 

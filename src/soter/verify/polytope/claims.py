@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.format.folder import Certificate
+    from soter.core.arrays import Floats
     from soter.report.proof.record import RegionFigure
     from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
@@ -50,7 +51,6 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.tables.level_table import LevelTable
 
-    Floats = NDArray[np.float64]
     Pair = tuple[Polytope, Polytope]
     Arrays = Mapping[str, NDArray[np.generic]]
 
