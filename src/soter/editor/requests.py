@@ -161,15 +161,10 @@ def _hover(at: _CursorPosition) -> lsp.Hover | None:
     else:
         start, end = at.word()
         meaning = keywords.meaning(at.main.source.text[start:end])
-        if meaning is None or _is_hidden(at, start):
+        if meaning is None or (start not in lex(at.main.source).starts):
             return None
         text, where = meaning, at.lines.range(start, end)
     return lsp.Hover(lsp.MarkupContent(lsp.MarkupKind.Markdown, text), where)
-
-
-def _is_hidden(at: _CursorPosition, offset: int) -> bool:
-    """Whether a word stands in a comment or a string."""
-    return offset not in lex(at.main.source).starts
 
 
 def _programs(at: _CursorPosition, definition: Definition) -> list[tuple[Path, NameIndex]]:

@@ -82,7 +82,7 @@ class CompiledEnvironment:
         self.linked_content = linked_content(system, core)
         unit = generate_measured(system, core)
         self.layout = unit.layout
-        self.dtype = state_dtype(system, self.layout)
+        self.dtype = state_dtype(self.layout)
         path = built(unit)
         _require_kept_nothing(unit)
         owners = linked_symbols(system, core)

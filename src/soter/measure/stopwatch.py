@@ -235,7 +235,7 @@ class TimedUnit:
         self.system = system
         self.unit = generate(system, core)
         self.layout = self.unit.layout
-        self.dtype = state_dtype(system, self.layout)
+        self.dtype = state_dtype(self.layout)
         path = library(self.unit, engine=ENGINE)
         self.ffi: Any = interface(
             declarations(RUNTIME / "soter.h"), declarations(FOLDER / "soter_stopwatch.h")

@@ -248,7 +248,7 @@ def modules_of(
             if module is None and claims_nothing(flat, m):
                 continue
             here.add(m.symbol)
-            if m.symbol not in seen and (module is None or module in _names(m)):
+            if m.symbol not in seen and (module is None or module in (m.name, m.symbol.name)):
                 modules.append((flat, m))
         seen |= here
     if module is not None and not modules:
@@ -275,10 +275,6 @@ def _not_deployed(checked: CheckResult, system: str | None) -> None:
     how = f"soter verify {shlex.quote(there.span.source.name)} --system {name} --cert DIR"
     helps = (f"verify that one: `{how}`", "and build this one with `--cert DIR`")
     raise SoterError((Diagnostic("U008", what, helps=helps),))
-
-
-def _names(m: Module) -> tuple[str, str]:
-    return m.name, m.symbol.name
 
 
 def _no_module(module: str, known: list[str]) -> Diagnostic:

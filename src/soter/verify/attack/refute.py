@@ -172,7 +172,7 @@ class _Attack:
         self.module = self.variant.modules[index]
         unit = generate(self.variant)
         self.layout = unit.layout
-        self.dtype = state_dtype(self.variant, unit.layout)
+        self.dtype = state_dtype(unit.layout)
         path = library(unit, "-O2", ("-DSOTER_ADVERSARY",))
         self.library = Library(path, unit.prefix, unit.layout.size)
 

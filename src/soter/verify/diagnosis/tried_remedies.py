@@ -183,7 +183,7 @@ def _flown(flat: System, tried: Problem, until_ns: int) -> FlownFigures | None:
     for until in (*range(0, until_ns, max(SLICE_NS, until_ns // SLICES)), until_ns):
         program.run(state, until)
         share_done(until / until_ns)
-    last = state.view(state_dtype(flat, unit.layout))[0]
+    last = state.view(state_dtype(unit.layout))[0]
     often = int(last["modules"][module.index]["to_sc"]) / (until_ns / 60e9)
     return FlownFigures(often, ac_share(last, module.index), count)
 
