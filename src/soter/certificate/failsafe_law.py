@@ -69,7 +69,7 @@ def kept_by_law(law: Law, k: int, of_sc: CaseCheck) -> list[Cells]:
 
 def _subscribed(flying: System, c: Component) -> set[int | None]:
     """The topics that a node subscribes to, those of its queues too."""
-    read = [] if c.node is None else [c.scope.topics[s.topic] for s in c.node.subscribes]
+    read = [] if c.node is None else c.reads
     return {*read, *(flying.topics[index].queue_of for index in read)}
 
 

@@ -28,7 +28,7 @@ from soter.language.model.types import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     import numpy as np
 
@@ -284,6 +284,15 @@ def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
         items, length = _places_of_list(t)
         encode_into(buffer, offset + items, ArrayType(t.element, t.capacity), value)
         struct.pack_into("<i", buffer, offset + length, len(value))
+
+
+def image_of_members(layout: Struct, values: Mapping[str, Value]) -> bytes:
+    """The image of a struct, of one byte at least, whose members have these values, or zeros."""
+    image = bytearray(max(layout.size, 1))
+    for member in layout.members:
+        if member.name in values:
+            encode_into(image, member.offset, member.type, values[member.name])
+    return bytes(image)
 
 
 def image_of_table(t: ArrayType | ListType, value: Table) -> bytes:

@@ -67,7 +67,7 @@ def read_by(system: System, c: Component) -> tuple[int, ...]:
         assert c.module is not None
         topics: set[int] = set(system.modules[c.module].reads)
     else:
-        topics = set() if c.node is None else {c.scope.topics[s.topic] for s in c.node.subscribes}
+        topics = set() if c.node is None else {*c.reads}
     return tuple(sorted(topics - set(queues_of(system, c))))
 
 

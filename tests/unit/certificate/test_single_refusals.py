@@ -127,9 +127,8 @@ def controllers(
     ac: str = "u", sc: str = "u", outputs: str = "u", periods: tuple[int, int] = (1, 1)
 ) -> tuple[Any, Any]:
     """A system and a module of period 5 in it: what its controllers publish, and how often."""
-    scope = SimpleNamespace(topics={n: ord(n) for n in "uv"})
     components = [
-        SimpleNamespace(node=SimpleNamespace(publishes=names), scope=scope, period_ns=period)
+        SimpleNamespace(node=object(), writes=[ord(n) for n in names], period_ns=period)
         for names, period in zip((ac, sc), periods, strict=True)
     ]
     symbol, topics = SimpleNamespace(latch=None), [ord(n) for n in outputs]

@@ -164,6 +164,20 @@ def test_without_its_plants_the_world_publishes_what_they_drove(three: System) -
     assert left.until_ns == three.until_ns
 
 
+def test_topics_are_those_of_the_instance(three: System) -> None:
+    for c in three.components:
+        place = c.scope.topics
+        if c.plant is not None:
+            assert c.writes == [place[t] for t, _ in c.plant.drives] != []
+            assert c.reads == [place[t] for t in c.plant.reads]
+        elif c.node is not None:
+            assert c.writes == [place[t] for t in c.node.publishes] != []
+            assert c.reads == [place[s.topic] for s in c.node.subscribes]
+        else:
+            assert c.writes == c.reads == [], "a DM"
+    assert len({tuple(c.writes) for c in three.components if c.plant}) == 3
+
+
 def test_a_queue_of_what_a_plant_drove_is_filled_from_outside() -> None:
     text = """soter 1;
 topic hit: float in [0.0, 1.0] = 0.0;
