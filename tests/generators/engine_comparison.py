@@ -65,7 +65,7 @@ class Subject:
     @property
     def dtype(self) -> np.dtype[Any]:
         """One state as a record."""
-        return state_dtype(self.system, self.layout)
+        return state_dtype(self.layout)
 
     @cached_property
     def unit(self) -> Unit:

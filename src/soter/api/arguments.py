@@ -143,9 +143,7 @@ def params_from_json(
     return params
 
 
-def complete(
-    system: System, progress: Progress | None = None, known: Known | None = None
-) -> list[str]:
+def complete(system: System, known: Known | None = None) -> list[str]:
     """Compute `ttf` and `safer` for modules that have neither; a note on each.
 
     `known`: as `soter.verify.deploy.missing_predicates.complete` takes it.
@@ -154,7 +152,7 @@ def complete(
         return []
     from soter.verify.deploy.missing_predicates import complete as compute  # noqa: PLC0415 - needs NumPy
 
-    return compute(system, progress, known)
+    return compute(system, known)
 
 
 def read_text(path: str) -> str:

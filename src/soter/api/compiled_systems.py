@@ -21,7 +21,6 @@ from soter.language.front_end import system_of
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.api.arguments import Progress
     from soter.language.front_end import CheckResult
     from soter.language.model.system import System
     from soter.language.model.types import Value
@@ -65,7 +64,6 @@ class PreparedSystems:
         name: str | None,
         values: Mapping[str, Value],
         given: Mapping[str, object],
-        progress: Progress | None = None,
     ) -> PreparedSystem:
         """The system `name` with these parameters and bindings, as it was or made now.
 
@@ -83,7 +81,7 @@ class PreparedSystems:
             preparation = self._kept.get(key)
             if preparation is None:
                 system = system_of(checked, name, values)
-                computed = tuple(complete(system, progress))
+                computed = tuple(complete(system))
                 preparation = self._kept[key] = PreparedSystem(
                     system, computed, bind(system, given)
                 )

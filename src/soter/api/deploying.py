@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
-    from soter.api.arguments import Progress
     from soter.certificate.format.folder import Certificate
     from soter.certificate.report import RecheckedModule, Report
     from soter.language.load.loader import LoadedFile
@@ -137,9 +136,7 @@ class DeploymentReport:
         return [PackageFile(FILE, json.dumps(self.document, indent=1) + "\n")]
 
 
-def deployed(
-    here: System, cert: str | Path | None, progress: Progress | None = None
-) -> DeploymentReport:
+def deployed(here: System, cert: str | Path | None) -> DeploymentReport:
     """What a freshly flattened system inherits; nothing where it deploys no other.
 
     `SoterError` D019 where something from outside is not covered, D020 where the certificate is
@@ -158,7 +155,7 @@ def deployed(
     modules = inherited(here, there)
     seal, confirmed, sets = "", {}, None
     if cert is not None:
-        report = recheck(cert, progress)
+        report = recheck(cert)
         seal = _fits(Path(cert), report, there)
         confirmed = _confirmed(report, there)
         sets = _CertifiedTables(Path(cert), seal, confirmed)
@@ -222,7 +219,6 @@ def build(
     cert: str | Path | None,
     mapping: str | Path | Mapping[str, Any] | None = None,
     board: str | None = None,
-    progress: Progress | None,
 ) -> Package:
     """The package of a target; `completed`: the same system with computed predicates, and notes.
 
@@ -239,7 +235,7 @@ def build(
     file = Path(mapping) if isinstance(mapping, (str, Path)) else None
     if read is not None:  # before anything takes long
         _fitted(read, fresh, beside, file)
-    inherits = deployed(fresh, cert, progress)
+    inherits = deployed(fresh, cert)
     flat, computed = completed(inherits.sets)
     flat.certificate = inherits.certificate
     bindings = bound(flat)

@@ -29,6 +29,7 @@ from soter.api.arguments import (
 )
 from soter.api.check_report import CheckReport, check_report, externs_of
 from soter.diagnostics.command_records import made, takes
+from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.language.front_end import CheckResult, check_file, system_of
 from soter.version import VERSION
@@ -196,7 +197,8 @@ class Program:
         if how.recorded is not None and (how.real_time or until is not None):
             raise mistake("U001", "`recorded` is over: neither `until` nor `real_time`")
         values = self._values(params)
-        prepared = self._prepared.of(self._checked, system, values, self._bound, how.progress)
+        with telling_shares(how.progress):
+            prepared = self._prepared.of(self._checked, system, values, self._bound)
         if how.arm is not None:
             prepared = self._prepared.of_arm(prepared, how.arm, how.campaign)
         log, writer = how.log, run_log(how.log)
@@ -260,10 +262,10 @@ class Program:
 
         require_utf8(output, cert, mapping, board)
         fresh = self.declared(system, params)
-        completed = partial(self._completed, system, params, progress)
-        how: dict[str, Any] = {"cert": cert, "mapping": mapping, "progress": progress}
-        how["board"] = board
-        return build(target, Path(output), fresh, completed, self._bindings, **how)
+        completed = partial(self._completed, system, params)
+        how: dict[str, Any] = {"cert": cert, "mapping": mapping, "board": board}
+        with telling_shares(progress):
+            return build(target, Path(output), fresh, completed, self._bindings, **how)
 
     def monitor(
         self,
@@ -354,19 +356,19 @@ class Program:
         require_writers(None, report)
         if report is not None and cert is not None:
             require_no_certificate(Path(report), Path(cert))
-        return verify(
-            self._checked,
-            module=module,
-            system=system,
-            params=self._values(params),
-            given=params,
-            cert=None if cert is None else Path(cert),
-            refute=refute,
-            explain=explain,
-            report=None if report is None else Path(report),
-            progress=progress,
-            search=violation_of,
-        )
+        with telling_shares(progress):
+            return verify(
+                self._checked,
+                module=module,
+                system=system,
+                params=self._values(params),
+                given=params,
+                cert=None if cert is None else Path(cert),
+                refute=refute,
+                explain=explain,
+                report=None if report is None else Path(report),
+                search=violation_of,
+            )
 
     def synthesize(
         self,
@@ -412,7 +414,8 @@ class Program:
         if report is not None:
             require_writable(Path(report))
         chosen = modules_of(self._checked, module, system, self._values(params))
-        advice = advise_all(problems_of(chosen), factors, levels, progress)
+        with telling_shares(progress):
+            advice = advise_all(problems_of(chosen), factors, levels)
         if report is not None and advice:
             write_advice(advice, self.path, Path(report))
         return tuple(advice)
@@ -433,7 +436,8 @@ class Program:
         from soter.verify.delay_search import largest_delay  # noqa: PLC0415 - needs a compiler
 
         chosen = modules_of(self._checked, module, system, self._values(params))
-        return tuple(largest_delay(flat, m, progress) for flat, m in chosen)
+        with telling_shares(progress):
+            return tuple(largest_delay(flat, m) for flat, m in chosen)
 
     @takes("soter.explore.search_options.SearchOptions")
     def explore(
@@ -480,15 +484,11 @@ class Program:
         return dict(self._bound)
 
     def _completed(
-        self,
-        name: str | None,
-        params: Params,
-        progress: Progress | None = None,
-        known: Known | None = None,
+        self, name: str | None, params: Params, known: Known | None = None
     ) -> tuple[System, list[str]]:
         """A fresh flat system whose modules all have `ttf` and `safer`; a note on each computed."""
         system = self.declared(name, params)
-        return system, complete(system, progress, known)
+        return system, complete(system, known)
 
     def _bindings(self, system: System) -> Bindings:
         from soter.simulate.externs.bindings import bind  # noqa: PLC0415 - see the docstring

@@ -11,6 +11,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.evaluate.floating_point_mode import require_plain
 from soter.version import pip_install
@@ -45,13 +46,14 @@ def recheck(
     from soter.certificate.format.folder import NotACertificateError  # noqa: PLC0415 - an extra
     from soter.certificate.rechecker import recheck as check  # noqa: PLC0415 - an extra
 
-    try:
-        flights = flights_of(Path(folder), list(map(str, logs))) if logs else None
-        report = check(Path(folder), progress)
-    except NotACertificateError as error:
-        raise no_certificate(error) from None
-    if flights is not None:
-        flights.add_to(report, progress or (lambda _: None))
+    with telling_shares(progress):
+        try:
+            flights = flights_of(Path(folder), list(map(str, logs))) if logs else None
+            report = check(Path(folder))
+        except NotACertificateError as error:
+            raise no_certificate(error) from None
+        if flights is not None:
+            flights.add_to(report)
     return report
 
 

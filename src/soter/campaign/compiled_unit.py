@@ -82,7 +82,7 @@ def recipe_of(
     files = {str(p): t for p, t in included(*unit.c_sources).items()}
     return Recipe(
         unit=unit,
-        dtype=state_dtype(system, unit.layout),
+        dtype=state_dtype(unit.layout),
         until_ns=until_ns,
         horizon_ns=horizon_ns,
         optimise=optimise,

@@ -30,9 +30,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.campaign.store import FlightOutcome
+    from soter.core.arrays import Words
     from soter.language.model.system import Component, Fault, System
-
-    Words = npt.NDArray[np.uint64]
 
 
 ORDER = "order any"

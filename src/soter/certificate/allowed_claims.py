@@ -45,7 +45,7 @@ def of_the_module(system: System, module: Module, given: dict[str, str]) -> None
     below = 0 if module.over is None else slowest_below(system, module)
     if given.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns, below) > module.period_ns:
         raise RejectedError("P1a: a controller is slower than the DM")
-    outputs = [{c.scope.topics[t] for t in c.node.publishes} for c in (ac, sc) if c.node]
+    outputs = [{*c.writes} for c in (ac, sc) if c.node]
     same = module.outputs and all(of == set(module.outputs) for of in outputs)
     if given.get("P1b") == PROVED and not same:
         raise RejectedError("P1b: AC and SC do not publish the same topics")

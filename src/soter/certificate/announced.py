@@ -19,6 +19,7 @@ from soter.certificate.proof_methods import MODULES
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.rechecker import facts_of, in_words, read_claimed
+from soter.diagnostics.current_phase import telling
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -52,8 +53,9 @@ def _over_sets(flat: System, entry: dict[str, Any], certificate: Certificate) ->
         groups = claimed.groups[k]
         ranges = narrowed(facts.extents, [g.part(errors=False) for g in groups])
         model = CaseModel(facts, values[k], ranges)
-        case = CaseCheck(model, groups, set(), entry, lambda _: None, 1)
-        case.check()
+        case = CaseCheck(model, groups, set(), entry, 1)
+        with telling(None):
+            case.check()
         _predicates(model)
         for check in case.checks if claimed.claims & OF_SETS else ():
             check.tried(claimed.claims)

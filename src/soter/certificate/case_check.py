@@ -32,6 +32,7 @@ from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.left_out_states import rates_are_defined
 from soter.certificate.reading.module_facts import bounded_topics, number_of
 from soter.certificate.reading.symbolic_operations import flat
+from soter.diagnostics.current_phase import share_done
 from soter.workers.child_process import end_with
 
 if TYPE_CHECKING:
@@ -118,7 +119,6 @@ class CaseCheck:
     groups: Sequence[Group]
     claims: set[str]
     entry: dict[str, Any]
-    progress: Callable[[float], None]
     workers: int
     lawful: Sequence[Cells] | None = None
     """K_fs of each group, where SC is to keep the state in what the fail-safe law keeps."""
@@ -247,7 +247,7 @@ class CaseCheck:
             )
             raise RejectedError(failed + (f" ({case})" if case else ""))
         self.done += self.tasks[k][1]
-        self.progress(self.done / sum(work for _, work in self.tasks))
+        share_done(self.done / sum(work for _, work in self.tasks))
 
 
 def narrowed(extents: Extents, parts: Iterable[Axes]) -> Extents:

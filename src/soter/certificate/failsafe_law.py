@@ -19,6 +19,7 @@ from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.report import missing_of
+from soter.diagnostics.current_phase import telling
 from soter.language.model import typed
 
 if TYPE_CHECKING:
@@ -61,13 +62,14 @@ def kept_by_law(law: Law, k: int, of_sc: CaseCheck) -> list[Cells]:
     """K_fs of each group of case k, of which it is shown that the law keeps it."""
     facts, groups = law[0], law[1][k]
     model = CaseModel(facts, of_sc.model.parameter, of_sc.model.extents)
-    CaseCheck(model, groups, {"P2a"}, of_sc.entry, lambda _: None, of_sc.workers).check()
+    with telling(None):
+        CaseCheck(model, groups, {"P2a"}, of_sc.entry, of_sc.workers).check()
     return [g.kept_by(groups) for g in of_sc.groups]
 
 
 def _subscribed(flying: System, c: Component) -> set[int | None]:
     """The topics that a node subscribes to, those of its queues too."""
-    read = [] if c.node is None else [c.scope.topics[s.topic] for s in c.node.subscribes]
+    read = [] if c.node is None else c.reads
     return {*read, *(flying.topics[index].queue_of for index in read)}
 
 

@@ -36,7 +36,7 @@ from soter.certificate.reading.symbolic_operations import flat
 from soter.certificate.rechecker import in_words
 from soter.certificate.report import CONTRADICTED, UNCONFIRMED, Doubt, FlightReport
 from soter.certificate.tubes.check_rest import rest_of
-from soter.diagnostics.current_phase import phase
+from soter.diagnostics.current_phase import phase, share_done
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.check.constants_and_types import Calculator
 from soter.language.front_end import system_to_prove
@@ -48,15 +48,13 @@ from soter.report.parameter_text import changed
 from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Sequence
+    from collections.abc import Generator, Iterator, Sequence
 
     from soter.certificate.format.folder import Certificate
     from soter.certificate.report import Report
     from soter.certificate.tubes.flight_verdict import ModuleTube
     from soter.language.model.system import Module, System
     from soter.language.model.types import Value
-
-    Progress = Callable[[float], None]
 
 
 AGAINST = ("ttf", "stale")
@@ -325,15 +323,15 @@ class Flights:
         self._followers: dict[tuple[str, str], ModuleTube | str] = {}
         self._logs = [(log, self._system_of(log)) for log in logs]
 
-    def add_to(self, report: Report, progress: Progress) -> None:
+    def add_to(self, report: Report) -> None:
         """What is found of the logs, to the report on the certificate, if that is not rejected."""
         if report.verdict != REJECTED and report.seal != self.seal:
             report.verdict, report.reason = REJECTED, "it was changed while it was being read"
         if report.verdict != REJECTED:
-            report.flights += self.check(progress)
+            report.flights += self.check()
 
-    def check(self, progress: Progress, workers: int | None = None) -> Iterator[FlightReport]:
-        """Log by log; `progress` is called with the share of its verdicts that are done.
+    def check(self, workers: int | None = None) -> Iterator[FlightReport]:
+        """Log by log: of each the share of its verdicts that are done.
 
         Ctrl-C ends it with what was asked until then of the log that it was at.
         """
@@ -359,7 +357,7 @@ class Flights:
                         if why:
                             doubt = Doubt(v.time_ns, v.module, UNCONFIRMED, why, v.estimate)
                             report.doubts.append(doubt)
-                        progress(len(asked) / len(read.verdicts))
+                        share_done(len(asked) / len(read.verdicts))
             except KeyboardInterrupt:
                 report.interrupted = True
             report.doubts.sort(key=lambda d: (d.time_ns, d.module, d.kind))

@@ -48,7 +48,7 @@ def refuse_unproved_towers(facts: Facts) -> None:
     name = module.name
     for c in facts.commanding:
         assert c.node is not None
-        if {c.scope.topics[t] for t in c.node.publishes} != set(module.outputs):
+        if {*c.writes} != set(module.outputs):
             raise NotRecheckedError(f"`{c.name}` does not publish what `{name}` does")
     uppers = modules_above(system, module.index)
     if len(uppers) > 1:

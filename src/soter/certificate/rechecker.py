@@ -64,14 +64,14 @@ from soter.certificate.scope import otherwise_in_program, parameters_of, uncover
 from soter.certificate.time.claimed_times import compare_times
 from soter.certificate.time.sc_on_default_inputs import survives_the_start
 from soter.certificate.vacuous_proofs import of_those_above, vacuous
-from soter.diagnostics.current_phase import phase
+from soter.diagnostics.current_phase import between, phase
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import system_to_prove
 from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
 
     from soter.certificate.failsafe_law import Law
@@ -80,24 +80,22 @@ if TYPE_CHECKING:
     from soter.language.front_end import CheckResult
     from soter.language.model.system import System
 
-    Progress = Callable[[float], None]
-
 CASES_MAX, LEVELS_MIN = 4096, 2
 """Combinations of parameter values; levels of computed predicates."""
 MODULE_KEYS = "system module plants parameters times inputs cases claims recover_ns"
 
 
-def recheck(folder: Path, progress: Progress | None = None, workers: int | None = None) -> Report:
+def recheck(folder: Path, workers: int | None = None) -> Report:
     """Check the certificate in a folder; `NotACertificateError` where there is none.
 
-    `progress` is called with the share that is done; `workers`: processes, else one a processor.
+    `workers`: processes, else one a processor.
     """
     started = time.perf_counter()
     report = Report()
     try:
         certificate = read_certificate(folder)
         report.seal = certificate.seal
-        _check(certificate, report, progress or (lambda _: None), workers or os.cpu_count() or 1)
+        _check(certificate, report, workers or os.cpu_count() or 1)
         _conclude(report)
     except NotACertificateError:
         raise
@@ -134,7 +132,7 @@ def in_words(error: Exception) -> str:
     return f"the re-checker itself failed ({name}: {error})"
 
 
-def _check(certificate: Certificate, report: Report, progress: Progress, workers: int) -> None:
+def _check(certificate: Certificate, report: Report, workers: int) -> None:
     manifest = certificate.manifest
     only_keys(manifest, MANIFEST_KEYS, "the manifest")
     report.program = visible(str(manifest["main"]))
@@ -147,9 +145,9 @@ def _check(certificate: Certificate, report: Report, progress: Progress, workers
     covered: list[Covered] = []
     for k, entry in enumerate(modules):
         phase(f"checking module {k + 1} of {len(modules)}")
-        share = partial(_share, progress, k, len(modules))
         try:
-            module = _entry(certificate, checked, overrides, covered, entry, share, workers)
+            with between(k / len(modules), (k + 1) / len(modules)):
+                module = _entry(certificate, checked, overrides, covered, entry, workers)
         except (RejectedError, SoterError):
             raise
         except Exception as error:  # noqa: BLE001 - the others are checked all the same
@@ -174,7 +172,6 @@ def _entry(
     overrides: dict[str, Any],
     covered: list[Covered],
     entry: dict[str, Any],
-    progress: Progress,
     workers: int,
 ) -> RecheckedModule:
     """What is confirmed of the module of an entry, which is added to what is covered."""
@@ -192,7 +189,7 @@ def _entry(
     covered.append(facts)
     if not whole:
         assert isinstance(facts, Facts)
-        report = _module(certificate, facts, entry, progress, workers)
+        report = _module(certificate, facts, entry, workers)
     report.parameters = parameters_of(facts.flying)
     report.otherwise, report.contradicted = otherwise_in_program(checked, facts.flying)
     return report
@@ -210,10 +207,6 @@ def _in_all_views(facts: Covered, covered: list[Covered]) -> None:
         assert facts.whole is not None
         if why := left_out(facts.whole, [f.view for f in same]):
             raise RejectedError(why)
-
-
-def _share(progress: Progress, k: int, count: int, done: float) -> None:
-    progress((k + done) / count)
 
 
 @contextmanager
@@ -310,12 +303,12 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
 
 
 def _module(
-    certificate: Certificate, facts: Facts, entry: dict[str, Any], progress: Progress, workers: int
+    certificate: Certificate, facts: Facts, entry: dict[str, Any], workers: int
 ) -> RecheckedModule:
     """Every claim is shown; then it is said what that is about."""
     claimed = read_claimed(certificate, facts, entry)
     groups, name = claimed.groups, f"{entry['module']}{f' as {facts.view}' * bool(facts.view)}"
-    asked = partial(_cases, facts, claimed, entry, progress, workers)
+    asked = partial(_cases, facts, claimed, entry, workers)
     try:  # where there is a choice, with reads that are older than any
         asked()
     except (RejectedError, NotRecheckedError):
@@ -337,9 +330,7 @@ def _module(
     return report
 
 
-def _cases(
-    facts: Facts, claimed: Claimed, entry: dict[str, Any], progress: Progress, workers: int
-) -> None:
+def _cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers: int) -> None:
     """Every claim, for every combination of parameter values; of the law that it keeps K_fs."""
     cases = list(facts.cases())
     for k, (values, own) in enumerate(zip(cases, claimed.groups, strict=True)):
@@ -350,11 +341,11 @@ def _cases(
             refuse_read(model)
         if facts.turning:
             refuse_turns_read(model)
-        share = partial(_share, progress, k, len(cases))
-        case = CaseCheck(model, own, claimed.claims, entry, share, workers)
+        case = CaseCheck(model, own, claimed.claims, entry, workers)
         if claimed.law is not None:
             case.lawful = kept_by_law(claimed.law, k, case)
-        case.check()
+        with between(k / len(cases), (k + 1) / len(cases)):
+            case.check()
 
 
 def compare_tables(

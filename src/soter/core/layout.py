@@ -28,9 +28,12 @@ from soter.language.model.types import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
     import numpy as np
 
-    from soter.language.model.system import System
+    from soter.language.model.system import System, Topic
+    from soter.language.model.typed import Variable
     from soter.language.model.types import Type, Value
     from soter.language.model.values import Table
 
@@ -237,6 +240,30 @@ def align_of(t: Type) -> int:
     return struct_of(t).align
 
 
+def placed_leaves(t: Type, offset: int = 0) -> Iterator[tuple[tuple[str, ...], Type, int]]:
+    """Path, type and offset of each scalar of a value at `offset`, in declared order.
+
+    As `leaves` names them; none of a list, whose places are not always in use.
+    """
+    if isinstance(t, RecordType):
+        at = {m.index: m.offset for m in struct_of(t).members}
+        for i, (n, f) in enumerate(t.fields):
+            yield from (((n, *p), k, o) for p, k, o in placed_leaves(f, offset + at[i]))
+    elif isinstance(t, ArrayType):
+        step = size_of(t.element)
+        for i in range(t.size):
+            inner = placed_leaves(t.element, offset + i * step)
+            yield from (((f"[{i}]", *p), k, o) for p, k, o in inner)
+    elif not isinstance(t, ListType):
+        yield (), t, offset
+
+
+def _places_of_list(t: ListType) -> tuple[int, int]:
+    """Offsets of the items of a list and of its length."""
+    at = {m.name: m.offset for m in struct_of(t).members}
+    return at["items"], at["len"]
+
+
 def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
     """Write a value's image; the buffer is zero there beforehand."""
     s = scalar(t)
@@ -254,13 +281,18 @@ def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
             encode_into(buffer, offset + i * step, t.element, element)
     else:
         assert isinstance(t, ListType)
-        layout = struct_of(t)
-        items = next(m for m in layout.members if m.name == "items")
-        length = next(m for m in layout.members if m.name == "len")
-        step = size_of(t.element)
-        for i, element in enumerate(value):
-            encode_into(buffer, offset + items.offset + i * step, t.element, element)
-        struct.pack_into("<i", buffer, offset + length.offset, len(value))
+        items, length = _places_of_list(t)
+        encode_into(buffer, offset + items, ArrayType(t.element, t.capacity), value)
+        struct.pack_into("<i", buffer, offset + length, len(value))
+
+
+def image_of_members(layout: Struct, values: Mapping[str, Value]) -> bytes:
+    """The image of a struct, of one byte at least, whose members have these values, or zeros."""
+    image = bytearray(max(layout.size, 1))
+    for member in layout.members:
+        if member.name in values:
+            encode_into(image, member.offset, member.type, values[member.name])
+    return bytes(image)
 
 
 def image_of_table(t: ArrayType | ListType, value: Table) -> bytes:
@@ -276,9 +308,9 @@ def image_of_table(t: ArrayType | ListType, value: Table) -> bytes:
     if isinstance(t, ArrayType):
         return value.packed
     whole = bytearray(size_of(t))
-    places = {m.name: m.offset for m in struct_of(t).members}
-    struct.pack_into("<i", whole, places["len"], len(value))
-    whole[places["items"] : places["items"] + len(value.packed)] = value.packed
+    items, length = _places_of_list(t)
+    struct.pack_into("<i", whole, length, len(value))
+    whole[items : items + len(value.packed)] = value.packed
     return bytes(whole)
 
 
@@ -297,14 +329,11 @@ def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - a
         step = size_of(t.element)
         return tuple(decode_from(buffer, offset + i * step, t.element) for i in range(t.size))
     assert isinstance(t, ListType)
-    layout = struct_of(t)
-    items = next(m for m in layout.members if m.name == "items")
-    length = next(m for m in layout.members if m.name == "len")
-    n = struct.unpack_from("<i", buffer, offset + length.offset)[0]
+    items, length = _places_of_list(t)
+    n = struct.unpack_from("<i", buffer, offset + length)[0]
     if not 0 <= n <= t.capacity:
         raise ValueError(f"a length of {n} in `{t}`")
-    step = size_of(t.element)
-    return tuple(decode_from(buffer, offset + items.offset + i * step, t.element) for i in range(n))
+    return decode_from(buffer, offset + items, ArrayType(t.element, n))
 
 
 def numpy_dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
@@ -316,7 +345,12 @@ def numpy_dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor arg
         return np.dtype(s.numpy)
     if isinstance(t, ArrayType):
         return np.dtype((numpy_dtype(t.element), (t.size,)))
-    layout = struct_of(t)
+    return _struct_dtype(struct_of(t))
+
+
+def _struct_dtype(layout: Struct) -> np.dtype[Any]:
+    import numpy as np  # noqa: PLC0415 - only traces need numpy
+
     return np.dtype(
         {
             "names": [m.name for m in layout.members],
@@ -367,35 +401,29 @@ class StateLayout:
 
 def state_layout(system: System) -> StateLayout:
     """Lay out the state of a system."""
-    n, m, p, t = (
-        len(system.components),
-        len(system.modules),
-        len(system.properties),
-        len(system.topics),
-    )
     component_offset = HEADER.size
-    module_offset = component_offset + n * COMPONENT.size
-    property_offset = module_offset + m * MODULE.size
-    stamp_offset = property_offset + p * PROPERTY.size
-    offset = stamp_offset + 8 * t
+    module_offset = component_offset + len(system.components) * COMPONENT.size
+    property_offset = module_offset + len(system.modules) * MODULE.size
+    stamp_offset = property_offset + len(system.properties) * PROPERTY.size
+    offset = stamp_offset + 8 * len(system.topics)
     groups: list[StructGroup] = []
-
-    def add(name: str, owner: int, fields: tuple[tuple[str, Type], ...]) -> None:
-        nonlocal offset
-        layout = arrange(fields, minimum_align=8)
-        groups.append(StructGroup(name, owner, layout, offset))
-        offset += layout.size
-
-    add("topics", -1, tuple((x.name, x.type) for x in system.topics))
-    for c in system.components:
-        variables = c.node.locals if c.node else c.plant.states if c.plant else ()
-        if variables:
-            add(c.name, c.index, tuple((v.name, v.type) for v in variables))
+    of: list[tuple[str, int, Sequence[Topic | Variable]]] = [
+        ("topics", -1, system.topics),
+        *(
+            (c.name, c.index, c.node.locals if c.node else c.plant.states if c.plant else ())
+            for c in system.components
+        ),
+    ]
+    for name, owner, variables in of:
+        if variables or owner < 0:
+            layout = arrange(tuple((v.name, v.type) for v in variables), minimum_align=8)
+            groups.append(StructGroup(name, owner, layout, offset))
+            offset += layout.size
     return StateLayout(
-        components=n,
-        modules=m,
-        properties=p,
-        topics=t,
+        components=len(system.components),
+        modules=len(system.modules),
+        properties=len(system.properties),
+        topics=len(system.topics),
         component_offset=component_offset,
         module_offset=module_offset,
         property_offset=property_offset,
@@ -421,41 +449,30 @@ def ac_share(state: Any, module: int) -> float:  # noqa: ANN401 - a record of `s
     return ac_ns / end if end > 0 else 0.0
 
 
-def state_dtype(system: System, layout: StateLayout) -> np.dtype[Any]:
+def state_dtype(layout: StateLayout) -> np.dtype[Any]:
     """The whole state as a numpy dtype: header, components, modules, properties, stamps, groups."""
     import numpy as np  # noqa: PLC0415 - only traces need numpy
 
-    names = [*FIXED_FIELDS[:5]]
-    formats: list[Any] = [
-        np.dtype(HEADER.dtype()),
-        np.dtype((np.dtype(COMPONENT.dtype()), (layout.components,))),
-        np.dtype((np.dtype(MODULE.dtype()), (layout.modules,))),
-        np.dtype((np.dtype(PROPERTY.dtype()), (layout.properties,))),
-        np.dtype(("<i8", (layout.topics,))),
-    ]
-    offsets = [
-        0,
-        layout.component_offset,
-        layout.module_offset,
-        layout.property_offset,
-        layout.stamp_offset,
-    ]
-    for g in layout.groups:
-        if not g.struct.members:
-            continue
-        names.append(group_field(g))
-        formats.append(
-            np.dtype(
-                {
-                    "names": [m.name for m in g.struct.members],
-                    "formats": [numpy_dtype(m.type) for m in g.struct.members],
-                    "offsets": [m.offset for m in g.struct.members],
-                    "itemsize": g.struct.size,
-                }
-            )
-        )
-        offsets.append(g.offset)
-    del system
+    groups = [g for g in layout.groups if g.struct.members]
     return np.dtype(
-        {"names": names, "formats": formats, "offsets": offsets, "itemsize": layout.size}
+        {
+            "names": [*FIXED_FIELDS[:5], *map(group_field, groups)],
+            "formats": [
+                np.dtype(HEADER.dtype()),
+                np.dtype((np.dtype(COMPONENT.dtype()), (layout.components,))),
+                np.dtype((np.dtype(MODULE.dtype()), (layout.modules,))),
+                np.dtype((np.dtype(PROPERTY.dtype()), (layout.properties,))),
+                np.dtype(("<i8", (layout.topics,))),
+                *(_struct_dtype(g.struct) for g in groups),
+            ],
+            "offsets": [
+                0,
+                layout.component_offset,
+                layout.module_offset,
+                layout.property_offset,
+                layout.stamp_offset,
+                *(g.offset for g in groups),
+            ],
+            "itemsize": layout.size,
+        }
     )

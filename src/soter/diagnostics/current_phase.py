@@ -1,26 +1,35 @@
 """What is being done just now, for whoever waits for it.
 
 Purpose: `phase("P2b of Cart")` where something that takes long begins; a progress line shows it.
-`passing_phase`: what is done in between, after which the phase before it goes on. `announce`: a
+`passing_phase`: what is done in between, after which the phase before it goes on. `share_done`: how
+far it is, for whom `telling` names; `between` says which part of a whole a block is. `announce`: a
 line about how long it will take, for whoever shows one. `lasting`: such a time in words.
-Non-goals: how far it is: those who know call their `progress`.
+Non-goals: runs, searches and campaigns, whose options name who is told.
 """
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
+    from contextlib import AbstractContextManager
+
+    Told = Callable[[float, str], None]
 
 MINUTES_FROM_S = 90.0
 """Less is said in seconds."""
 
 _listener: ContextVar[Callable[[str, bool], None] | None] = ContextVar("listener", default=None)
 _current: ContextVar[str] = ContextVar("current", default="")
+_told: ContextVar[Told | None] = ContextVar("told", default=None)
 _announcer: ContextVar[Callable[[str], None] | None] = ContextVar("announcer", default=None)
+
+
+class CancelledError(Exception):
+    """Nobody wants the rest of what is done."""
 
 
 def phase(name: str, *, anew: bool = False) -> None:
@@ -40,6 +49,64 @@ def passing_phase(name: str) -> Iterator[None]:
         yield
     finally:
         phase(before)
+
+
+def share_done(share: float, stage: str = "") -> None:
+    """Say how far it is, 0 to 1: all of it, or only a stage of it. Whoever is told may raise."""
+    told = _told.get()
+    if told is not None:
+        told(share, stage)
+
+
+@contextmanager
+def telling(told: Told | None) -> Iterator[None]:
+    """In this block, and thread, `told(share, stage)` is who is told, or nobody (None)."""
+    before = _told.set(told)
+    try:
+        yield
+    finally:
+        _told.reset(before)
+
+
+def telling_shares(progress: Callable[[float], None] | None) -> AbstractContextManager[None]:
+    """In this block `progress(share)` is told how far all of it is; None: who was told before."""
+    if progress is None:
+        return nullcontext()
+    return telling(lambda share, stage: None if stage else progress(share))
+
+
+def between(low: float, high: float, stages: Sequence[str] = ()) -> AbstractContextManager[None]:
+    """All of this block is that part, 0 to 1, of the block around it, and its share never falls.
+
+    `stages`: equal parts of it in their order; who is told of other stages is told by name.
+    """
+    told, furthest = _told.get(), 0.0
+    if told is None:
+        return telling(None)
+
+    def listener(share: float, stage: str) -> None:
+        nonlocal furthest
+        if stage in stages:
+            share, stage = (stages.index(stage) + share) / len(stages), ""
+        if not stage:
+            share = furthest = max(furthest, share)
+            share = low + (high - low) * share
+        told(share, stage)
+
+    return telling(listener)
+
+
+def cancelled_when(due: Callable[[], bool]) -> AbstractContextManager[None]:
+    """In this block who says how far it is gets a `CancelledError` from when on `due()` is true."""
+    told = _told.get()
+
+    def listener(share: float, stage: str) -> None:
+        if due():
+            raise CancelledError
+        if told is not None:
+            told(share, stage)
+
+    return telling(listener)
 
 
 def announce(text: Callable[[], str]) -> None:

@@ -288,7 +288,7 @@ def _writers(system: System) -> dict[int, frozenset[str]]:
     above = {m.over for m in system.modules if m.over is not None}
     gated = {i: f"m:{m.name}" for m in system.modules if m.index not in above for i in m.outputs}
     for c in system.components:
-        for i in _written(c):
+        for i in c.writes:
             if i in writers_by_topic and not (c.module is not None and i in gated):
                 writers_by_topic[i].add(_key(c))
     for i, key in gated.items():
@@ -296,22 +296,13 @@ def _writers(system: System) -> dict[int, frozenset[str]]:
     return {i: frozenset(keys) for i, keys in writers_by_topic.items()}
 
 
-def _written(c: Component) -> list[int]:
-    """The topics that a plant drives, or a node publishes."""
-    if c.plant is not None:
-        return [c.scope.topics[t] for t, _ in c.plant.drives]
-    return [] if c.node is None else [c.scope.topics[t] for t in c.node.publishes]
-
-
 def _readers(system: System) -> dict[int, frozenset[str]]:
     """Topic -> keys of the components that read it."""
     readers_by_topic: dict[int, set[str]] = {}
     for c in system.components:
         read: list[int] = []
-        if c.plant is not None:
-            read = [c.scope.topics[t] for t in c.plant.reads]
-        elif c.node is not None:
-            read = [c.scope.topics[s.topic] for s in c.node.subscribes]
+        if c.plant is not None or c.node is not None:
+            read = c.reads
         elif c.module is not None:
             read = list(system.modules[c.module].reads)
         for i in read:

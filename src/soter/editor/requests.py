@@ -81,6 +81,15 @@ def _at(documents: Documents, params: _PositionRequest) -> _CursorPosition | Non
     return None if document is None else _CursorPosition(documents, document, params.position)
 
 
+def _used(
+    documents: Documents, params: _PositionRequest
+) -> tuple[_CursorPosition, Use] | tuple[None, None]:
+    """The name at a position, with what it means; None for neither."""
+    at = _at(documents, params)
+    use = None if at is None else at.use()
+    return (None, None) if at is None or use is None else (at, use)
+
+
 # ---------------------------------------------------------------- names
 
 
@@ -92,8 +101,7 @@ def _about_names(server: LanguageServer, documents: Documents) -> None:
 
     @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
     def definition(params: lsp.DefinitionParams) -> lsp.Location | None:
-        at = _at(documents, params)
-        use = None if at is None else at.use()
+        _, use = _used(documents, params)
         if use is None:
             return None
         definition = use.definition
@@ -106,8 +114,7 @@ def _about_names(server: LanguageServer, documents: Documents) -> None:
 
     @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
     def references(params: lsp.ReferenceParams) -> list[lsp.Location] | None:
-        at = _at(documents, params)
-        use = None if at is None else at.use()
+        at, use = _used(documents, params)
         if at is None or use is None:
             return None
         uses = renaming.uses_of(use.definition, _indices(at, use.definition))
@@ -116,8 +123,7 @@ def _about_names(server: LanguageServer, documents: Documents) -> None:
 
     @server.feature(lsp.TEXT_DOCUMENT_DOCUMENT_HIGHLIGHT)
     def highlight(params: lsp.DocumentHighlightParams) -> list[lsp.DocumentHighlight] | None:
-        at = _at(documents, params)
-        use = None if at is None else at.use()
+        at, use = _used(documents, params)
         if at is None or use is None:
             return None
         uses = at.index.uses_of(use.definition.key)
@@ -128,8 +134,7 @@ def _about_names(server: LanguageServer, documents: Documents) -> None:
 def _about_renaming(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
     def prepare_rename(params: lsp.PrepareRenameParams) -> lsp.PrepareRenamePlaceholder | None:
-        at = _at(documents, params)
-        use = None if at is None else at.use()
+        at, use = _used(documents, params)
         if at is None or use is None:
             return None
         try:
@@ -141,8 +146,7 @@ def _about_renaming(server: LanguageServer, documents: Documents) -> None:
 
     @server.feature(lsp.TEXT_DOCUMENT_RENAME, lsp.RenameOptions(prepare_provider=True))
     def rename(params: lsp.RenameParams) -> lsp.WorkspaceEdit | None:
-        at = _at(documents, params)
-        use = None if at is None else at.use()
+        at, use = _used(documents, params)
         if at is None or use is None:
             return None
         programs = [path for path, _ in _programs(at, use.definition)]
@@ -161,15 +165,10 @@ def _hover(at: _CursorPosition) -> lsp.Hover | None:
     else:
         start, end = at.word()
         meaning = keywords.meaning(at.main.source.text[start:end])
-        if meaning is None or _is_hidden(at, start):
+        if meaning is None or (start not in lex(at.main.source).starts):
             return None
         text, where = meaning, at.lines.range(start, end)
     return lsp.Hover(lsp.MarkupContent(lsp.MarkupKind.Markdown, text), where)
-
-
-def _is_hidden(at: _CursorPosition, offset: int) -> bool:
-    """Whether a word stands in a comment or a string."""
-    return offset not in lex(at.main.source).starts
 
 
 def _programs(at: _CursorPosition, definition: Definition) -> list[tuple[Path, NameIndex]]:

@@ -115,11 +115,8 @@ class ExecutionCalendar:
         actor = self.actors[i]
         if i in self._running:
             return self._running[i] + actor.least_ns, self._running[i] + actor.overrun_ns
-        release = self._release(i)
+        release = self.actors[i].phase_ns + self.done[i] * self.actors[i].period_ns
         return None if release > self.horizon_ns else (release, release + actor.window_ns)
-
-    def _release(self, i: int) -> int:
-        return self.actors[i].phase_ns + self.done[i] * self.actors[i].period_ns
 
     @property
     def is_observable(self) -> bool:

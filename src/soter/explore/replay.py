@@ -66,7 +66,6 @@ class ReplayedStep:
 
     number: int
     actor: str
-    role: str
     kind: str
     release_ns: int
     time_ns: int
@@ -81,8 +80,6 @@ class ReplayedStep:
     violated: tuple[ViolationId, ...]
     topics: Mapping[str, object]
     modes: Mapping[str, str]
-    truth: Mapping[str, object]
-    """The states of the plants, by full name."""
     reasons: tuple[str, ...] = ()
     """For each of `violated`, what failed, a clause; empty where it says itself."""
     dropped: tuple[DroppedMessage, ...] = ()
@@ -206,14 +203,14 @@ class _TraceRun:
         """One step; `NotAllowedError` or `WrongChoiceError` where it is none of this execution."""
         i = self.schedule.take(step)
         if i is None:
-            self._tell(number, step, "", self.draws.end(), _Event())
+            self._tell(number, step, self.draws.end(), _Event())
             return
         actor = self.schedule.actors[i]
         self._before = self.c
         self.c = replace(self.c, ct=step.time_ns)
         self.draws.begin(step.choices)
         event = self._act(actor, step)
-        self._tell(number, step, actor.role, self.draws.end(), event)
+        self._tell(number, step, self.draws.end(), event)
 
     # ------------------------------------------------------------ what a step does
 
@@ -342,9 +339,7 @@ class _TraceRun:
 
     # ------------------------------------------------------------ telling
 
-    def _tell(
-        self, number: int, step: Step, role: str, choices: tuple[Choice, ...], event: _Event
-    ) -> None:
+    def _tell(self, number: int, step: Step, choices: tuple[Choice, ...], event: _Event) -> None:
         observable = step.kind != START and self.schedule.is_observable
         broken = event.broken
         if not self.ended and step.kind != START:
@@ -357,7 +352,6 @@ class _TraceRun:
             ReplayedStep(
                 number=number,
                 actor=step.actor,
-                role=role,
                 kind=step.kind,
                 release_ns=step.release_ns,
                 time_ns=step.time_ns,
@@ -371,7 +365,6 @@ class _TraceRun:
                 violated=tuple(broken),
                 topics=self._topics(),
                 modes={m.name: MODES[self.c.L[m.dm]] for m in self.system.modules},
-                truth=self._truth(),
                 reasons=tuple([event.reasons.get(b, "") for b in broken]),
                 dropped=tuple(event.dropped),
                 matters=step.matters,
@@ -393,16 +386,6 @@ class _TraceRun:
 
     def _topics(self) -> dict[str, object]:
         return {t.name: to_json(t.type, self.c.Topics[t.index]) for t in self.system.topics}
-
-    def _truth(self) -> dict[str, object]:
-        return {
-            x.name: {
-                s.name: to_json(s.type, v)
-                for s, v in zip(x.plant.states, self.c.L[x.index], strict=True)
-            }
-            for x in self.system.components
-            if x.plant is not None
-        }
 
 
 def violation_id_of(system: System, what: str, index: int) -> ViolationId | None:

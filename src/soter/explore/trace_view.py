@@ -240,12 +240,8 @@ def _topics(system: System) -> Iterable[TopicFlow]:
 
 def _flows(system: System, c: Component) -> tuple[list[int], list[int]]:
     """Topics that a component reads and writes."""
-    named = c.scope.topics
-    if c.plant is not None:
-        return [named[t] for t in c.plant.reads], [named[t] for t, _ in c.plant.drives]
-    if c.node is not None:
-        reads = [named[s.topic] for s in c.node.subscribes]
-        return reads, [named[t] for t in c.node.publishes]
+    if c.plant is not None or c.node is not None:
+        return c.reads, c.writes
     assert c.module is not None, c.name
     return list(system.modules[c.module].reads), []
 

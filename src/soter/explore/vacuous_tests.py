@@ -96,17 +96,8 @@ def _writable(system: System) -> set[int]:
     topics = {drive.topic for drive in system.inputs}
     for c in system.components:
         if c.phase_ns <= horizon:
-            topics |= set(written_by(c))
+            topics |= set(c.writes)
     return topics
-
-
-def written_by(c: Component) -> Sequence[int]:
-    """The topics that a component publishes or drives."""
-    if c.node is not None:
-        return [c.scope.topics[t] for t in c.node.publishes]
-    if c.plant is not None:
-        return [c.scope.topics[t] for t, _ in c.plant.drives]
-    return []
 
 
 def _at(whole: Known, path: tuple[int, ...], of: Type) -> Range:
@@ -344,7 +335,7 @@ def _faults(system: System) -> Iterator[VacuousPart]:
         if c.phase_ns > plan.horizon_ns:
             first = f"{show_ns(c.phase_ns)}, after the horizon"
             yield VacuousPart("fault", name, f"cannot occur: its first release is at {first}")
-        elif f.kind == "overrun" and not written_by(c):
+        elif f.kind == "overrun" and not c.writes:
             yield VacuousPart("fault", name, "changes nothing: it publishes nothing")
 
 
@@ -361,7 +352,7 @@ def _unread(system: System, replaced: Sequence[tuple[str, str]]) -> Iterator[Vac
                 "input", topic.name, "is drawn for nobody: nothing in the test reads it"
             )
     for c in system.components:
-        written = set(written_by(c))
+        written = set(c.writes)
         queues = {q for t in written for q in system.topics[t].queues}
         of = next((p for p, by in replaced if c.node is not None and c.node.name == by), None)
         if of is None or not written or read & (written | queues) or _is_extern(system, of):
@@ -381,12 +372,9 @@ def _read(system: System) -> set[int]:
     """Topics that a step, a decision or a property reads."""
     topics: set[int] = set()
     for c in system.components:
-        if c.node is not None:
-            topics |= {c.scope.topics[s.topic] for s in c.node.subscribes}
-        if c.plant is not None:
-            topics |= {c.scope.topics[t] for t in c.plant.reads}
+        topics |= {*c.reads}
     for m in system.modules:
-        topics |= set(m.reads)
+        topics |= {*m.reads}
         topics |= {m.scope.topics[t] for t in topic_reads(m.symbol.safe) if t in m.scope.topics}
     for p in system.properties:
         topics |= {p.scope.topics[t] for t in topic_reads(p.condition)}

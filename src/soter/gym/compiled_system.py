@@ -82,7 +82,7 @@ class CompiledEnvironment:
         self.linked_content = linked_content(system, core)
         unit = generate_measured(system, core)
         self.layout = unit.layout
-        self.dtype = state_dtype(system, self.layout)
+        self.dtype = state_dtype(self.layout)
         path = built(unit)
         _require_kept_nothing(unit)
         owners = linked_symbols(system, core)
@@ -187,10 +187,10 @@ class CompiledEnvironment:
         if self.roles.plant is not None:
             plant = self.system.components[self.roles.plant]
             assert plant.plant is not None
-            return [plant.scope.topics[t] for t in plant.plant.reads]
+            return plant.reads
         agent = self.system.components[self.roles.agent]
         assert agent.node is not None
-        return [agent.scope.topics[t] for t in agent.node.publishes]
+        return agent.writes
 
     def _answer(self, component: Component) -> tuple[list[MemoryLeaf], list[MemoryLeaf]]:
         """The leaves of what an extern answers, and of what says that it was given."""

@@ -12,17 +12,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from soter.core.layout import scalar, size_of, struct_of
+from soter.core.layout import placed_leaves, scalar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.elaborate.derived_systems import with_components
 from soter.language.model.types import (
-    ArrayType,
     BoolType,
     EnumType,
     FloatType,
     IntType,
-    ListType,
-    RecordType,
     has_list,
 )
 
@@ -53,15 +50,7 @@ def is_flat(types: Iterable[Type]) -> bool:
 
 def places(t: Type, offset: int) -> Iterator[MemoryLeaf]:
     """The leaves of a value that lies at `offset`, in declared order."""
-    assert not isinstance(t, ListType), t
-    if isinstance(t, RecordType):
-        for member in sorted(struct_of(t).members, key=lambda m: m.index):
-            yield from places(member.type, offset + member.offset)
-    elif isinstance(t, ArrayType):
-        for i in range(t.size):
-            yield from places(t.element, offset + i * size_of(t.element))
-    else:
-        yield _leaf(t, offset)
+    return (_leaf(leaf, at) for _, leaf, at in placed_leaves(t, offset))
 
 
 def _leaf(t: Type, offset: int) -> MemoryLeaf:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.api.arguments import complete
-from soter.core.layout import decode_from, encode_into
+from soter.core.layout import decode_from, encode_into, image_of_members
 from soter.gym.array_mapping import doubles
 from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled, refuse_call
 from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by
@@ -38,10 +38,10 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     import soter.api
+    from soter.core.arrays import Bytes
     from soter.gym.disturbance_explanation import SessionPlant
     from soter.language.model.system import Component
     from soter.language.model.types import Value
-    from soter.native.library import Bytes
 
     Call = Callable[[Any], int]
 
@@ -292,12 +292,8 @@ class Session:
         return {**given, **{f"has_{n}": n in given for n in short}}
 
     def _give(self, state: Bytes, component: Component, values: Mapping[str, Value]) -> None:
-        layout = self.compiled.answers[component.index]
-        out = bytearray(max(layout.size, 1))
-        for member in layout.members:
-            if member.name in values:
-                encode_into(out, member.offset, member.type, values[member.name])
-        self.compiled.library.answer(state, component.index, 0, bytes(out))
+        answer = image_of_members(self.compiled.answers[component.index], values)
+        self.compiled.library.answer(state, component.index, 0, answer)
 
     def place(self, states: Sequence[Value]) -> None:
         """Let the plant start at `states`."""

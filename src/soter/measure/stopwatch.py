@@ -41,11 +41,11 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.core.arrays import Bytes
     from soter.core.core import CoreSystem
     from soter.core.layout import StateLayout
     from soter.language.model.system import Bound, Component, System
     from soter.language.model.types import Type, Value
-    from soter.native.library import Bytes
 
 
 WILD = 1e3
@@ -67,7 +67,7 @@ def read_by(system: System, c: Component) -> tuple[int, ...]:
         assert c.module is not None
         topics: set[int] = set(system.modules[c.module].reads)
     else:
-        topics = set() if c.node is None else {c.scope.topics[s.topic] for s in c.node.subscribes}
+        topics = set() if c.node is None else {*c.reads}
     return tuple(sorted(topics - set(queues_of(system, c))))
 
 
@@ -235,7 +235,7 @@ class TimedUnit:
         self.system = system
         self.unit = generate(system, core)
         self.layout = self.unit.layout
-        self.dtype = state_dtype(system, self.layout)
+        self.dtype = state_dtype(self.layout)
         path = library(self.unit, engine=ENGINE)
         self.ffi: Any = interface(
             declarations(RUNTIME / "soter.h"), declarations(FOLDER / "soter_stopwatch.h")

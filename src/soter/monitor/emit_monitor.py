@@ -33,12 +33,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Floats
     from soter.language.model.system import Module, System
     from soter.verify.problem.problem import Problem
-
-    Floats = NDArray[np.float64]
 
 
 NODE = "ModelMonitor"

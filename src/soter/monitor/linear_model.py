@@ -30,12 +30,10 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Floats
     from soter.language.model.types import Type, Value
     from soter.verify.problem.problem import Leaf, Problem
 
-    Floats = NDArray[np.float64]
 
 PROBES = 4
 AFFINE = 1e-9

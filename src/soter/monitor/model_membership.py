@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.core.arrays import Floats
     from soter.diagnostics.source import Span
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TopicSymbol
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from soter.report.recorded_values import RecordedRun
     from soter.verify.problem.problem import Problem
 
-    Floats = NDArray[np.float64]
 
 ROUNDING = 1e-9
 """Relative slack of every comparison: the recorded plant computes in binary64."""

@@ -17,9 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    import numpy.typing as npt
-
-    Bytes = npt.NDArray[np.uint8]
+    from soter.core.arrays import Bytes
 
 
 class RunStatus(IntEnum):

@@ -60,7 +60,6 @@ class Topic:
     channel: str
     number: int
     writable: bool
-    max_age_ns: int | None
     type: Type
     ends: tuple[Ends, ...]
 
@@ -187,7 +186,6 @@ def _topic(t: Mapping[str, Any]) -> Topic:
         channel=str(t["channel"]),
         number=int(t["number"], 16),
         writable=t["published"] == "outside",
-        max_age_ns=t["max_age_ns"],
         type=made,
         ends=ends,
     )

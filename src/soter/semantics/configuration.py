@@ -129,10 +129,6 @@ class ModuleRecord:
     ac_ns: int = 0
     """Time spent in AC before `mode_since_ns`."""
 
-    def ac_ns_until(self, ct: int) -> int:
-        """Time spent in AC up to `ct`."""
-        return self.ac_ns + (max(ct, 0) - self.mode_since_ns if self.mode == AC else 0)
-
 
 @dataclass(slots=True)
 class ComponentRecord:

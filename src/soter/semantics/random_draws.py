@@ -127,11 +127,6 @@ def leaf_name(base: str, path: tuple[str, ...]) -> str:
     return ".".join((base, *path))
 
 
-def draw_value(t: Type, bounds: Sequence[Bound | None], seed: int, base: str, index: int) -> Value:
-    """A value with every leaf drawn uniformly (`chosen_value` by `SeededDraws`)."""
-    return chosen_value(t, bounds, SeededDraws(seed), base, index)
-
-
 def _draw_leaf(t: Type, bound: Bound | None, seed: int, stream: str, index: int) -> Value:
     if isinstance(t, FloatType):
         assert bound is not None, f"{stream} is not bounded"

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from soter.core.layout import StateLayout
-    from soter.language.model.system import Component, Module, System
+    from soter.language.model.system import Module, System
     from soter.language.model.types import Type, Value
 
 T = TypeVar("T")
@@ -413,18 +413,11 @@ def _leaf(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: ANN401 -
 
 def published_before(system: System, dm: int) -> frozenset[int]:
     """Topics whose publishers all step before a DM in the deployed order; inputs among them."""
-    late = {i for c in system.components if c.index >= dm for i in _publishes(c)}
+    late = {i for c in system.components if c.index >= dm for i in c.writes}
     looks = {m.looked for m in system.modules if m.dm >= dm and m.looked is not None}
     judging = [m.shield for m in system.modules if m.shield is not None]
     shields = {s.topic for s in judging} | {s.proposed for s in judging if s.proposed is not None}
     return frozenset({t.index for t in system.topics} - late - looks - shields)
-
-
-def _publishes(c: Component) -> Iterator[int]:
-    if c.plant is not None:
-        yield from (c.scope.topics[t] for t, _ in c.plant.drives)
-    elif c.node is not None:
-        yield from (c.scope.topics[t] for t in c.node.publishes)
 
 
 def _any(parts: tuple[PredicatePart, ...]) -> bool:

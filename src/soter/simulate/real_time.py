@@ -165,7 +165,7 @@ def run_recorded(
 def _observer(system: System, keep_trace: Kept, *, hash_trace: bool) -> Observer:
     """SoterError U001 where `keep_trace` names no part of the system."""
     layout = state_layout(system)
-    dtype, names = state_dtype(system, layout), names_of(keep_trace)
+    dtype, names = state_dtype(layout), names_of(keep_trace)
     return Observer(
         system,
         dtype,
@@ -187,7 +187,7 @@ def _run_of(
 ) -> Run:
     """What an observer saw."""
     layout = state_layout(system)
-    dtype = state_dtype(system, layout)
+    dtype = state_dtype(layout)
     last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
     return Run(
         system=system,

@@ -49,10 +49,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.codegen.unit import Unit
+    from soter.core.arrays import Bytes
     from soter.core.core import CoreSystem
     from soter.core.layout import StateLayout
     from soter.language.model.system import Component, System
-    from soter.native.library import Bytes
     from soter.semantics.configuration import Configuration, Record
     from soter.simulate.externs.python_answers import Tally
     from soter.simulate.module_safe_check import SafeJudge
@@ -171,7 +171,7 @@ class NativeProgram:
         builder = JudgedUnit(system, core or lower(system))
         self.unit: Unit = builder.run()
         self.layout = self.unit.layout
-        self.dtype = state_dtype(system, self.layout)
+        self.dtype = state_dtype(self.layout)
         own = "-O2" if len(self.unit.source) < LARGE_C else "-Og"
         path = library(self.unit, optimise or own, extra)
         self._builder, self._path = builder, path
@@ -336,7 +336,7 @@ def run_interpreted(
     `also` is given what is observed, block by block: records (n,) and the changes of mode in them.
     """
     layout = state_layout(system)
-    dtype = state_dtype(system, layout)
+    dtype = state_dtype(layout)
     observer = _observer(system, layout, dtype, keep_trace, hash_trace, also)
     request, process = stop or StopRequest(), os.getpid()
     waiting: list[bytes] = []

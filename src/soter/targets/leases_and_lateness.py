@@ -127,8 +127,8 @@ def on_the_way(system: System, module: Module) -> Iterator[Component]:
     while more:
         queued = [system.topics[i].queue_of for i in wanted]
         wanted |= {i for i in queued if i is not None}
-        more = [x for x in left if not wanted.isdisjoint(_published_by(x))]
-        left = [x for x in left if wanted.isdisjoint(_published_by(x))]
+        more = [x for x in left if not wanted.isdisjoint(x.writes)]
+        left = [x for x in left if wanted.isdisjoint(x.writes)]
         wanted.update(i for x in more for i in _read_by(x))
         found += more
     yield from sorted(found, key=lambda x: x.index)
@@ -136,12 +136,7 @@ def on_the_way(system: System, module: Module) -> Iterator[Component]:
 
 def _read_by(x: Component) -> list[int]:
     assert x.node is not None
-    return [x.scope.topics[s.topic] for s in x.node.subscribes]
-
-
-def _published_by(x: Component) -> list[int]:
-    assert x.node is not None
-    return [x.scope.topics[t] for t in x.node.publishes]
+    return x.reads
 
 
 # ---------------------------------------------------------------- C
@@ -230,15 +225,16 @@ def _times(times: LeaseTimes, name: str) -> Iterator[c.CTop]:
 
 def notes(system: System) -> list[str]:
     """What whoever builds has to know: how long leases are, and which times count as zero."""
-    lines = []
-    for module in leased(system):
-        times = lease_times(system, module)
-        text = f"{module.name}: a lease ends {show_ns(times.longest)} after its release at most"
-        if times.undeclared:
-            zero = ", ".join(times.undeclared)
-            text += f"; {zero} not declared: they count as zero, which no clock keeps"
-        lines.append(text)
-    return lines
+    return [note_of(module, lease_times(system, module)) for module in leased(system)]
+
+
+def note_of(module: Module, times: LeaseTimes) -> str:
+    """How long a module's leases are, and which of its times count as zero."""
+    text = f"{module.name}: a lease ends {show_ns(times.longest)} after its release at most"
+    if times.undeclared:
+        zero = ", ".join(times.undeclared)
+        text += f"; {zero} not declared: they count as zero, which no clock keeps"
+    return text
 
 
 LATE_NS = 1_000_000
@@ -350,8 +346,7 @@ def ages_of(system: System, module: Module) -> tuple[AgeLimit, ...]:
     longer = given if isinstance(given, int) else 0
     ages = []
     for x in (system.components[module.sc], *on_the_way(system, module)):
-        read = () if x.node is None else (x.scope.topics[s.topic] for s in x.node.subscribes)
-        topics = (system.topics[i] for i in read)
+        topics = (system.topics[i] for i in x.reads)
         ages += [
             AgeLimit(x.index, t.index, t.max_age_ns + longer)
             for t in topics

@@ -15,10 +15,16 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c.names import field_name
 from soter.core.layout import size_of
-from soter.language.model.durations import show_ns
 from soter.targets.channel_document import lasting, layout_number, number_of_layout
 from soter.targets.firmware import described, topic_names
-from soter.targets.leases_and_lateness import AgeLimit, ages_of, lease_names, lease_times, leased
+from soter.targets.leases_and_lateness import (
+    AgeLimit,
+    ages_of,
+    lease_names,
+    lease_times,
+    leased,
+    note_of,
+)
 from soter.targets.package import filled_file
 
 if TYPE_CHECKING:
@@ -105,11 +111,7 @@ class WorldTables:
         outputs = tuple(self._output(self.system.topics[i]) for i in module.outputs)
         ages = ages_of(self.system, module)
         self.granted.append(LeasedModule(module, name, short, indices, ages, outputs))
-        text = f"{module.name}: a lease ends {show_ns(times.longest)} after its release at most"
-        if times.undeclared:
-            zero = ", ".join(times.undeclared)
-            text += f"; {zero} not declared: they count as zero, which no clock keeps"
-        self.notes.append(text)
+        self.notes.append(note_of(module, times))
 
     def _output(self, t: Topic) -> CommandedTopic:
         name = field_name(t.symbol.name.rpartition(".")[2])
@@ -167,10 +169,7 @@ class WorldTables:
         An acknowledgement is no part of that: without one SC keeps control.
         """
         readers = {
-            x.role
-            for x in self.system.components
-            if x.node is not None
-            and t.index in (x.scope.topics[s.topic] for s in x.node.subscribes)
+            x.role for x in self.system.components if x.node is not None and t.index in x.reads
         }
         of_dms = any(t.index in m.inputs for m in self.system.modules)
         acknowledges = any(t.index == m.acknowledgement for m in self.system.modules)

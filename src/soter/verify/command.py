@@ -14,6 +14,7 @@ from functools import partial
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.current_phase import between
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import system_of, system_to_prove
@@ -30,7 +31,7 @@ from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from soter.language.front_end import CheckResult
@@ -39,9 +40,6 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
     from soter.verify.induction.prove_or_refute import Search
     from soter.verify.problem.problem import Problem
-
-    Progress = Callable[[float], None]
-
 
 NO_FAULTS = "nothing goes wrong of what the `faults` of system {} say"
 LOOK_S = 0.05
@@ -58,7 +56,6 @@ def verify(
     refute: bool = True,
     explain: bool | None = None,
     report: Path | None = None,
-    progress: Progress | None = None,
     given: Mapping[str, object] | None = None,
     search: Search | None = None,
 ) -> VerifyReport:
@@ -77,7 +74,7 @@ def verify(
     pairs = zip(problems_of(chosen), chosen, strict=True)
     problems = [_without_faults(checked.program, flat, problem) for problem, (flat, _) in pairs]
     coverage = coverage_of(checked, chosen, problems, params or {})
-    results = _proved(problems, refute, explain, progress, search)
+    results = _proved(problems, refute, explain, search)
     of_those_above(results)
     for (flat, _), result in zip(chosen, results, strict=True):
         keep(result)
@@ -131,7 +128,6 @@ def _proved(
     problems: Sequence[Problem],
     refute: bool,
     explain: bool | None,
-    progress: Progress | None,
     search: Search | None,
 ) -> list[ModuleResult]:
     """One after the other; what the next ones need is compiled meanwhile, in the same order.
@@ -149,16 +145,15 @@ def _proved(
     ]
     try:
         for i, (problem, job) in enumerate(zip(problems, needed, strict=True)):
-            share = _part(progress, i, len(problems))
             whole = not (problem.view or problem.influences)
-            result = methods[i].verify(
-                problem,
-                refute=refute and _may_be_attacked(problem),
-                explain=(refute and whole) if explain is None else explain,
-                progress=share,
-                search=search,
-                compiled=None if job is None else job.result(),
-            )
+            with between(i / len(problems), (i + 1) / len(problems)):
+                result = methods[i].verify(
+                    problem,
+                    refute=refute and _may_be_attacked(problem),
+                    explain=(refute and whole) if explain is None else explain,
+                    search=search,
+                    compiled=None if job is None else job.result(),
+                )
             results.append(mark_untried(result))
     except KeyboardInterrupt as stopped:
         _say_what_is_settled(stopped, results, problems[len(results) :])
@@ -253,7 +248,7 @@ def modules_of(
             if module is None and claims_nothing(flat, m):
                 continue
             here.add(m.symbol)
-            if m.symbol not in seen and (module is None or module in _names(m)):
+            if m.symbol not in seen and (module is None or module in (m.name, m.symbol.name)):
                 modules.append((flat, m))
         seen |= here
     if module is not None and not modules:
@@ -280,10 +275,6 @@ def _not_deployed(checked: CheckResult, system: str | None) -> None:
     how = f"soter verify {shlex.quote(there.span.source.name)} --system {name} --cert DIR"
     helps = (f"verify that one: `{how}`", "and build this one with `--cert DIR`")
     raise SoterError((Diagnostic("U008", what, helps=helps),))
-
-
-def _names(m: Module) -> tuple[str, str]:
-    return m.name, m.symbol.name
 
 
 def _no_module(module: str, known: list[str]) -> Diagnostic:
@@ -322,10 +313,3 @@ def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
         diagnostics.add(replace(d, helps=(*d.helps, *others)))
     diagnostics.raise_errors()
     return problems
-
-
-def _part(progress: Progress | None, index: int, count: int) -> Progress | None:
-    """Progress of one of several equal parts."""
-    if progress is None:
-        return None
-    return lambda share: progress((index + share) / count)

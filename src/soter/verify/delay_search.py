@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.current_phase import phase
+from soter.diagnostics.current_phase import phase, share_done
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
 from soter.language.model import typed
@@ -79,7 +79,7 @@ class DelayAdvice:
         return f"acts within {least}{write_ns(most_ns)}"
 
 
-def largest_delay(flat: System, module: Module, progress: Progress | None = None) -> DelayAdvice:
+def largest_delay(flat: System, module: Module) -> DelayAdvice:
     """Verify a module of a flat system with longer and longer delays of its commands.
 
     Times that the theorem does not cover count as not proved. `SoterError` where the problem
@@ -93,8 +93,7 @@ def largest_delay(flat: System, module: Module, progress: Progress | None = None
         if at is None:
             break
         phase(f"{module.name}: commands that act {show_ns(at)} late")
-        if progress is not None:
-            progress(len(advice.why_not) / TRIES_MAX)
+        share_done(len(advice.why_not) / TRIES_MAX)
         advice.why_not[at] = _what_fails(flat, module, at)
         if advice.why_not[at]:
             failed = at

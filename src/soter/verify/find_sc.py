@@ -33,12 +33,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.core.arrays import Bools, Floats
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module
     from soter.language.model.types import Value
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.problem.problem import Problem
-    from soter.verify.synthesized_sc import Bools, Floats, LawTable
+    from soter.verify.synthesized_sc import LawTable
 
 
 HOLDS = (1, 2, 5, 10, 20, 50)

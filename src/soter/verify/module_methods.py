@@ -33,7 +33,7 @@ class ModuleMethod:
     """What a method does with problems of its kind, and with its own results."""
 
     verify: Callable[..., ModuleResult]
-    """(problem, refute=, explain=, progress=, search=, compiled=) -> verdicts of all properties."""
+    """(problem, refute=, explain=, search=, compiled=) -> verdicts of all properties."""
     entry: Callable[[Any, str, str, dict[str, bytes]], dict[str, object]]
     """(result, system, stem of its files, files) -> the module in a manifest."""
     covers: Callable[[System, System, Any, Diagnostics], tuple[list[str], list[str]]]

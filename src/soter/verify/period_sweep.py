@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.diagnostics.current_phase import phase
+from soter.diagnostics.current_phase import between, phase, share_done
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model import typed
 from soter.language.model.durations import show_ns
@@ -39,14 +39,12 @@ from soter.verify.time.time_checks import late_commands_need
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Bools
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.problem.problem import Problem
 
-    Bools = NDArray[np.bool_]
     Progress = Callable[[float], None]
 
 FACTORS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
@@ -207,7 +205,6 @@ def advise(
     problem: Problem,
     factors: Sequence[float] = FACTORS,
     levels: Sequence[int] = LEVELS,
-    progress: Progress | None = None,
 ) -> Advice:
     """Sweep Delta over multiples of the declared one, and m over `levels`.
 
@@ -225,9 +222,8 @@ def advise(
     advice = Advice(problem.name, problem.times.delta_dm, problem.levels, [])
     opened: dict[int, list[Case]] = {}
     for i, (delta, sc) in enumerate(every):
-        if progress is not None:
-            phase(f"{problem.name}: a period of {show_ns(delta)}")
-            progress(i / len(every))
+        phase(f"{problem.name}: a period of {show_ns(delta)}")
+        share_done(i / len(every))
         changed = at_periods(problem, delta, sc)
         times = changed.times
         row = AdviceRow(delta, times.delta_sc, times.h_star, times.horizon_ns)
@@ -248,20 +244,13 @@ def advise(
 
 
 def advise_all(
-    problems: Sequence[Problem],
-    factors: Sequence[float],
-    levels: Sequence[int],
-    progress: Progress | None = None,
+    problems: Sequence[Problem], factors: Sequence[float], levels: Sequence[int]
 ) -> list[Advice]:
     """`advise` for one problem after the other; `SoterError` U001 as there."""
     advices = []
     for i, problem in enumerate(problems):
-
-        def tell(share: float, i: int = i) -> None:
-            if progress is not None:
-                progress((i + share) / len(problems))
-
-        advices.append(advise(problem, factors, levels, tell))
+        with between(i / len(problems), (i + 1) / len(problems)):
+            advices.append(advise(problem, factors, levels))
     return advices
 
 
@@ -342,7 +331,7 @@ def _opened(problem: Problem, library: ReachLibrary) -> list[Case]:
     """Engines, C and K of every case: they do not depend on Delta."""
     open_cases = []
     for parameter in cases(problem):
-        case = claims.open_case(problem, library, problem.groups, parameter, None)
+        case = claims.open_case(problem, library, problem.groups, parameter)
         if claims.constraint(case):
             claims.core(case)
         open_cases.append(case)

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.core.arrays import Floats
     from soter.verify.claims.results import (
         CaseSets,
         Finding,
@@ -51,8 +52,6 @@ if TYPE_CHECKING:
         ModuleResult,
         VerifyReport,
     )
-
-    Floats = NDArray[np.float64]
 
 
 ROOM = 0.06

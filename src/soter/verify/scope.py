@@ -276,7 +276,7 @@ def _plants_beside(flat: System) -> list[str]:
     }
     gaps = []
     for plant in (c for c in flat.components if c.plant and c.name not in abstracted):
-        sets = [t.name for t in (flat.topics[i] for i in _driven(plant)) if t.set_declared]
+        sets = [t.name for t in (flat.topics[i] for i in plant.writes) if t.set_declared]
         if sets and not publisher_of(flat, plant):
             gaps.append(
                 f"plant {plant.name} of system {flat.name}, which stops where what it drives "
@@ -344,7 +344,7 @@ def _moved(flat: System, problem: Problem) -> list[ScopeGuarantee]:
     for i in problem.influences:
         index, by = _in_the_system(flat, problem, i.topic)
         what = f"{i.name(problem.system)} in [{i.low:g}, {i.high:g}]"
-        plant = next((c for c in flat.components if c.plant and index in _driven(c)), None)
+        plant = next((c for c in flat.components if c.plant and index in c.writes), None)
         if plant is None:
             guarantees.append(
                 ScopeGuarantee(problem.name, what, by or "nobody (its default)", "enforced")
@@ -357,11 +357,6 @@ def _moved(flat: System, problem: Problem) -> list[ScopeGuarantee]:
             ScopeGuarantee(problem.name, what, keeper or by, how if keeper else "assumed")
         )
     return guarantees
-
-
-def _driven(plant: Component) -> list[int]:
-    assert plant.plant is not None
-    return [plant.scope.topics[t] for t, _ in plant.plant.drives]
 
 
 def _in_the_system(flat: System, problem: Problem, index: int) -> tuple[int, str]:

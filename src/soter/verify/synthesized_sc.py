@@ -33,12 +33,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.core.arrays import Bools, Floats
     from soter.language.model.typed import ModuleSymbol, TopicSymbol
     from soter.language.model.types import Type
     from soter.verify.problem.problem import Problem
 
-    Bools = NDArray[np.bool_]
-    Floats = NDArray[np.float64]
     Ints = NDArray[np.int64]
     Read = Callable[[Floats], Floats]
 

@@ -8,9 +8,10 @@ Non-goals: the claims themselves (`verify/claims/`), proofs by induction (`induc
 from __future__ import annotations
 
 import time
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.current_phase import phase
+from soter.diagnostics.current_phase import between, phase, share_done, telling
 from soter.language.model.durations import show_ns
 from soter.verify.claims import claims, handover_claims
 from soter.verify.claims.case import Case, ClaimTimer, settled, settled_before
@@ -60,9 +61,6 @@ if TYPE_CHECKING:
     from soter.verify.induction.prove_or_refute import Search
     from soter.verify.problem.problem import Group, Problem
 
-    Progress = Callable[[float], None]
-    Tell = Callable[[str, float], None]
-
 REFINEMENTS_MAX = 2
 STAGES = ("safe", "core", "tubes", "ttf", "safer", "way")
 """What the engine says it does, in the order in which that takes place."""
@@ -91,7 +89,6 @@ def verify_module(
     *,
     refute: bool = True,
     explain: bool | None = None,
-    progress: Progress | None = None,
     search: Search | None = None,
     compiled: tuple[ReachLibrary, tuple[str, ...]] | None = None,
 ) -> ModuleResult:
@@ -103,8 +100,9 @@ def verify_module(
     del search
     began = time.perf_counter()
     library, prelude = compiled or library_of(problem)
-    announce_work(problem, lambda p, at: _case(p, library, p.groups, at, lambda *_: None, None))
-    chosen, cpu = _chosen(problem, library, _upto(progress, CASES))
+    announce_work(problem, lambda p, at: _case(p, library, p.groups, at, None))
+    with between(0.0, CASES):
+        chosen, cpu = _chosen(problem, library)
     problem, done = chosen.problem, chosen.done or []
     entered, why = _handed_over(problem, done)
     ages = (*said_of_ages(problem.module.symbol.ttf), *handover_claims.notes(problem))
@@ -122,14 +120,17 @@ def verify_module(
     )
     _enter_verdicts(result, done, why)
     result.findings["P2a"].tried += chosen.tried
-    _reached(progress, CASES, f"{problem.name}: the compiled DM")
+    phase(f"{problem.name}: the compiled DM")
+    share_done(CASES)
     result.findings["DM"] = _decision_module(result)
     result.findings = {p: result.findings[p] for p in PROPERTIES}
     result.recover_s = _recover_s(done, result)
     result.shares = _shares(done)
     result.vacuity, result.at_the_start = vacuity(done), at_the_start(done)
-    _reached(progress, ATTACKED, f"{problem.name}: looking for a counterexample" * refute)
-    with settled_before(lambda: settled(result)):
+    if refute:
+        phase(f"{problem.name}: looking for a counterexample")
+    share_done(ATTACKED)
+    with telling(None), settled_before(lambda: settled(result)):
         if refute and problem.modes is None:  # in a run somebody has to decide what the others do
             from soter.verify.attack.refute import refuted  # noqa: PLC0415 - compiles all of it
 
@@ -146,60 +147,36 @@ def verify_module(
 # ---------------------------------------------------------------- all cases
 
 
-def _upto(progress: Progress | None, share: float) -> Progress | None:
-    """The first part of a progress."""
-    return None if progress is None else lambda done: progress(share * done)
-
-
-def _reached(progress: Progress | None, share: float, name: str) -> None:
-    """What begins once `share` of a module is done."""
-    if name:
-        phase(name)
-    if progress is not None:
-        progress(share)
-
-
-def _chosen(
-    problem: Problem, library: ReachLibrary, progress: Progress | None
-) -> tuple[Choice, float]:
+def _chosen(problem: Problem, library: ReachLibrary) -> tuple[Choice, float]:
     """All cases, on cells and levels that are chosen; and the CPU seconds of the first attempt."""
     spent: list[float] = []
 
     def attempt(problem: Problem) -> list[Case]:
         began = time.process_time()
-        done = _all_cases(problem, library, None if spent else progress)
+        with telling(None) if spent else nullcontext():
+            done = _all_cases(problem, library)
         spent.append(time.process_time() - began)
         return done
 
     return choose(problem, attempt), spent[0]
 
 
-def _all_cases(problem: Problem, library: ReachLibrary, progress: Progress | None) -> list[Case]:
+def _all_cases(problem: Problem, library: ReachLibrary) -> list[Case]:
     every = list(cases(problem))
     done = []
-    furthest = 0.0
     for i, parameter in enumerate(every):
-
-        def tell(what: str, part: float, i: int = i) -> None:
-            nonlocal furthest
-            if progress is not None:
-                stage = STAGES.index(what) if what in STAGES else 0
-                furthest = max(furthest, (i + (stage + part) / len(STAGES)) / len(every))
-                progress(furthest)
-
-        done.append(_settled(problem, library, parameter, tell))
+        with between(i / len(every), (i + 1) / len(every), STAGES):
+            done.append(_settled(problem, library, parameter))
     return returned(done) if problem.computed else done
 
 
-def _settled(
-    problem: Problem, library: ReachLibrary, parameter: tuple[int, ...], tell: Tell
-) -> Case:
+def _settled(problem: Problem, library: ReachLibrary, parameter: tuple[int, ...]) -> Case:
     """One case, on finer grids where borders fail. Computed predicates keep the declared grid."""
-    first = case = _case(problem, library, problem.groups, parameter, tell, None)
+    first = case = _case(problem, library, problem.groups, parameter, None)
     for _ in range(0 if problem.computed else REFINEMENTS_MAX):
         if (finer := refined(case)) is None:
             break
-        case = _case(problem, library, finer, parameter, tell, case)
+        case = _case(problem, library, finer, parameter, case)
         case.first = first
     if any(f.cut for f in case.failures):
         try:
@@ -214,13 +191,12 @@ def _case(
     library: ReachLibrary,
     groups: tuple[Group, ...],
     parameter: tuple[int, ...],
-    tell: Tell,
     before: Case | None,
 ) -> Case:
     """All claims for one combination of parameter values."""
     case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
     try:
-        case = claims.open_case(problem, library, groups, parameter, tell, before)
+        case = claims.open_case(problem, library, groups, parameter, before)
         _claims(case)
     except UnboundedError as error:
         _unbounded(case, error)
@@ -462,12 +438,12 @@ def _shares(done: list[Case]) -> dict[str, float]:
 # ---------------------------------------------------------------- diagnosis
 
 
-def _attempt(problem: Problem, tell: Tell) -> list[Case]:
+def _attempt(problem: Problem) -> list[Case]:
     """Every case of a problem that is tried, settled as if it were declared."""
     library, _ = library_of(problem)
 
     def settled(problem: Problem) -> list[Case]:
-        done = [_settled(problem, library, parameter, tell) for parameter in cases(problem)]
+        done = [_settled(problem, library, parameter) for parameter in cases(problem)]
         return returned(done) if problem.computed else done
 
     return choose(problem, settled).done or []

@@ -12,11 +12,9 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.certificate.format.folder import FORMAT, MANIFEST, SEAL
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.certificate.format.folder import FORMAT, MANIFEST, SEAL, files_of
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.os_error_text import reason
-from soter.language.load.loader import load
-from soter.language.syntax import tree
 from soter.verify.module_methods import module_method
 
 if TYPE_CHECKING:
@@ -59,22 +57,9 @@ def write(
 # ---------------------------------------------------------------- the program
 
 
-def _paths(program: TypedProgram) -> list[Path]:
-    """The main file, what it imports, and the data of all of them."""
-    diagnostics = Diagnostics()
-    loaded = load(program.path, diagnostics)
-    if loaded is None:
-        raise SoterError(diagnostics.items)
-    paths = [f.path for f in loaded.files]
-    for file in loaded.files:
-        constants = [d for d in file.file.declarations if isinstance(d, tree.ConstDecl)]
-        paths += [file.path.parent / d.data for d in constants if d.data is not None]
-    return list(dict.fromkeys(p.resolve() for p in paths))
-
-
 def _sources(program: TypedProgram) -> Iterator[tuple[str, bytes]]:
     """Each file by its path below the deepest folder that holds all of them."""
-    paths = _paths(program)
+    paths = list(dict.fromkeys(p.resolve() for p in files_of(program.path)))
     root = Path(os.path.commonpath([p.parent for p in paths]))
     for path in paths:
         yield f"program/{path.relative_to(root).as_posix()}", path.read_bytes()

@@ -242,21 +242,11 @@ def test_all_modules_are_rechecked_or_it_is_not_accepted(reasons: list[str]) -> 
     assert report.reason == "; ".join(left)
 
 
-def test_the_share_that_is_done() -> None:
-    said: list[float] = []
-    for k in range(3):
-        for done in (0.0, 0.5, 1.0):
-            rechecker._share(said.append, k, 3, done)
-    thirds = [0.0, 0.5, 1.0, 1.0, 1.5, 2.0, 2.0, 2.5, 3.0]
-    assert said == pytest.approx([x / 3 for x in thirds])
-
-
 def rechecked(monkeypatch: pytest.MonkeyPatch, says: object, **more: Any) -> tuple[Any, list[Any]]:
     """The report where the check does this, and with what it is called."""
     asked: list[Any] = []
 
-    def check(_: object, report: Report, progress: Callable[[float], None], workers: int) -> None:
-        progress(0.5)
+    def check(_: object, report: Report, workers: int) -> None:
         asked.append(workers)
         if isinstance(says, Exception):
             raise says
@@ -307,11 +297,9 @@ def test_as_many_processes_as_are_asked_for(
     monkeypatch: pytest.MonkeyPatch, processors: int | None
 ) -> None:
     monkeypatch.setattr(rechecker, "os", SimpleNamespace(cpu_count=lambda: processors))
-    said: list[float] = []
     for given, wanted in ((None, processors or 1), (2, 2), (1, 1)):
-        _, asked = rechecked(monkeypatch, None, workers=given, progress=said.append)
+        _, asked = rechecked(monkeypatch, None, workers=given)
         assert asked == [wanted]
-    assert said == [0.5] * 3
 
 
 class Checked:
@@ -342,7 +330,7 @@ class Checked:
         ]
         certificate: Any = SimpleNamespace(manifest={**keys, "modules": modules}, unused=unused)
         report = Report()
-        rechecker._check(certificate, report, lambda _: None, 1)
+        rechecker._check(certificate, report, 1)
         return report
 
 
@@ -404,9 +392,9 @@ def test_a_module_stands_there_once(monkeypatch: pytest.MonkeyPatch) -> None:
         same = (one[0], one[1], one[2]) == (other[0], other[1], other[2] or "")
         if same:
             with pytest.raises(RejectedError, match="twice"):
-                rechecker._entry(none, none, none, known, entry, none, 1)
+                rechecker._entry(none, none, none, known, entry, 1)
         else:
-            rechecker._entry(none, none, none, known, entry, none, 1)
+            rechecker._entry(none, none, none, known, entry, 1)
             assert len(known) == 2
 
 
@@ -430,7 +418,7 @@ def test_a_module_of_a_whole_proof_is_checked_by_its_method(
         monkeypatch.setitem(MODULES, key, SimpleNamespace(check=check))
         known: list[Any] = []
         none: Any = None
-        report: Any = rechecker._entry(none, none, none, known, {key: 1}, none, 1)
+        report: Any = rechecker._entry(none, none, none, known, {key: 1}, 1)
         assert asked[-1] == ("system", {key: 1})
         assert known == [facts]
         assert (report.parameters, report.otherwise, report.contradicted) == (
@@ -441,7 +429,7 @@ def test_a_module_of_a_whole_proof_is_checked_by_its_method(
     others: tuple[Any, ...] = (None, [], "text")
     for wrong in others:
         with pytest.raises(RejectedError, match="a module is not"):
-            rechecker._entry(none, none, none, [], wrong, none, 1)
+            rechecker._entry(none, none, none, [], wrong, 1)
 
 
 @pytest.mark.parametrize("why", ["", "`near` is left out"])

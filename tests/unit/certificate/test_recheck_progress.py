@@ -13,6 +13,7 @@ from soter.certificate.case_check import CaseCheck
 from soter.certificate.cells.cell_sets import Grid
 from soter.certificate.grid.grid_group import BLOCK, BLOCKS, SMALL, blocks
 from soter.certificate.groups import LOOK
+from soter.diagnostics.current_phase import telling_shares
 
 SIDE = 70
 
@@ -20,11 +21,12 @@ SIDE = 70
 def told(*holds: np.ndarray | None) -> list[float]:
     """The shares that are told while so many claims about one grid are shown, on one processor."""
     shares: list[float] = []
-    case = CaseCheck(None, [], set(), {}, shares.append, 1)  # type: ignore[arg-type]
+    case = CaseCheck(None, [], set(), {}, 1)  # type: ignore[arg-type]
     edges = tuple(float(x) for x in range(SIDE + 1))
     for each in holds:
         case.tasks += blocks("nothing", Grid((edges, edges)), lambda _: iter(()), each)
-    case._show()
+    with telling_shares(shares.append):
+        case._show()
     return shares
 
 
@@ -53,8 +55,9 @@ def test_cells_that_are_not_followed_cost_little() -> None:
 def test_of_many_cells_the_share_moves_in_small_steps() -> None:
     """Of 24 blocks the first one of a lift's 268,800 cells was done after ten minutes."""
     shares: list[float] = []
-    case = CaseCheck(None, [], set(), {}, shares.append, 1)  # type: ignore[arg-type]
+    case = CaseCheck(None, [], set(), {}, 1)  # type: ignore[arg-type]
     grid = Grid(tuple(tuple(float(x) for x in range(n + 1)) for n in (80, 60, 56)))
     case.tasks += blocks("nothing", grid, lambda _: iter(()))
-    case._show()
+    with telling_shares(shares.append):
+        case._show()
     assert np.diff([0.0, *shares]).max() <= 2 * BLOCK / (80 * 60 * 56)

@@ -131,7 +131,7 @@ def test_a_part_of_a_group_that_flows_inwards_is_not_kept_for_free(tmp_path: Pat
     half = np.array([1, 0], dtype=np.uint8)
     part = GroupTables((1,), grid, half, half > 0, half, np.ones(2, np.uint16), half)
     own = [GridGroup(tables) for tables in (groups[0], part)]
-    case = CaseCheck(model, own, {"P2a"}, {}, lambda _: None, 1)
+    case = CaseCheck(model, own, {"P2a"}, {}, 1)
     with pytest.raises(RejectedError, match="lead back"):
         case.check()
 
@@ -163,7 +163,7 @@ def test_a_claim_for_which_the_tables_are_not_enough_is_refused(why: str, tmp_pa
     claim, tables, recover_ns = REFUSED[why]
     own = [GridGroup(replace(groups[0], **tables)), GridGroup(groups[1])]
     with pytest.raises(RejectedError, match=why):
-        CaseCheck(model, own, {claim}, {"recover_ns": recover_ns}, lambda _: None, 1).check()
+        CaseCheck(model, own, {claim}, {"recover_ns": recover_ns}, 1).check()
 
 
 def test_the_longest_way_back_is_no_longer_than_the_program_allows(tmp_path: Path) -> None:
@@ -172,7 +172,7 @@ def test_the_longest_way_back_is_no_longer_than_the_program_allows(tmp_path: Pat
     own = [GridGroup(slow), GridGroup(groups[1])]
     for recover_ns, why in ((10**9, "SC may take longer"), (2 * 10**9, "is another one in the")):
         with pytest.raises(RejectedError, match=why):
-            CaseCheck(model, own, {"P2b"}, {"recover_ns": recover_ns}, lambda _: None, 1).check()
+            CaseCheck(model, own, {"P2b"}, {"recover_ns": recover_ns}, 1).check()
 
 
 def test_what_a_law_keeps_is_told_on_the_cells_of_sc(tmp_path: Path) -> None:

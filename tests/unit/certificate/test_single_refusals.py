@@ -90,7 +90,7 @@ def test_a_manifest_without_modules_is_rejected(modules: object) -> None:
     certificate: Any = SimpleNamespace(manifest=manifest)
     report: Any = SimpleNamespace(program="")
     with pytest.raises(RejectedError, match="no modules"):
-        rechecker._check(certificate, report, lambda _: None, 1)
+        rechecker._check(certificate, report, 1)
 
 
 # ---------------------------------------------------------------- claims
@@ -127,9 +127,8 @@ def controllers(
     ac: str = "u", sc: str = "u", outputs: str = "u", periods: tuple[int, int] = (1, 1)
 ) -> tuple[Any, Any]:
     """A system and a module of period 5 in it: what its controllers publish, and how often."""
-    scope = SimpleNamespace(topics={n: ord(n) for n in "uv"})
     components = [
-        SimpleNamespace(node=SimpleNamespace(publishes=names), scope=scope, period_ns=period)
+        SimpleNamespace(node=object(), writes=[ord(n) for n in names], period_ns=period)
         for names, period in zip((ac, sc), periods, strict=True)
     ]
     symbol, topics = SimpleNamespace(latch=None), [ord(n) for n in outputs]
@@ -256,7 +255,7 @@ def test_each_case_is_held_to_the_law(monkeypatch: pytest.MonkeyPatch, law: str 
         cases=lambda: iter([(0,), (1,)]), extents=(), left_out=[], turning=set()
     )
     claims: Any = SimpleNamespace(groups=[[], []], law=law, claims=set())
-    rechecker._cases(facts, claims, {}, lambda _: None, 1)
+    rechecker._cases(facts, claims, {}, 1)
     assert [c.lawful for c in made] == ([None] * 2 if law is None else [(law, 0), (law, 1)])
 
 

@@ -14,6 +14,7 @@ from soter.certificate.format.errors import (
     NotRecheckedError,
     RejectedError,
 )
+from soter.diagnostics.current_phase import telling_shares
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
     monkeypatch.setattr(case_check, "bounded_topics", lambda _: ["t"])
     monkeypatch.setattr(case_check, "published", lambda *_: ["c0", "c1"])
     model: Any = SimpleNamespace(facts=own, parameter=(), extents=())
-    made = CaseCheck(model, groups, claims, {"recover_ns": None}, lambda _: None, 1)  # type: ignore[arg-type]
+    made = CaseCheck(model, groups, claims, {"recover_ns": None}, 1)  # type: ignore[arg-type]
     monkeypatch.setattr(
         CaseCheck, "_certain", lambda _, expr, errors: [f"{expr} {errors} {k}" for k in range(2)]
     )
@@ -218,14 +219,15 @@ def test_every_task_has_to_say_nothing(
         order: list[int] = []
         facts = SimpleNamespace(parameters=parameters if named else [])
         model: Any = SimpleNamespace(facts=facts, parameter=(1, 2) if named else ())
-        made = CaseCheck(model, [], set(), {}, shares.append, workers)
+        made = CaseCheck(model, [], set(), {}, workers)
 
         def task(k: int, text: str) -> str:
             order.append(k)
             return text
 
         made.tasks = [(partial(task, k, text), k + 1) for k, text in enumerate(failed)]
-        made._show()
+        with telling_shares(shares.append):
+            made._show()
         return shares, order
 
     shares, order = show("", "", "")

@@ -190,9 +190,9 @@ def part(
     elif not bare:
         subscribed = [SimpleNamespace(topic=c, queue=1 if queue else None) for c in reads]
         node = SimpleNamespace(publishes=list(drives), subscribes=subscribed)
-    return SimpleNamespace(
-        name=name, plant=plant, node=node, scope=scope, role=role, period_ns=5, phase_ns=1
-    )
+    made = {"name": name, "plant": plant, "node": node, "scope": scope, "role": role}
+    writes, written = [[ord(c) for c in names] for names in (drives, reads)]
+    return SimpleNamespace(**made, period_ns=5, phase_ns=1, writes=writes, reads=written)
 
 
 def system_of(*parts: Any, queues: str = "") -> Any:
@@ -201,15 +201,6 @@ def system_of(*parts: Any, queues: str = "") -> Any:
         for k in range(128)
     ]
     return SimpleNamespace(name="S", components=list(parts), topics=topics)
-
-
-def test_what_a_part_publishes_and_reads() -> None:
-    for role in ("", "node", "sc"):
-        made = part("p", drives="ab", reads="cd", role=role)
-        assert derived_times.published(made) == {ord("a"), ord("b")}
-        assert derived_times.read(made) == {ord("c"), ord("d")}
-    nothing = part("p", bare=True)
-    assert derived_times.published(nothing) == derived_times.read(nothing) == set()
 
 
 def test_ways_go_straight_from_a_plant_and_to_one() -> None:

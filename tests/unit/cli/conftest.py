@@ -18,7 +18,6 @@ from soter.native.cache import digest
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.api.arguments import Progress
     from soter.certificate.report import Report
 
     Soter = Callable[..., "Result"]
@@ -97,11 +96,11 @@ def equal_certificates_are_checked_once(
 
     recheck = rechecker.recheck
 
-    def once(folder: Path, progress: Progress | None = None) -> Report:
+    def once(folder: Path) -> Report:
         files = sorted(p for p in folder.rglob("*") if p.is_file())
         content = digest(f"{p.relative_to(folder)} {p.read_bytes().hex()}" for p in files)
         if content not in reports:
-            reports[content] = recheck(folder, progress)
+            reports[content] = recheck(folder)
         return copy.deepcopy(reports[content])
 
     monkeypatch.setattr(rechecker, "recheck", once)

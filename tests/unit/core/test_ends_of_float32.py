@@ -114,7 +114,7 @@ def soter_topic(bound: Bound) -> Topic:
     from soter.language.model.types import FloatType
 
     ends = ((bound.low, bound.high),)
-    return Topic("x", "x", 0, True, None, FloatType(), ends)
+    return Topic("x", "x", 0, True, FloatType(), ends)
 
 
 @pytest.mark.parametrize("engine", ["native", "interp"])

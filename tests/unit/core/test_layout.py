@@ -248,7 +248,7 @@ def test_a_state_has_no_holes_and_every_member_a_place(lowered: Lowered) -> None
 def test_numpy_sees_the_state_by_the_names_of_the_program(lowered: Lowered) -> None:
     system, _ = lowered(PROGRAM)
     program_layout = state_layout(system)
-    dtype = state_dtype(system, program_layout)
+    dtype = state_dtype(program_layout)
     assert dtype.itemsize == program_layout.size
     assert [group_field(g) for g in program_layout.groups] == ["topics", "p", "header_"]
     raw = np.zeros(program_layout.size, dtype=np.uint8)

@@ -123,10 +123,27 @@ def test_who_reads_the_mode_of_what_went_is_answered_from_outside(three: System)
     assert "never" not in [p.kind for p in left.properties]
 
 
+def without_plants(system: System) -> System:
+    """What is deployed: the world publishes what its plants drove and what was drawn.
+
+    Properties that read the state of a plant go with it.
+    """
+    driven = [
+        c.scope.topics[t]
+        for c in system.components
+        if c.plant is not None
+        for t, _ in c.plant.drives
+    ]
+    nodes = [c.index for c in system.components if c.plant is None]
+    return derived_systems.driven_outside(
+        derived_systems.only(system, nodes), [*driven, *(i.topic for i in system.inputs)]
+    )
+
+
 def test_the_given_system_stays_as_it_is(three: System) -> None:
     before = [(c.index, c.module, c.extern, dict(c.scope.modules)) for c in three.components]
     drivers = [t.driver for t in three.topics]
-    left = derived_systems.unbound(derived_systems.without_plants(three))
+    left = derived_systems.unbound(without_plants(three))
     left.modules[0].scope.topics.clear()
     for c in left.components:
         c.scope.topics.clear()
@@ -137,7 +154,7 @@ def test_the_given_system_stays_as_it_is(three: System) -> None:
 
 
 def test_without_its_plants_the_world_publishes_what_they_drove(three: System) -> None:
-    left = derived_systems.without_plants(three)
+    left = without_plants(three)
     assert not any(c.plant for c in left.components)
     assert len(left.components) == len(three.components) - 3
     outside = {t.name for t in left.topics if t.driver == derived_systems.OUTSIDE}
@@ -145,6 +162,20 @@ def test_without_its_plants_the_world_publishes_what_they_drove(three: System) -
     assert left.inputs == ()
     assert [p.text for p in left.properties][:2] == [p.text for p in three.properties][1:3]
     assert left.until_ns == three.until_ns
+
+
+def test_topics_are_those_of_the_instance(three: System) -> None:
+    for c in three.components:
+        place = c.scope.topics
+        if c.plant is not None:
+            assert c.writes == [place[t] for t, _ in c.plant.drives] != []
+            assert c.reads == [place[t] for t in c.plant.reads]
+        elif c.node is not None:
+            assert c.writes == [place[t] for t in c.node.publishes] != []
+            assert c.reads == [place[s.topic] for s in c.node.subscribes]
+        else:
+            assert c.writes == c.reads == [], "a DM"
+    assert len({tuple(c.writes) for c in three.components if c.plant}) == 3
 
 
 def test_a_queue_of_what_a_plant_drove_is_filled_from_outside() -> None:
@@ -160,7 +191,7 @@ node Add period 20ms {
 system S { w: World; n: Add; until 1s; }
 """
     system = system_of(check_file("queue.soter", text), "S")
-    left = derived_systems.without_plants(system)
+    left = without_plants(system)
     assert [t.driver for t in left.topics if t.queue_of is not None] == [derived_systems.OUTSIDE]
     hit = system.topic("hit")
     twice, twin = derived_systems.with_topic(system, hit, hit.symbol, "hit")
@@ -169,7 +200,7 @@ system S { w: World; n: Add; until 1s; }
 
 
 def test_both_engines_run_a_system_without_its_plants(three: System, tmp_path: Path) -> None:
-    left = derived_systems.without_plants(three)
+    left = without_plants(three)
     s = Subject("left", PROGRAM, left, state_layout(left), until_of(left, 50), 7)
     native = native_trace(compile_library([s], tmp_path, "-O2"), s)
     assert len(native) == 50

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import mpmath
 from mpmath import mp, mpf
 
-from soter.language.prelude.function_error_bounds import BOUNDS, HARDEST
+from soter.language.prelude.function_error_bounds import BOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -23,6 +23,27 @@ if TYPE_CHECKING:
 PRECISION_BITS = 160
 LARGEST = math.nextafter(math.inf, 0.0)
 OVERFLOW = mpf(2) ** 1024
+HARDEST: dict[str, tuple[tuple[float, ...], ...]] = {
+    "wrap_angle": ((78.539816339744831,),),
+    "radians": ((28.635293178550114,),),
+    "degrees": ((1.1166425651562921,),),
+    "sin": ((-92724.87525702639,), (-57180.924026258785,), (2.355984610206292,)),
+    "cos": ((0.80429893173571365,), (-73927.156573927874,)),
+    "tan": ((2.3567233905740235,), (-77569.835268758514,)),
+    "asin": ((0.50017566340185127,), (0.50882918642606967,)),
+    "acos": ((-0.51533324697915117,), (-0.53351042136160265,)),
+    "atan": ((0.51694666527069744,),),
+    "atan2": ((0.073713896120523037, 0.29282105855787144),),
+    "exp": ((-708.79731958051707,), (-0.94591623277298154,)),
+    "log": ((1.4121107484667517,),),
+    "pow": (
+        (6.5190457834032526e-80, 3.8869771204827002),
+        (0.75002367305229245, 3.6066692333641157),
+    ),
+    "tanh": ((0.5505799753662135,),),
+    "hypot": ((0.50028117244510439, 0.76597146432057839),),
+}
+"""Arguments with the largest errors found so far, in sweeps of some 10^7 arguments a function."""
 
 
 def _lerp(a: mpf, b: mpf, t: mpf) -> mpf:

@@ -11,6 +11,7 @@ import math
 import mpmath
 import pytest
 from exact_functions import (  # type: ignore[import-not-found]
+    HARDEST,
     PRECISION_BITS,
     SCALAR,
     arguments_of,
@@ -24,7 +25,7 @@ from mpmath import mp, mpf
 from soter_functions import SCALARS, soter_function  # type: ignore[import-not-found]
 
 from long_tests import examples
-from soter.language.prelude.function_error_bounds import BOUNDS, HARDEST, UNIT_ROUNDOFF, ErrorBound
+from soter.language.prelude.function_error_bounds import BOUNDS, UNIT_ROUNDOFF, ErrorBound
 from tables import all_rows
 
 SAMPLES = examples(250)

@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 
 from soter.language.model.system import Bound
 from soter.language.model.types import BOOL, FLOAT, INT, ArrayType, EnumType, IntType, RecordType
-from soter.semantics.random_draws import draw_bits, draw_float, draw_value, fnv, mix, stream_key
+from soter.semantics.random_draws import (
+    SeededDraws,
+    chosen_value,
+    draw_bits,
+    draw_float,
+    fnv,
+    mix,
+    stream_key,
+)
 
 GOLDEN = 0x9E3779B97F4A7C15
 
@@ -67,7 +75,7 @@ def test_floats_are_low_plus_width_times_u(index: int, low: float, width: float)
 def test_every_leaf_draws_from_its_own_stream() -> None:
     t = RecordType((("p", ArrayType(FLOAT, 2)), ("n", IntType(0, 9)), ("b", BOOL)))
     bounds = [Bound(0.0, 1.0), Bound(-1.0, 0.0), Bound(2, 4), None]
-    drawn = draw_value(t, bounds, 5, "base", 7)
+    drawn = chosen_value(t, bounds, SeededDraws(5), "base", 7)
     assert drawn == (
         (
             draw_float(5, "base.p.[0]", 7, 0.0, 1.0),
@@ -80,9 +88,12 @@ def test_every_leaf_draws_from_its_own_stream() -> None:
 
 def test_scalars_draw_from_the_base_stream() -> None:
     colour = EnumType("Colour", ("R", "G", "B"))
-    assert draw_value(colour, [None], 1, "c", 0) == draw_bits(1, "c", 0) % 3
-    assert draw_value(IntType(-2, 2), [None], 1, "c", 0) == -2 + draw_bits(1, "c", 0) % 5
-    assert draw_value(INT, [None], 1, "c", 0) == -(2**63) + draw_bits(1, "c", 0)
+    assert chosen_value(colour, [None], SeededDraws(1), "c", 0) == draw_bits(1, "c", 0) % 3
+    assert (
+        chosen_value(IntType(-2, 2), [None], SeededDraws(1), "c", 0)
+        == -2 + draw_bits(1, "c", 0) % 5
+    )
+    assert chosen_value(INT, [None], SeededDraws(1), "c", 0) == -(2**63) + draw_bits(1, "c", 0)
 
 
 def test_no_draw_depends_on_another() -> None:

@@ -53,7 +53,7 @@ def kept_by_the_law(source: str) -> bool:
     flat = system_of(check_file("brake.soter", source), None)
     law = extract(flat, flat.modules[0]).law
     assert law is not None
-    case = claims.open_case(law, library_of(law)[0], law.groups, (), None)
+    case = claims.open_case(law, library_of(law)[0], law.groups, ())
     if not (claims.constraint(case) and claims.core(case)):
         return False
     (group,) = case.sets.groups
@@ -155,7 +155,7 @@ def test_runs_that_go_one_way_stay_in_what_the_engine_says() -> None:
         flat = system_of(check_file("brake.soter", source), None)
         law = extract(flat, flat.modules[0]).law
         assert law is not None
-        case = claims.open_case(law, library_of(law)[0], law.groups, (), None)
+        case = claims.open_case(law, library_of(law)[0], law.groups, ())
         engine: GridGroup = case.proofs[0].engine  # type: ignore[attr-defined]
         kept = fallen = 0
         for _ in range(40):

@@ -73,7 +73,7 @@ def test_what_computes_tables_before_it_flies_says_how_long(
     none = SimpleNamespace(proof=None, cells=None)
     empty = SimpleNamespace(failed=lambda _: [none], failures=[], sets=SimpleNamespace(proofs=[]))
 
-    def case(_library: object, _tell: object, small: Problem, _: object) -> SimpleNamespace:
+    def case(_library: object, small: Problem, _: object) -> SimpleNamespace:
         began.append(cells_of(small))
         clock[0] += SECONDS_A_CELL * cells_of(small)
         return empty

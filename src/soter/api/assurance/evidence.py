@@ -230,7 +230,7 @@ class Evidence:
 
     def tests(self, case: SafetyCase, refuted: list[str], *, explored: bool) -> None:
         """A goal a test: supported where it was explored now, and is clean."""
-        own = _own_tests(self.flat) if explored else []
+        own = [n for n in self.flat.program.tests if "." not in n] if explored else []
         names = list(dict.fromkeys([*self.told, *own]))
         if not names:
             return
@@ -298,11 +298,6 @@ def _why_not(result: TestResult, report: ExploreReport) -> str:
         if not tests:
             return f"it rests on the contract of {name}, of which no test asks"
     return report.unsettled(result)
-
-
-def _own_tests(flat: System) -> list[str]:
-    """The tests of the main file."""
-    return [n for n in flat.program.tests if "." not in n]
 
 
 def _as_told(told: dict[str, Any] | None, sha256: str) -> str:

@@ -284,20 +284,25 @@ def _as_sealed(certificate: Certificate, checked: CheckResult) -> None:
             raise RejectedError(f"`{path.name}` was changed while it was being read")
 
 
+def files_of(path: str) -> list[Path]:
+    """The main file, what it imports, and the data of all of them; `SoterError` as of `load`."""
+    diagnostics = Diagnostics()
+    loaded = load(path, diagnostics)
+    if loaded is None:
+        raise SoterError(diagnostics.items)
+    paths = [f.path for f in loaded.files]
+    for file in loaded.files:
+        constants = [d for d in file.file.declarations if isinstance(d, tree.ConstDecl)]
+        paths += [file.path.parent / d.data for d in constants if d.data is not None]
+    return paths
+
+
 def _only_own_files(certificate: Certificate, path: str) -> None:
     """Imports and data lie in the folder, and nothing else below `program/`.
 
     What lies elsewhere is not sealed; what nobody reads is not part of what is checked.
     """
-    diagnostics = Diagnostics()
-    loaded = load(path, diagnostics)
-    if loaded is None:
-        raise SoterError(diagnostics.items)
-    root = certificate.folder.resolve()
-    paths = [f.path for f in loaded.files]
-    for file in loaded.files:
-        constants = [d for d in file.file.declarations if isinstance(d, tree.ConstDecl)]
-        paths += [file.path.parent / d.data for d in constants if d.data is not None]
+    root, paths = certificate.folder.resolve(), files_of(path)
     unread = {name for name in certificate.contents if name.startswith("program/")}
     for own in paths:
         resolved = own.resolve()

@@ -153,7 +153,7 @@ def _passed_on(facts: Facts) -> bool:
     told = set(facts.flying_module.outputs)
     for c in nodes:
         assert c.node is not None
-        told |= {c.scope.topics[t] for t in c.node.publishes}
+        told |= {*c.writes}
     return all(_there(c) and (_only_of(c, told) or _is_shown(c, shown)) for c in nodes)
 
 
@@ -163,7 +163,7 @@ def _there(c: Component) -> bool:
 
 def _only_of(c: Component, told: set[int]) -> bool:
     assert c.node is not None
-    return {c.scope.topics[s.topic] for s in c.node.subscribes} <= told and not c.node.locals
+    return {*c.reads} <= told and not c.node.locals
 
 
 def _is_shown(c: Component, shown: Iterable[TopicSymbol]) -> bool:

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.induction.induction_problem import written_by
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import (
     both,
@@ -97,7 +96,7 @@ def _place(facts: Facts, topic: typed.TopicSymbol) -> int:
 
 def _writers(facts: Facts, index: int) -> list[Component]:
     """Nodes, controllers and plants that may publish a topic."""
-    return [c for c in facts.flying.components if index in written_by(c)]
+    return [c for c in facts.flying.components if index in c.writes]
 
 
 def _is_plain(c: Component) -> bool:
@@ -108,7 +107,7 @@ def _is_plain(c: Component) -> bool:
 def _not_for_this(facts: Facts, c: Component, index: int) -> str:
     node, sc = c.node, facts.sc.node
     assert node is not None
-    published = [c.scope.topics[t] for t in node.publishes]
+    published = c.writes
     drawn = {d.topic for d in facts.flying.inputs}
     if index in drawn or facts.flying.topics[index].symbol.input:
         return "it is drawn as an input, too"

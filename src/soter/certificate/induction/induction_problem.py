@@ -38,7 +38,6 @@ class InductionFacts:
     symbol: typed.ModuleSymbol
     sc: Component
     actors: list[Component] = field(default_factory=list)
-    late: dict[int, int] = field(default_factory=dict)
     undeclared: bool = False
     work: int = 0
     """That the solver has done, in its own units."""
@@ -100,7 +99,7 @@ def _gather(facts: InductionFacts) -> None:
         for c in flat.components:
             if c in facts.actors or c.role != "node" or c.node is None:
                 continue
-            if wanted & set(written_by(c)) and _plain(c):
+            if wanted & set(c.writes) and _plain(c):
                 facts.actors.append(c)
                 wanted |= {c.scope.topics[t] for t in topic_reads(*c.node.step)}
                 changed = True
@@ -110,7 +109,7 @@ def _gather(facts: InductionFacts) -> None:
 
 
 def _published(actors: list[Component]) -> list[int]:
-    return sorted({i for c in actors for i in written_by(c)})
+    return sorted({i for c in actors for i in c.writes})
 
 
 def _plain(c: Component) -> bool:
@@ -119,16 +118,10 @@ def _plain(c: Component) -> bool:
     return not c.extern and not c.node.bursts and len(modes_in(c.node.step)) < 2
 
 
-def written_by(c: Component) -> list[int]:
-    """Topics that a node, a controller or a plant may publish."""
-    written = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
-    return [c.scope.topics[t] for t in written]
-
-
 def _published_here_only(facts: InductionFacts, index: int) -> None:
     flat = facts.flying
     for c in flat.components:
-        if c not in facts.actors and index in written_by(c):
+        if c not in facts.actors and index in c.writes:
             raise NotRecheckedError(f"`{flat.topics[index].name}` has a second publisher")
     if index in {d.topic for d in flat.inputs}:
         raise NotRecheckedError(f"`{flat.topics[index].name}` is drawn as an input, too")

@@ -363,7 +363,7 @@ class Ways:
 
     def to(self, index: int) -> tuple[TopicPath, ...]:
         """All ways from a sensor to a topic; `NotRecheckedError` where there is none."""
-        paths = [straight(c) for c in self.system.components if index in published(c)]
+        paths = [straight(c) for c in self.system.components if index in c.writes]
         if not paths:
             name = self.system.topics[index].name
             raise NotRecheckedError(f"no plant stands behind `{name}` in `{self.system.name}`")
@@ -371,7 +371,7 @@ class Ways:
 
     def effects(self, least: int, most: int) -> tuple[Effect, ...]:
         """All ways from an output to the plants; NotRecheckedError where one has none."""
-        felt = {i for c in self.system.components if c.plant is not None for i in read(c)}
+        felt = {i for c in self.system.components if c.plant is not None for i in c.reads}
         for index in self.module.outputs:
             if index not in felt:
                 name = self.system.topics[index].name
@@ -384,18 +384,6 @@ def straight(c: Component) -> TopicPath:
     return TopicPath(Clock(c.name, c.period_ns, c.phase_ns))
 
 
-def published(c: Component) -> set[int]:
-    """The topics that a plant drives, or a node publishes."""
-    topics = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
-    return {c.scope.topics[t] for t in topics}
-
-
-def read(c: Component) -> set[int]:
-    """The topics that a plant reads, or a node subscribes to."""
-    topics = c.plant.reads if c.plant else [s.topic for s in c.node.subscribes] if c.node else ()
-    return {c.scope.topics[t] for t in topics}
-
-
 def nodes_between(system: System, module: Module, topics: Iterable[int]) -> bool:
     """Whether a node publishes one of these topics, or reads what the module publishes.
 
@@ -404,8 +392,8 @@ def nodes_between(system: System, module: Module, topics: Iterable[int]) -> bool
     felt = {*module.outputs, *(t.index for t in system.topics if t.queue_of is not None)}
     for c in system.components:
         queues = c.node is not None and any(s.queue is not None for s in c.node.subscribes)
-        if c.role == "node" and (queues or read(c) & felt):
+        if c.role == "node" and (queues or felt & {*c.reads}):
             return True
-        if c.plant is None and published(c) & {*topics}:
+        if c.plant is None and {*c.writes} & {*topics}:
             return True
     return False

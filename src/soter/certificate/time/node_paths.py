@@ -20,8 +20,6 @@ from soter.certificate.time.derived_times import (
     Effect,
     TopicPath,
     Ways,
-    published,
-    read,
     releases,
     straight,
 )
@@ -262,7 +260,7 @@ class NodeWays(Ways):
             return [nodes]
         routes: list[tuple[Clock, ...]] = []
         for c in self.system.components:
-            if c.plant is not None and index in read(c):
+            if c.plant is not None and index in c.reads:
                 routes.append(nodes)
             if c.role in ("ac", "sc") and c.module not in self.own and self._reads(c, index):
                 name = self.system.topics[index].name
@@ -328,12 +326,12 @@ class NodeWays(Ways):
         return [
             c
             for c in self.system.components
-            if index in published(c) and (c.plant is not None or c.module not in self.own)
+            if index in c.writes and (c.plant is not None or c.module not in self.own)
         ]
 
     def _reads(self, c: Component, index: int) -> bool:
         """Whether a topic reaches a component, through a queue or not."""
-        return any(index in (i, self.system.topics[i].queue_of) for i in read(c))
+        return any(index in (i, self.system.topics[i].queue_of) for i in c.reads)
 
     def _steps(self, c: Component, index: int) -> None:
         """That a node publishes a topic in every step: seen, or of an extern assumed."""

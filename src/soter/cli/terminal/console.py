@@ -377,7 +377,7 @@ class Console:
                 assert self.out is not None
                 self.out.flush()
                 kept = os.dup(1)
-                os.dup2(_descriptor(self.err) or _null(), 1)
+                os.dup2(_descriptor(self.err) or os.open(os.devnull, os.O_WRONLY), 1)
                 self.out = os.fdopen(kept, "w", encoding="utf-8", errors=PLAIN_ERRORS)
                 self._guarded_fd = True
                 return
@@ -431,10 +431,6 @@ def _descriptor(stream: IO[str] | None) -> int | None:
         return stream.fileno() if stream is not None else None
     except (OSError, ValueError, AttributeError):
         return None
-
-
-def _null() -> int:
-    return os.open(os.devnull, os.O_WRONLY)
 
 
 def _flush_c() -> None:

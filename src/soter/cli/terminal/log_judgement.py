@@ -271,10 +271,6 @@ class LeftOutSamples(LostSamples):
     reasons: tuple[LostSamples, ...]
 
 
-def _lost(told: dict[str, tuple[int, str]]) -> dict[str, LostSamples]:
-    return {name: LostSamples(*x) for name, x in told.items()}
-
-
 def _left_out(j: LogJudgement) -> dict[str, LeftOutSamples]:
     return {
         name: LeftOutSamples(*x, tuple(LostSamples(*r) for r in j.reasons[name]))
@@ -283,7 +279,7 @@ def _left_out(j: LogJudgement) -> dict[str, LeftOutSamples]:
 
 
 def _refused(j: LogJudgement) -> dict[str, LostSamples]:
-    return _lost(j.refused)
+    return {name: LostSamples(*x) for name, x in j.refused.items()}
 
 
 def _modules(j: LogJudgement) -> dict[str, ModuleOfLog]:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.core.arrays import Bytes, Words
     from soter.core.core import CoreSystem
     from soter.explore.model.explorer_model import ExplorerModel
     from soter.explore.model.independent_parts import IndependentPart
@@ -35,8 +36,6 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
 
     WantedWords = npt.NDArray[np.uint64]
-    Bytes = npt.NDArray[np.uint8]
-    Words = npt.NDArray[np.uint64]
 
 
 @dataclass(frozen=True)

@@ -43,14 +43,13 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.core.arrays import Bytes, Words
     from soter.core.core import CoreSystem
     from soter.explore.checkpoints import Saver
     from soter.explore.engine.engine_exchange import EngineProgress, Observations
     from soter.explore.model.symmetric_blocks import Family
     from soter.language.model.system import System
 
-    Bytes = npt.NDArray[np.uint8]
-    Words = npt.NDArray[np.uint64]
 
 HERE = Path(__file__).parent / "c"
 FLAGS = ("-pthread",)

@@ -139,10 +139,6 @@ def _times(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
     )
 
 
-def _holds_draws(step: core.PlantStep) -> bool:
-    return any(d.hold_ns > 0 for _, _, some in step.disturbances for d in some)
-
-
 def _clock(actor: int, own: Effects) -> set[Label]:
     """What the time of a step follows from, where it reads the time."""
     return {TIME, ("done", actor)} if own.timed else set()
@@ -240,7 +236,7 @@ class Footprints:
             effects.writes |= {("latched", x.index), ("control", x.index)}
         effects.keeps |= x.node is not None
         if isinstance(step, core.PlantStep):
-            effects.timed |= _holds_draws(step)
+            effects.timed |= any(d.hold_ns > 0 for _, _, some in step.disturbances for d in some)
         if x.plant is not None:
             effects.reads |= {("topic", x.scope.topics[t]) for t in x.plant.reads}
         if x.role in {"ac", "sc"} and x.module is not None:
@@ -418,12 +414,8 @@ def is_sampled(system: System, lowered: core.CoreSystem) -> bool:
     return (
         any(_samples_input(system, d) for d in system.inputs)
         or any(_samples_draws(step) for step in lowered.plants.values())
-        or any(_is_wide(i) for x in system.components for i in x.initial_range)
+        or any(i is not None and i[0] < i[1] for x in system.components for i in x.initial_range)
     )
-
-
-def _is_wide(interval: tuple[float, float] | None) -> bool:
-    return interval is not None and interval[0] < interval[1]
 
 
 def _samples_input(system: System, drive: InputDrive) -> bool:

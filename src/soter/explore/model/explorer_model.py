@@ -15,24 +15,20 @@ from soter.codegen import decisions
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.unit import Unit, UnitBuilder
-from soter.core.layout import scalar, size_of, struct_of
+from soter.core.layout import placed_leaves, scalar
 from soter.explore.model.bit_packing import word
 from soter.explore.model.packed_configuration import ConfigurationEmitter, within
 from soter.explore.model.robustness import Guides
 from soter.explore.search_options import LEAVES_MAX
 from soter.language.model.types import (
-    ArrayType,
-    BoolType,
     EnumType,
     FloatType,
     IntType,
-    ListType,
-    RecordType,
     leaves,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from soter.core.core import CoreSystem
     from soter.explore.model.bit_packing import Packing
@@ -302,7 +298,7 @@ class _ModelBuilder(UnitBuilder):
             if t.queue_of is None:
                 offset = self.layout.topic_offset(t.index)
                 for (path, leaf, at), bound in zip(
-                    _placed(t.type, offset), _flat_bounds(t), strict=True
+                    placed_leaves(t.type, offset), _flat_bounds(t), strict=True
                 ):
                     low, high = (bound.low, bound.high) if bound else _range(leaf)
                     self.leaves.append(_ModelLeaf(t.index, path, at, leaf, low, high))
@@ -410,23 +406,6 @@ def _range(t: Type) -> tuple[float, float]:
     return 0.0, float(len(t.members) - 1) if isinstance(t, EnumType) else 1.0
 
 
-def _placed(t: Type, offset: int) -> Iterator[tuple[tuple[str, ...], Type, int]]:
-    """Path, type and offset of the leaves that are always there, in the order of `leaves`."""
-    if isinstance(t, RecordType):
-        at = {m.index: m.offset for m in struct_of(t).members}
-        for i, (n, f) in enumerate(t.fields):
-            yield from (((n, *p), k, o) for p, k, o in _placed(f, offset + at[i]))
-    elif isinstance(t, ArrayType):
-        step = size_of(t.element)
-        for i in range(t.size):
-            inner = _placed(t.element, offset + i * step)
-            yield from (((f"[{i}]", *p), k, o) for p, k, o in inner)
-    elif isinstance(t, (BoolType, EnumType, IntType, FloatType)):
-        yield (), t, offset
-    else:
-        assert isinstance(t, ListType)
-
-
 def _flat_bounds(t: Topic) -> list[Bound | None]:
-    """The bounds of those leaves."""
+    """The bounds of the leaves that are always there."""
     return [b for (path, _), b in zip(leaves(t.type), t.bounds, strict=True) if "[]" not in path]

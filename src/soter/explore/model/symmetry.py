@@ -304,10 +304,8 @@ class RenamingCheck:
             topics += (*m.reads, *m.outputs, *(() if m.latch is None else (m.latch,)))
         topics += [o.topic for o in (step.outputs if step else ())]
         topics += x.failsafe
-        if x.plant is not None:
-            topics += [x.scope.topics[t] for t in x.plant.reads]
-        elif x.node is not None:
-            topics += [x.scope.topics[s.topic] for s in x.node.subscribes]
+        if x.plant is not None or x.node is not None:
+            topics += x.reads
         resources = [("topic", t) for t in topics]
         return (*resources, *_resources_read(texts))
 

@@ -6,7 +6,7 @@ Non-goals: numbers of a particular system (`elaborator.py`), the paper's P1 (`we
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.language.check.constants_and_types import ConstantChecker, TypeChecker
 from soter.language.check.declaration_graph import CallGraph, UnusedDeclarations, in_order_of_need
@@ -204,25 +204,19 @@ class Checker:
 
 
 def _register(program: typed.TypedProgram, entry: Entry) -> None:
-    symbol, name = entry.symbol, entry.full_name
-    if isinstance(symbol, typed.ConstSymbol):
-        program.consts[name] = symbol
-    elif isinstance(symbol, typed.ParamSymbol):
-        program.params[name] = symbol
-    elif isinstance(symbol, typed.FunSymbol):
-        program.funs[name] = symbol
-    elif isinstance(symbol, typed.TopicSymbol):
-        program.topics[name] = symbol
-    elif isinstance(symbol, typed.NodeSymbol):
-        program.nodes[name] = symbol
-    elif isinstance(symbol, typed.ModuleSymbol):
-        program.modules[name] = symbol
-    elif isinstance(symbol, typed.PlantSymbol):
-        program.plants[name] = symbol
-    elif isinstance(symbol, typed.SystemSymbol):
-        program.systems[name] = symbol
-    elif isinstance(symbol, typed.TestSymbol):
-        program.tests[name] = symbol
+    tables: dict[type, dict[str, Any]] = {
+        typed.ConstSymbol: program.consts,
+        typed.ParamSymbol: program.params,
+        typed.FunSymbol: program.funs,
+        typed.TopicSymbol: program.topics,
+        typed.NodeSymbol: program.nodes,
+        typed.ModuleSymbol: program.modules,
+        typed.PlantSymbol: program.plants,
+        typed.SystemSymbol: program.systems,
+        typed.TestSymbol: program.tests,
+    }
+    if (table := tables.get(type(entry.symbol))) is not None:
+        table[entry.full_name] = entry.symbol
 
 
 def check(loaded: LoadedProgram, diagnostics: Diagnostics) -> typed.TypedProgram:

@@ -105,7 +105,7 @@ class Composition:
         for c in self.system.components:
             if c.role != "node" or c.node is None or c.stands_for is not None or self.draft:
                 continue
-            own = {c.scope.topics[t] for t in c.node.publishes}
+            own = {*c.writes}
             for m in self.system.modules:
                 roles = {"AC": self.system.components[m.ac], "SC": self.system.components[m.sc]}
                 role = next((r for r, x in roles.items() if x.node is c.node), None)

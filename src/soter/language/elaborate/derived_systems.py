@@ -97,21 +97,6 @@ def only(system: System, kept: Collection[int]) -> System:
     )
 
 
-def without_plants(system: System) -> System:
-    """What is deployed: the world publishes what its plants drove and what was drawn.
-
-    Properties that read the state of a plant go with it.
-    """
-    driven = [
-        c.scope.topics[t]
-        for c in system.components
-        if c.plant is not None
-        for t, _ in c.plant.drives
-    ]
-    nodes = [c.index for c in system.components if c.plant is None]
-    return driven_outside(only(system, nodes), [*driven, *(i.topic for i in system.inputs)])
-
-
 def undriven(system: System, kept: Collection[int]) -> System:
     """These components (indices): no properties, no draws, no end."""
     return replace(only(system, kept), properties=(), inputs=(), measures=(), until_ns=None)

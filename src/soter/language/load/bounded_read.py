@@ -40,7 +40,7 @@ def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> b
     """
     with opened(path, limit, pipes=special, devices=special) as file:
         try:
-            size = _size(file)
+            size = 0 if isinstance(file, io.BytesIO) else os.fstat(file.fileno()).st_size
             data = _read(file, limit + 1, size) if size <= limit else None
         except OSError as error:
             raise ReadError(reason(error)) from error
@@ -56,11 +56,6 @@ def _read(file: BinaryIO, most: int, size: int) -> bytes:
         parts.append(part)
         room -= len(part)
     return b"".join(parts)
-
-
-def _size(file: BinaryIO) -> int:
-    """What its file says of its size; 0 of what has none."""
-    return 0 if isinstance(file, io.BytesIO) else os.fstat(file.fileno()).st_size
 
 
 def read_json_text(path: Path) -> str:

@@ -174,6 +174,20 @@ class Component:
             return [t for t, _ in self.plant.drives]
         return [] if self.node is None else list(self.node.publishes)
 
+    @property
+    def writes(self) -> list[int]:
+        """The same as topics of the system."""
+        return [self.scope.topics[t] for t in self.published]
+
+    @property
+    def reads(self) -> list[int]:
+        """Topics of the system that a plant reads, or a node subscribes to; none of a DM."""
+        if self.plant is not None:
+            return [self.scope.topics[t] for t in self.plant.reads]
+        return (
+            [] if self.node is None else [self.scope.topics[s.topic] for s in self.node.subscribes]
+        )
+
 
 @dataclass(eq=False)
 class Shield:

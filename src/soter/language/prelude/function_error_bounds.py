@@ -7,7 +7,7 @@ Non-goals: computing anything; bounds of expressions made of several functions.
 
 The bounds are tested, not proved. Each was first estimated by hand: what the polynomial leaves out,
 and half a unit for every rounding, by the weight with which it reaches the result. The worst errors
-found so far, at the arguments in `HARDEST`, stay below the bounds by a sixth to a half.
+found so far, at arguments that the tests know, stay below the bounds by a sixth to a half.
 """
 
 from __future__ import annotations
@@ -90,25 +90,3 @@ BOUNDS: dict[str, ErrorBound] = {
     "quat_rotate": ErrorBound((_UNIT,) * 4 + (_FINITE,) * 3, relative=16.0, scale="|v|"),
     "quat_rotate_inverse": ErrorBound((_UNIT,) * 4 + (_FINITE,) * 3, relative=16.0, scale="|v|"),
 }
-
-HARDEST: dict[str, tuple[tuple[float, ...], ...]] = {
-    "wrap_angle": ((78.539816339744831,),),
-    "radians": ((28.635293178550114,),),
-    "degrees": ((1.1166425651562921,),),
-    "sin": ((-92724.87525702639,), (-57180.924026258785,), (2.355984610206292,)),
-    "cos": ((0.80429893173571365,), (-73927.156573927874,)),
-    "tan": ((2.3567233905740235,), (-77569.835268758514,)),
-    "asin": ((0.50017566340185127,), (0.50882918642606967,)),
-    "acos": ((-0.51533324697915117,), (-0.53351042136160265,)),
-    "atan": ((0.51694666527069744,),),
-    "atan2": ((0.073713896120523037, 0.29282105855787144),),
-    "exp": ((-708.79731958051707,), (-0.94591623277298154,)),
-    "log": ((1.4121107484667517,),),
-    "pow": (
-        (6.5190457834032526e-80, 3.8869771204827002),
-        (0.75002367305229245, 3.6066692333641157),
-    ),
-    "tanh": ((0.5505799753662135,),),
-    "hypot": ((0.50028117244510439, 0.76597146432057839),),
-}
-"""Arguments with the largest errors found so far, in sweeps of some 10^7 arguments a function."""

@@ -218,8 +218,7 @@ def _reads_of_dm(system: System, module: Module) -> set[int]:
 def reads_of_node(system: System, c: Component) -> frozenset[int]:
     """What a node subscribes to; behind a queue its topic."""
     assert c.node is not None
-    topics = [c.scope.topics[s.topic] for s in c.node.subscribes]
-    return frozenset(_source(system, i) for i in topics)
+    return frozenset(_source(system, i) for i in c.reads)
 
 
 def written_by_node(c: Component) -> frozenset[int]:

@@ -314,9 +314,7 @@ class _LogState:
 def _driver(system: System, topic: int) -> int:
     """The component at whose place a mapped topic is published; -1: before all, as inputs are."""
     for c in system.components:
-        if c.plant is not None and topic in {c.scope.topics[t] for t, _ in c.plant.drives}:
-            return c.index
-        if c.node is not None and topic in {c.scope.topics[t] for t in c.node.publishes}:
+        if topic in c.writes:
             return c.index
     return -1
 

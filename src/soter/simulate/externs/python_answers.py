@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.codegen.externs import answer_fields
-from soter.core.layout import arrange, decode_from, encode_into
+from soter.core.layout import arrange, decode_from, image_of_members
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.model.values import ValueShapeError, inputs_to_python
 from soter.native.source_files import SOTER
@@ -25,11 +25,12 @@ from soter.semantics.publication_gate import check_of, messages, to_ends
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from soter.core.arrays import Bytes
     from soter.core.layout import StateLayout
     from soter.language.model.system import Component, System
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Type, Value
-    from soter.native.library import Bytes, Library
+    from soter.native.library import Library
 
 
 OWN_FOLDER = str(SOTER)
@@ -118,12 +119,7 @@ class ExternAnswers:
 
 
 def _encode(component: Component, values: dict[str, Value]) -> bytes:
-    layout = arrange(answer_fields(component))
-    out = bytearray(max(layout.size, 1))
-    for member in layout.members:
-        if member.name in values:
-            encode_into(out, member.offset, member.type, values[member.name])
-    return bytes(out)
+    return image_of_members(arrange(answer_fields(component)), values)
 
 
 # ---------------------------------------------------------------- failures in words
@@ -146,9 +142,8 @@ class _Gate:
     def __init__(self, system: System, component: Component) -> None:
         self.name = component.name
         self.span = component.span
-        written = component.node.publishes if component.node is not None else ()
-        topics = [component.scope.topics[t] for t in written]
-        self.checks = [(system.topics[t], check_of(system.topics[t])) for t in topics]
+        written = [] if component.node is None else component.writes
+        self.checks = [(system.topics[t], check_of(system.topics[t])) for t in written]
         bursts = component.node.bursts if component.node is not None else ()
         self.bursts = [component.scope.topics[t] for t in bursts]
 

@@ -127,7 +127,7 @@ class LedLooks:
         self._late = {}
         builder = UnitBuilder(system, lower(system), None)
         unit = builder.run()
-        self._dtype = state_dtype(system, unit.layout)
+        self._dtype = state_dtype(unit.layout)
         source = _all_watched(unit.source.replace(INCLUDED, f"{INCLUDED}{WATCH}", 1), builder)
         for m in self.modules:
             early = published_before(system, m.dm)

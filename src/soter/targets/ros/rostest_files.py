@@ -88,7 +88,7 @@ def _document(p: RosPackage) -> dict[str, object]:
 def _is_ac_silent(p: RosPackage, module: Module) -> bool:
     """Whether AC of the module waits for a topic that nobody of the test publishes."""
     ac = p.bridged.system.components[module.ac]
-    read = [ac.scope.topics[s.topic] for s in ac.node.subscribes] if ac.node is not None else []
+    read = ac.reads if ac.node is not None else []
     awaited = p.bridged.world.is_awaited
     topics = [p.bridged.topic(i) for i in read]
     return any(t.driver == "input" and not awaited(t) for t in topics)

@@ -48,9 +48,6 @@ if TYPE_CHECKING:
     from soter.verify.claims.results import Finding, ModuleResult
     from soter.verify.problem.problem import Problem
 
-    Progress = Callable[[float], None]
-
-
 ROUNDS = ((200, 32), (1000, 64), (200, 256), (4000, 64), (1000, 512))
 """(length of a run in DM periods, seeds a pattern); the last ones are repeated."""
 CYCLE_LENGTHS = (50, 100, 200, 500, 1000, 2000, 4000, 8000, 16000)
@@ -67,41 +64,33 @@ class RefutationSearch:
 
     found: Counterexample | None
     runs: int
-    virtual_s: float
-    wall_s: float
     hindrance: str = ""
     """Why nothing could be tried, in words."""
 
 
-def refute(
-    system: System, module: str, budget_s: float = 10.0, progress: Progress | None = None
-) -> RefutationSearch:
+def refute(system: System, module: str, budget_s: float = 10.0) -> RefutationSearch:
     """Look for a run from the declared initial states that leaves C, for `budget_s` CPU seconds.
 
     `system`: the verification system (`Problem.system`; `module` is the name it has there), or a
     real one without externs.
     """
-    return _search(system, module, budget_s, progress, _leaving_runs)
+    return _search(system, module, budget_s, _leaving_runs)
 
 
-def refute_return(
-    system: System, module: str, budget_s: float = 5.0, progress: Progress | None = None
-) -> RefutationSearch:
+def refute_return(system: System, module: str, budget_s: float = 5.0) -> RefutationSearch:
     """Look for a run on which SC gets control and the DM never gives it back (P2b)."""
-    return _search(system, module, budget_s, progress, _cycling_runs)
+    return _search(system, module, budget_s, _cycling_runs)
 
 
 def _search(
     system: System,
     module: str,
     budget_s: float,
-    progress: Progress | None,
     runs: Callable[[_Attack, _SearchBudget], Iterator[Counterexample]],
 ) -> RefutationSearch:
-    began = time.perf_counter()
     index = next(m.index for m in system.modules if m.name == module)
     attacks, hindrance = _attacks(system, index)
-    clock = _SearchBudget(budget_s, progress)
+    clock = _SearchBudget(budget_s)
     counterexample = None
     streams = [runs(a, clock) for a in attacks]
     confirmations = 0
@@ -117,9 +106,7 @@ def _search(
                 counterexample = _confirmed(candidate, system)
                 if counterexample is not None:
                     break
-    return RefutationSearch(
-        counterexample, clock.runs, clock.virtual_ns / 1e9, time.perf_counter() - began, hindrance
-    )
+    return RefutationSearch(counterexample, clock.runs, hindrance)
 
 
 def _attacks(system: System, index: int) -> tuple[list[_Attack], str]:
@@ -165,19 +152,14 @@ def _confirmed(candidate: Counterexample, system: System) -> Counterexample | No
 class _SearchBudget:
     """The budget, in seconds of this process on a CPU (so that a busy machine changes little)."""
 
-    def __init__(self, budget_s: float, progress: Progress | None) -> None:
+    def __init__(self, budget_s: float) -> None:
         self.budget_s = budget_s
         self.runs = 0
-        self.virtual_ns = 0
-        self._progress = progress
         self._began = time.process_time()
 
     def goes_on(self) -> bool:
         spent = time.process_time() - self._began
-        share = min(spent / self.budget_s, 1.0) if self.budget_s > 0 else 1.0
-        if self._progress is not None:
-            self._progress(share)
-        return share < 1.0
+        return spent < self.budget_s
 
 
 class _Attack:
@@ -190,7 +172,7 @@ class _Attack:
         self.module = self.variant.modules[index]
         unit = generate(self.variant)
         self.layout = unit.layout
-        self.dtype = state_dtype(self.variant, unit.layout)
+        self.dtype = state_dtype(unit.layout)
         path = library(unit, "-O2", ("-DSOTER_ADVERSARY",))
         self.library = Library(path, unit.prefix, unit.layout.size)
 
@@ -236,7 +218,6 @@ def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
                 seed = (pattern << 56) | k
                 row = attack.go(attack.start(seed), until_ns)
                 clock.runs += 1
-                clock.virtual_ns += until_ns
                 seen_ns = int(row["properties"][0]["first_ns"])
                 if seen_ns != NEVER and seen_ns >= known_ns:
                     yield attack.candidate(LEAVES, seed, seen_ns, None)
@@ -259,7 +240,6 @@ def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
             row = attack.go(state, at_ns)
             began, returns = _place(attack, state, row), int(row["modules"][attack.index]["to_ac"])
             clock.runs += 1
-            clock.virtual_ns += at_ns
             for turn in range(1, CYCLE_TURNS + 1):
                 row = attack.go(state, at_ns + turn * turn_ns)
                 m = row["modules"][attack.index]

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.current_phase import phase
+from soter.diagnostics.current_phase import phase, share_done
 from soter.verify.claims.results import CaseSets, GroupResult
 
 if TYPE_CHECKING:
@@ -28,15 +28,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.format.folder import Certificate
+    from soter.core.arrays import Bools, Floats
     from soter.verify.claims.product_sets import FailsafeClaim, SetFactor
     from soter.verify.claims.results import ModuleResult, Region
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.tables.level_table import LevelTable
-
-    Bools = NDArray[np.bool_]
-    Floats = NDArray[np.float64]
-    Tell = Callable[[str, float], None]
 
 
 class GroupProof(GroupResult):
@@ -196,7 +193,7 @@ class Method(ABC):
     """What else helps where `safe` is no product over the groups."""
 
     @abstractmethod
-    def opened(self, case: Case, group: Group, tell: Tell | None) -> GroupProof:
+    def opened(self, case: Case, group: Group) -> GroupProof:
         """Its proof of a group; UnboundedError where the dynamics have no enclosure."""
 
     @abstractmethod
@@ -284,8 +281,6 @@ class Case:
     """What its fail-safe law keeps; None: not looked at."""
     first: Case | None = None
     """The attempt on the declared grid, where this one is on a finer one."""
-    tell: Tell | None = None
-    """Told how far it is."""
 
     @property
     def sets(self) -> CaseSets:
@@ -334,8 +329,8 @@ class ClaimTimer:
 
     def __enter__(self) -> None:
         phase(f"{self.case.problem.name}: {self.claim}")
-        if self.case.tell is not None and self.claim in STAGE:
-            self.case.tell(STAGE[self.claim], 0.0)
+        if self.claim in STAGE:
+            share_done(0.0, STAGE[self.claim])
         self.began = time.perf_counter()
 
     def __exit__(self, kind: object, error: BaseException | None, _: object) -> None:

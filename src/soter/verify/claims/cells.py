@@ -22,10 +22,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.core.arrays import Bools
     from soter.verify.claims.case import Case
     from soter.verify.problem.problem import Axis, Group, Interval, Problem
-
-    Bools = NDArray[np.bool_]
 
 
 def matrix(path: str, values: NDArray[Any], files: dict[str, bytes]) -> dict[str, object]:

@@ -21,7 +21,7 @@ import time
 from math import isfinite
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.current_phase import passing_phase
+from soter.diagnostics.current_phase import CancelledError, cancelled_when, passing_phase, telling
 from soter.language.evaluate.integration_stability import diverging
 from soter.language.model.durations import show_ns
 from soter.language.model.types import leaf_name, leaves
@@ -42,7 +42,7 @@ from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library
 from soter.verify.enclose.enclosed_steps import room_of
 from soter.verify.enclose.enclosure_inputs import paths
 from soter.verify.grid.claims import grids
-from soter.verify.grid.sets import RESTS, CancelledError, UnboundedError
+from soter.verify.grid.sets import RESTS, UnboundedError
 from soter.verify.problem.assumption import EVERY_SOLUTION, SCHEME
 from soter.verify.problem.modes_of_other_modules import said
 from soter.verify.proof_methods import by_method, in_order, method_of
@@ -52,7 +52,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from soter.language.model.system import Bound
-    from soter.verify.claims.case import Tell
     from soter.verify.claims.product_sets import SetFactor
     from soter.verify.claims.results import Finding, ModuleResult
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
@@ -77,7 +76,6 @@ def open_case(
     library: ReachLibrary,
     groups: Sequence[Group],
     parameter: tuple[int, ...],
-    tell: Tell | None,
     before: Case | None = None,
 ) -> Case:
     """The proofs of every group; UnboundedError where the dynamics have no enclosure.
@@ -85,12 +83,12 @@ def open_case(
     Of an earlier attempt `before`, groups that are the same keep their sets and their failures: the
     analysis of a group looks at the ranges of the others only.
     """
-    case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter), tell=tell)
+    case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
     case.holds = HOLDS if problem.declared_groups else 0
     for i, group in enumerate(in_order(groups)):
         old = None if before is None else before.proofs[i]
         if old is None or before is None or old.group != group:
-            case.proofs.append(method_of(group).opened(case, group, tell))
+            case.proofs.append(method_of(group).opened(case, group))
             continue
         old.fresh = False
         case.proofs.append(old)
@@ -147,9 +145,9 @@ def _kept_by_law(case: Case, parts: Sequence[SetFactor]) -> FailsafeClaim:
         return FailsafeClaim(parts, parts, "the law is not about the same states as SC")
     groups = [p.group for p in case.proofs]
     library, _ = library_of(problem)
-    with passing_phase(f"{case.problem.name}: what its fail-safe law keeps"):
+    with passing_phase(f"{case.problem.name}: what its fail-safe law keeps"), telling(None):
         try:
-            law = open_case(problem, library, groups, case.parameter, None)
+            law = open_case(problem, library, groups, case.parameter)
             law.vain = VAIN
             if not (constraint(law) and core(law)):
                 return FailsafeClaim(parts, parts, NOTHING_KEPT)
@@ -304,23 +302,17 @@ def recover_for_report(case: Case) -> None:
     not_looked_at = [f for f in case.failures if f.cut]
     assert not_looked_at, "a case that may be proved has no budget"
     case.failures = [f for f in case.failures if not f.cut]
-    engines = [p.engine for p in grids(case.proofs)]
-    if len(engines) < len(case.proofs):
+    if len(list(grids(case.proofs))) < len(case.proofs):
         recover(case)
         return
     until = time.process_time() + max(LEAST_S, sum(case.spent.values()))
-    before = [engine.stop for engine in engines]
-    for engine in engines:
-        engine.stop = lambda: time.process_time() > until
     try:
-        recover(case)
+        with cancelled_when(lambda: time.process_time() > until):
+            recover(case)
     except CancelledError:
         for part in case.sets.groups:
             part.target = part.home = part.rank = part.rank_holds = None
         case.failures = [f for f in case.failures if f.claim != "P2b"] + not_looked_at
-    finally:
-        for engine, stop in zip(engines, before, strict=True):
-            engine.stop = stop
 
 
 FAULT = "what plants drive may fault"

@@ -24,13 +24,10 @@ from soter.verify.time.sc_on_default_inputs import fault_on_defaults
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Floats
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import Finding
     from soter.verify.problem.problem import Problem
-
-    Floats = NDArray[np.float64]
 
 
 ENTERS = "enters"

@@ -20,15 +20,12 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Bools, Floats
     from soter.verify.claims.results import CaseSets
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
     from soter.verify.grid.sets import GridGroup
     from soter.verify.problem.problem import Problem
 
-    Bools = NDArray[np.bool_]
-    Floats = NDArray[np.float64]
     Ranges = Mapping[int, tuple[float, float]]
 
 

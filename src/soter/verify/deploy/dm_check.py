@@ -23,12 +23,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.codegen.unit import generate
-from soter.core.layout import state_dtype
+from soter.core.layout import MODULE, placed_leaves, state_dtype
 from soter.core.steps import lower
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.topics import NEVER_HELD
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
+from soter.language.model.types import leaves
 from soter.native.shared_library import interface, library, opened
 from soter.verify.deploy.dm_test_cases import (
     AC,
@@ -38,7 +39,6 @@ from soter.verify.deploy.dm_test_cases import (
     ExpectedFacts,
     LatchBytes,
     gates,
-    leaf_offset,
     values,
 )
 from soter.verify.deploy.missing_predicates import put
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from soter.codegen.unit import Unit
     from soter.core.core import CoreSystem
     from soter.core.layout import StateLayout
-    from soter.language.model.system import Module, System
+    from soter.language.model.system import Module, System, Topic
     from soter.verify.claims.results import ModuleResult
     from soter.verify.deploy.dm_test_cases import Points
     from soter.verify.problem.problem import Problem
@@ -253,9 +253,9 @@ class _Inputs:
         self.c, self.system, self.module, self.check = c, system, module, check
         self.chance = random.Random(1)  # noqa: S311 - test points
         layout = c.unit.layout
-        fields = state_dtype(system, layout)["modules"].base.fields
+        fields = state_dtype(layout)["modules"].base.fields
         assert fields is not None
-        own = layout.module_offset + module.index * fields_size(system, layout)
+        own = layout.module_offset + module.index * MODULE.size
         self.at = {name: own + int(where[1]) for name, where in fields.items()}
         self.stamps = layout.stamp_offset
         self.limits = [
@@ -306,7 +306,7 @@ class _Inputs:
 
         def offset(of: int) -> int:
             topic, leaf = leaves_of[of]
-            return layout.topic_offset(topic) + leaf_offset(topics[topic].type, leaf)
+            return _place_of(layout, topics[topic], leaf)
 
         for other in others:
             full = other.full
@@ -373,7 +373,7 @@ class _Inputs:
         topic, leaf, bound = numbers[table.commands.control]
         assert bound is not None
         edges = command_edges(bound.low, bound.high, n)
-        place = layout.topic_offset(topic) + leaf_offset(topics[topic].type, leaf)
+        place = _place_of(layout, topics[topic], leaf)
         times = layout.topic_offset(shield.topic) + 8 * table.commands.control * n
         tops = table.commands.tops.reshape(-1, n)[table.wide]
         for held in range(n):
@@ -451,6 +451,8 @@ class _Inputs:
                 self.check.differs(f"in {_name(mode)} on {seen}: it keeps {kept}, not {after}")
 
 
-def fields_size(system: System, layout: StateLayout) -> int:
-    """Bytes of one module's record in a state."""
-    return int(state_dtype(system, layout)["modules"].base.itemsize)
+def _place_of(layout: StateLayout, topic: Topic, leaf: int) -> int:
+    """Where a leaf of a topic, one of `leaves` and of no list, lies in a state."""
+    path = list(leaves(topic.type))[leaf][0]
+    every = placed_leaves(topic.type, layout.topic_offset(topic.index))
+    return next(at for p, _, at in every if p == path)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from soter.core.layout import encode_into, size_of, struct_of
+from soter.core.layout import encode_into, size_of
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.numbers_in_predicates import maybe_nan
@@ -166,20 +166,6 @@ def _build(t: Type, values: Iterator[Value]) -> Value:
     if isinstance(t, ListType):
         return (_build(t.element, values),) * t.capacity
     return next(values)
-
-
-def leaf_offset(t: Type, leaf: int) -> int:
-    """Byte offset of a scalar leaf inside a value."""
-    if isinstance(t, RecordType):
-        for member in struct_of(t).members:
-            count = sum(1 for _ in leaves(member.type))
-            before = sum(sum(1 for _ in leaves(f)) for _, f in t.fields[: member.index])
-            if before <= leaf < before + count:
-                return member.offset + leaf_offset(member.type, leaf - before)
-    if isinstance(t, ArrayType):
-        count = sum(1 for _ in leaves(t.element))
-        return leaf // count * size_of(t.element) + leaf_offset(t.element, leaf % count)
-    return 0
 
 
 NOW_NS = 10**15

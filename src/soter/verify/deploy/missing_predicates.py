@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from soter.diagnostics.current_phase import phase
+from soter.diagnostics.current_phase import between, phase, share_done
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.model.system import LEVELS_DEFAULT
@@ -45,7 +45,6 @@ from soter.verify.work_estimate import announce_work
 from soter.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -63,9 +62,6 @@ if TYPE_CHECKING:
     Found = list[LevelTable]
     Sets = tuple[Problem, list[Pairs]]
     """With its cells and its number of levels, and the pairs of every case."""
-    Progress = Callable[[float], None]
-    Tell = Callable[[str, float], None]
-
 
 ENGINE_ROOMS = ("codegen", "core", "language", "runtime", "semantics", "verify")
 """A set depends on how a program is read, lowered, enclosed and computed with."""
@@ -90,20 +86,15 @@ def open_modules(flat: System) -> list[Module]:
     return [m for m in flat.modules if m.symbol.ttf is None and m.symbol.safer is None]
 
 
-def complete(
-    flat: System,
-    progress: Progress | None = None,
-    known: Known | None = None,
-    tell: Tell | None = None,
-) -> list[str]:
+def complete(flat: System, known: Known | None = None) -> list[str]:
     """Give the modules of `flat` that have neither `ttf` nor `safer` computed ones, in place.
 
     A module that determines no verification problem, or whose problem has no solution, stays as it
-    is: its AC never gets control. `known` has what need not be computed. `tell` is called all the
-    while, and may raise `CancelledError`. Gives a note about each module; `soter verify` says more.
+    is: its AC never gets control. `known` has what need not be computed. Who is told how far it is
+    may raise `CancelledError`. Gives a note about each module; `soter verify` says more.
     """
     if flat.proved is not None:  # of a deployed system: what was computed where it was proved
-        notes = complete(flat.proved, progress, known, tell)
+        notes = complete(flat.proved, known)
         _carry(flat, flat.proved)
         return notes
     todo = open_modules(flat)
@@ -115,12 +106,13 @@ def complete(
             notes.append(f"{module.name}: {error.diagnostics[0].message}: {NEVER}")
             continue
         if isinstance(problem, TubeProblem):
-            part = _part(progress, i, len(todo))
-            notes.append(_follow(flat, module, problem, part))
+            with between(i / len(todo), (i + 1) / len(todo)):
+                notes.append(_follow(flat, module, problem))
             continue
         sets = None if known is None else known.sets(problem)
         if sets is None:
-            problem, sets = sets_of(problem, _part(progress, i, len(todo)), tell)
+            with between(i / len(todo), (i + 1) / len(todo)):
+                problem, sets = sets_of(problem)
         level_tables = None if sets is None else tables(problem, sets)
         if known is not None:
             known.built(problem, level_tables or [])
@@ -139,11 +131,11 @@ def complete(
     return notes
 
 
-def _follow(flat: System, module: Module, problem: TubeProblem, progress: Progress | None) -> str:
+def _follow(flat: System, module: Module, problem: TubeProblem) -> str:
     """The predicates of a module with `rest`, and a note: none where its rest is not kept."""
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
     check = TubeCheck(problem)
-    claims = rest_claims(check, progress)
+    claims = rest_claims(check)
     if claims.kept:
         return f"{module.name}: {claims.kept}: {NEVER}"
     put(flat, module, problem, [TubeLevels.of(check, claims)])
@@ -176,7 +168,7 @@ def followed_costs(flat: System) -> tuple[dict[str, Cost], list[Diagnostic]]:
     return found, refused
 
 
-def rest_claims(check: TubeCheck, progress: Progress | None = None) -> RestClaims:
+def rest_claims(check: TubeCheck) -> RestClaims:
     """What is shown of a rest, from the cache or computed."""
     p = check.problem
     names = [s.name for s in p.quantities.states]
@@ -185,7 +177,7 @@ def rest_claims(check: TubeCheck, progress: Progress | None = None) -> RestClaim
     key = digest([*told, *(f.read_text(encoding="utf-8") for f in engine_files())])
     folder = find_cached(REST, key, (REST,))
     if folder is None:
-        claims = shown(check, progress)
+        claims = shown(check)
         with contextlib.suppress(SoterError):
             store(REST, key, (REST,), lambda at: claims.write(at / REST))
         return claims
@@ -298,9 +290,7 @@ def looks_of(problem: Problem, level_tables: Found) -> int:
 # ---------------------------------------------------------------- computing
 
 
-def sets_of(
-    problem: Problem, progress: Progress | None = None, tell: Tell | None = None
-) -> tuple[Problem, list[Pairs] | None]:
+def sets_of(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
     """The problem as it is chosen to be, and pairs of every case, from the cache or computed.
 
     None where the engine has no answer.
@@ -310,7 +300,7 @@ def sets_of(
     key = _key(problem, library)
     sets = _kept(key, problem)
     if sets is None:
-        sets = _computed(problem, library, progress, tell)
+        sets = _computed(problem, library)
         if sets is not None:
             _keep(key, *sets)
     return sets or (problem, None)
@@ -324,11 +314,9 @@ def keep(result: ModuleResult) -> None:
         _keep(_key(problem, library_of(problem)[0]), problem, pairs)
 
 
-def _computed(
-    problem: Problem, library: ReachLibrary, progress: Progress | None, tell: Tell | None
-) -> Sets | None:
-    announce_work(problem, partial(_case, library, tell))
-    chosen = choose(problem, partial(_cases, library, progress, tell))
+def _computed(problem: Problem, library: ReachLibrary) -> Sets | None:
+    announce_work(problem, partial(_case, library))
+    chosen = choose(problem, partial(_cases, library))
     problem = chosen.problem
     pairs = [pairs_of(case.sets) for case in chosen.done or ()]
     if not pairs or any(len(of_case) != len(problem.groups) for of_case in pairs):
@@ -336,9 +324,7 @@ def _computed(
     return None if any(map(withheld, chosen.done or ())) else (problem, pairs)
 
 
-def _cases(
-    library: ReachLibrary, progress: Progress | None, tell: Tell | None, problem: Problem
-) -> list[Case] | None:
+def _cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
     """Every case up to its levels, and with P2b, for which K may lose cells.
 
     None where the dynamics have no enclosure. No levels where some case has no K.
@@ -346,21 +332,18 @@ def _cases(
     every = list(cases(problem))
     done = []
     for i, parameter in enumerate(every):
-        if progress is not None:
-            progress(i / len(every))  # how many rounds a case takes nobody knows before
+        share_done(i / len(every))  # how many rounds a case takes nobody knows before
         try:
-            case = _case(library, tell, problem, parameter)
+            case = _case(library, problem, parameter)
         except UnboundedError:
             return None
         done.append(case)
     return done if any(case.failed("P2a") for case in done) else returned(done)
 
 
-def _case(
-    library: ReachLibrary, tell: Tell | None, problem: Problem, parameter: tuple[int, ...]
-) -> Case:
+def _case(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...]) -> Case:
     """One case up to its levels, if it has a K."""
-    case = claims.open_case(problem, library, problem.groups, parameter, tell)
+    case = claims.open_case(problem, library, problem.groups, parameter)
     within = claims.constraint(case)
     phase(f"{problem.name}: what SC keeps")
     kept = within and claims.core(case)
@@ -369,12 +352,6 @@ def _case(
         claims.free_phase(case)
         levels(case)
     return case
-
-
-def _part(progress: Progress | None, index: int, count: int) -> Progress | None:
-    if progress is None:
-        return None
-    return lambda share: progress((index + share) / count)
 
 
 # ---------------------------------------------------------------- the cache

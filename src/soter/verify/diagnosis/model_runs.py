@@ -24,11 +24,9 @@ from soter.verify.grid.group_inputs import of_problem
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Floats
     from soter.verify.claims.case import Case
 
-    Floats = NDArray[np.float64]
 
 NS = 1e-9
 CORNERS_MAX = 6

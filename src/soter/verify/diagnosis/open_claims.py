@@ -32,14 +32,11 @@ from soter.verify.grid.claims import GridProof
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Bools, Floats
     from soter.verify.claims.case import Case, Failure
     from soter.verify.claims.results import Finding, ModuleResult
     from soter.verify.diagnosis.model_runs import ModelTrace, Pattern
 
-    Bools = NDArray[np.bool_]
-    Floats = NDArray[np.float64]
     GoOn = Callable[[], bool]
 
 OPEN = (UNDECIDED, REFUTED)

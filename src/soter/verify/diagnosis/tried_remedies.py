@@ -19,7 +19,13 @@ from typing import TYPE_CHECKING
 from soter.codegen.unit import generate
 from soter.core.layout import ac_share, state_dtype
 from soter.core.steps import lower
-from soter.diagnostics.current_phase import phase
+from soter.diagnostics.current_phase import (
+    CancelledError,
+    cancelled_when,
+    phase,
+    share_done,
+    telling,
+)
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless, with_changed_topics
 from soter.language.model.system import LEVELS_DEFAULT
@@ -34,7 +40,7 @@ from soter.verify.diagnosis.open_claims import explain
 from soter.verify.diagnosis.vacuity import vacuity
 from soter.verify.diagnosis.variations import OTHERS, NotProved, merged, remedies
 from soter.verify.enclose.c_emitter import EnclosureError
-from soter.verify.grid.sets import CancelledError, UnboundedError
+from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.extract import extract
 from soter.verify.proof_methods import tables
 
@@ -47,8 +53,7 @@ if TYPE_CHECKING:
     from soter.verify.diagnosis.variations import Remedy
     from soter.verify.problem.problem import Problem
 
-    Tell = Callable[[str, float], None]
-    Attempt = Callable[[Problem, Tell], list[Case]]
+    Attempt = Callable[[Problem], list[Case]]
 
 
 SEED = 1
@@ -90,20 +95,15 @@ def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System
         return RemedyCost(flat.name, not_measured="it is a module with other controllers")
     if problem is not None and _world(remedied) != _world(problem):
         return RemedyCost(flat.name, not_measured="it is about another plant")
-
-    def tell(what: str, share: float) -> None:
-        del what, share
-        if time.process_time() > ends:
-            raise CancelledError
-
     why = _why_not(flat, remedied)
     if why or not flat.until_ns:
         return RemedyCost(flat.name, not_measured=why)
     until_ns = min(flat.until_ns, max(UNTIL_NS, PERIODS * remedied.times.delta_dm))
     try:
-        before = None if problem is None else _flown(flat, problem, until_ns, tell)
-        changed = _changed(fresh(), problem or remedied, remedied)
-        after = _flown(changed, remedied, until_ns, tell)
+        with telling(None), cancelled_when(lambda: time.process_time() > ends):
+            before = None if problem is None else _flown(flat, problem, until_ns)
+            changed = _changed(fresh(), problem or remedied, remedied)
+            after = _flown(changed, remedied, until_ns)
     except CancelledError:
         why = f"its runs, and the tables that they need, take more than {CPU_S:g} s of CPU time"
     except SoterError as error:
@@ -158,7 +158,7 @@ def _changed(flat: System, problem: Problem, remedied: Problem) -> System:
     return with_changed_topics(flat, younger)
 
 
-def _flown(flat: System, tried: Problem, until_ns: int, tell: Tell) -> FlownFigures | None:
+def _flown(flat: System, tried: Problem, until_ns: int) -> FlownFigures | None:
     """A run, with predicates computed on the cells and levels of `tried`; None: there are none."""
     (module,) = _instances(flat, tried)
     count = 0
@@ -167,7 +167,7 @@ def _flown(flat: System, tried: Problem, until_ns: int, tell: Tell) -> FlownFigu
         problem = replace(own, groups=tried.groups, states=tried.states, levels=tried.levels)
         problem = replace(problem, declared_groups=tried.declared_groups)
         problem = replace(problem, levels_open=tried.levels_open, cells_open=tried.cells_open)
-        problem, sets = sets_of(problem, tell=tell)
+        problem, sets = sets_of(problem)
         level_tables = None if sets is None else tables(problem, sets)
         if level_tables is None:
             return None
@@ -176,14 +176,14 @@ def _flown(flat: System, tried: Problem, until_ns: int, tell: Tell) -> FlownFigu
         for k, table in enumerate(level_tables):
             table.entry([""] * len(problem.states), str(k), files)
         count = sum(map(len, files.values()))
-    complete(flat, tell=tell)
+    complete(flat)
     unit = generate(flat)
     program = Library(library(unit), unit.prefix, unit.layout.size)
     state = program.new_state(SEED)
     for until in (*range(0, until_ns, max(SLICE_NS, until_ns // SLICES)), until_ns):
         program.run(state, until)
-        tell("", until / until_ns)
-    last = state.view(state_dtype(flat, unit.layout))[0]
+        share_done(until / until_ns)
+    last = state.view(state_dtype(unit.layout))[0]
     often = int(last["modules"][module.index]["to_sc"]) / (until_ns / 60e9)
     return FlownFigures(often, ac_share(last, module.index), count)
 
@@ -223,15 +223,11 @@ class Trials:
         return tuple(claim for claim in ORDER if claim in wrong)
 
     def _done(self, problem: Problem) -> list[Case] | None:
-        def tell(what: str, share: float) -> None:
-            del what, share
-            if not self.go_on():
-                raise CancelledError
-
         if not self.go_on():
             return None
         try:
-            done = self._attempt(problem, tell)
+            with cancelled_when(lambda: not self.go_on()):
+                done = self._attempt(problem)
         except (CancelledError, UnboundedError, SoterError, EnclosureError):
             return None
         return done if self.go_on() else None

@@ -26,13 +26,11 @@ from soter.verify.problem.estimates import errors_of
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Floats
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import ModuleResult
     from soter.verify.problem.problem import Problem
 
-    Floats = NDArray[np.float64]
 
 HARDLY = 0.01
 """Below this share of a group's K (of C_g for K itself) a headline says so: decision 45."""

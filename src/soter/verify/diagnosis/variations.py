@@ -30,15 +30,12 @@ from soter.verify.problem.problem import Group, Interval
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Floats
     from soter.language.model.system import Module, System
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import LeavingRun
     from soter.verify.problem.problem import Axis, Problem
 
-    Bools = NDArray[np.bool_]
-    Floats = NDArray[np.float64]
     Ends = dict[int, tuple[float, float]]
     Change = tuple[Problem | None, str]
 

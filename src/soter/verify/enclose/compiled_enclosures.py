@@ -46,15 +46,12 @@ from soter.verify.problem.modes_of_other_modules import in_ac
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Floats
     from soter.core.core import Function, Predicate
     from soter.diagnostics.source import Span
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedExpr
     from soter.verify.problem.problem import Problem
-
-    Floats = NDArray[np.float64]
 
 
 HERE = Path(__file__).resolve().parents[1] / "engine"

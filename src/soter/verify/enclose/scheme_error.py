@@ -23,9 +23,8 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    import numpy.typing as npt
+    from soter.core.arrays import Floats
 
-    Floats = npt.NDArray[np.float64]
 
 NS = 1e-9
 ORDER = 4

@@ -32,15 +32,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.format.folder import Certificate
+    from soter.core.arrays import Bools, Floats
     from soter.report.proof.record import RegionFigure
-    from soter.verify.claims.case import Case, Tell
+    from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
     from soter.verify.claims.results import Region
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.tables.level_table import LevelTable
 
-    Bools = NDArray[np.bool_]
-    Floats = NDArray[np.float64]
     Arrays = Mapping[str, NDArray[np.generic]]
 
 
@@ -364,10 +363,10 @@ class Grids(Method):
         "start": "inclusion of the initial states",
     }
 
-    def opened(self, case: Case, group: Group, tell: Tell | None) -> GridProof:
+    def opened(self, case: Case, group: Group) -> GridProof:
         """With an engine of its own."""
         library, problem = case.forms.library, case.problem
-        engine = GridGroup.of(library, problem, group, case.parameter, progress=tell)
+        engine = GridGroup.of(library, problem, group, case.parameter)
         allowed = np.zeros(engine.shape, dtype=np.bool_)
         core = np.zeros(engine.shape, dtype=np.uint8)
         return GridProof(group, engine, GroupSets(group, allowed, core, solver=engine))

@@ -25,12 +25,10 @@ from soter.verify.enclose.scheme_error import NS, ORDER
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Floats
     from soter.verify.problem.problem import Interval, Problem, ProblemKind
 
     Range = tuple[float, float]
-    Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,16 +16,14 @@ from soter.verify.grid.group_inputs import borders_of
 from soter.verify.problem.problem import FARTHEST
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     import numpy.typing as npt
 
+    from soter.core.arrays import Bools, Floats
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.grid.group_inputs import GridInputs
 
-    Bools = npt.NDArray[np.bool_]
-    Bytes = npt.NDArray[np.uint8]
-    Floats = npt.NDArray[np.float64]
     Ints = npt.NDArray[np.int32]
 
 TILE = {1: (64,), 2: (8, 8), 3: (4, 4, 4), 4: (2, 2, 4, 4)}
@@ -44,10 +42,6 @@ LONGER = 1e-9
 NO_ENCLOSURE = "the dynamics have no finite enclosure over the grid"
 AXIS_MAX = 2**16 - 1
 """An axis has fewer cells, as many breakpoints at most."""
-
-
-class CancelledError(Exception):
-    """The stop flag was set."""
 
 
 class UnboundedError(Exception):
@@ -89,8 +83,6 @@ class GridModel:
         open_ends: Collection[int] = (),
         unbounded: Collection[int] = (),
         wraps: Collection[int] = (),
-        progress: Callable[[str, float], None] | None = None,
-        stop: Callable[[], bool] | None = None,
     ) -> None:
         """`axes`: (index among the states, breakpoints) of each axis, one to four.
 
@@ -99,12 +91,9 @@ class GridModel:
         breakpoint no run is taken to pass. `unbounded`: states whose first and last cell have no
         outer end, and that neither a rate nor the law reads; of a flow, and in no other group.
         `wraps`: states whose axis is a full turn, that everything reads modulo a turn; of a flow.
-        `progress(what, share)` is told now and then;
-        CancelledError is raised soon after `stop()` turns true.
         UnboundedError where the dynamics have no finite enclosure over the domain.
         """
         self.library, self.inputs, self.threads = library, inputs, threads
-        self.progress, self.stop = progress, stop
         self.open_ends, self.unbounded = frozenset(open_ends), frozenset(unbounded)
         self.wraps = frozenset(wraps)
         self.axes = tuple(int(i) for i, _ in axes)
@@ -350,13 +339,6 @@ class GridModel:
         return out[:n], radius
 
     # ------------------------------------------------------------ calls in slices
-
-    def tell(self, what: str, share: float) -> None:
-        """Progress to whoever asked for it; CancelledError when work is to stop."""
-        if self.stop is not None and self.stop():
-            raise CancelledError
-        if self.progress is not None:
-            self.progress(what, share)
 
     def bits(self, cells: Bools) -> npt.NDArray[np.uint64]:
         """A set, of the grid's shape, as the engine has it, (rows * words,)."""

@@ -18,14 +18,11 @@ from soter.verify.problem.estimates import errors_of, seen
 from soter.verify.tables.grid_tables import FULL
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Bools
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
     from soter.verify.grid.sets import GridGroup
     from soter.verify.tables.grid_tables import GroupTable
-
-    Bools = NDArray[np.bool_]
 
 
 def find(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets) -> None:

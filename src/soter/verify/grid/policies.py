@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.diagnostics.current_phase import share_done
 from soter.verify.grid import sets as grids
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.verify.grid.group_model import Bools, Bytes, Floats
+    from soter.core.arrays import Bools, Bytes, Floats
     from soter.verify.grid.sets import GridGroup
 
     Masks = npt.NDArray[np.uint64]
@@ -106,7 +107,7 @@ class _Synthesis:
         """Down to the fixpoint; gives K so far."""
         group, lib = self.group, self.group.library.lib
         while not lib.soter_reach_choice_continue(group.c, self.work, grids.SLICE_S, group.threads):
-            group.tell("synthesis", 0.0)  # nobody knows how many rounds are left
+            share_done(0.0, "synthesis")  # nobody knows how many rounds are left
         return group.cells_of(self.memory["kept"])
 
     def of_estimates(self, kept: Bools) -> Masks:
@@ -164,7 +165,7 @@ class _Synthesis:
                 return CommandTable(kept, self.chosen(kept, masks), self.commands, admits)
             lost = np.ascontiguousarray(self.conflicts(kept, masks)).view(np.uint8)
             lib.soter_reach_choice_remove(group.c, self.work, group.pointer(lost, "uint8_t *"))
-            group.tell("synthesis", 0.0)
+            share_done(0.0, "synthesis")
 
     def chosen(self, kept: Bools, masks: Masks) -> Bytes:
         """One of the commands that serve; 255 where no state of K can be.
@@ -252,7 +253,7 @@ def way(
     w.period_ns, w.jitter_ns = group.inputs.period_ns, group.inputs.jitter_ns
     lib.soter_reach_way_begin(group.c, w)
     while not lib.soter_reach_way_continue(group.c, w, grids.SLICE_S, group.threads):
-        group.tell("way", 0.0)  # the same
+        share_done(0.0, "way")  # the same
     del memory, inside, allowed, image, slot
     return RecoveryRanks(rank, taken, time_ns, sum(w.r.steps))
 

@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.core.arrays import Bools
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
     from soter.verify.problem.problem import Group
 
-    Bools = NDArray[np.bool_]
     Lengths = Sequence[Sequence[int]]
 
 
@@ -83,15 +83,7 @@ def finer_home(case: Case, engine: GridGroup, part: GroupSets) -> tuple[FinerHom
 
 def engine_on(case: Case, engine: GridGroup, group: Group) -> GridGroup:
     """The engine of the same group on other cells."""
-    return GridGroup.of(
-        engine.library,
-        case.problem,
-        group,
-        case.parameter,
-        threads=engine.threads,
-        progress=engine.progress,
-        stop=engine.stop,
-    )
+    return GridGroup.of(engine.library, case.problem, group, case.parameter, threads=engine.threads)
 
 
 def target_on(

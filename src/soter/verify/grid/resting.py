@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.core.arrays import Bools
     from soter.verify.claims.case import Case
     from soter.verify.grid.sets import GridGroup
     from soter.verify.problem.problem import Problem
     from soter.verify.tubes.expressions import Expressions, Node
     from soter.verify.tubes.problem import TubeProblem
 
-    Bools = NDArray[np.bool_]
     Signs = tuple[int, ...]
     """Of each state that is no way: below 0, 0, above."""
     Rates = Mapping[Signs, Sequence[Interval]]

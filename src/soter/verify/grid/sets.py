@@ -13,22 +13,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.diagnostics.current_phase import share_done
 from soter.verify.enclose.scheme_error import NS
 from soter.verify.grid.group_inputs import GridInputs, of_problem
-from soter.verify.grid.group_model import AXIS_MAX, CancelledError, GridModel, UnboundedError
+from soter.verify.grid.group_model import AXIS_MAX, GridModel, UnboundedError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     import numpy.typing as npt
 
+    from soter.core.arrays import Bools, Bytes, Floats
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
-    from soter.verify.grid.group_model import Bools, Bytes, Floats, Ints
+    from soter.verify.grid.group_model import Ints
     from soter.verify.problem.problem import Group, Problem
 
 __all__ = [
     "AXIS_MAX",
-    "CancelledError",
     "Core",
     "GridGroup",
     "GridInputs",
@@ -132,7 +133,7 @@ class GridGroup(GridModel):
                 SLICE_S,
                 self.threads,
             )
-            self.tell(predicate, at / self.tiles)
+            share_done(at / self.tiles, predicate)
         return out
 
     def definitely(
@@ -273,7 +274,7 @@ class GridGroup(GridModel):
         w.r.steps_max = max(HOLDS_LEAST, holds * np.count_nonzero(allowed)) if holds else 0
         lib.soter_reach_core_begin(self.c, w)
         while not lib.soter_reach_core_continue(self.c, w, SLICE_S, self.threads):
-            self.tell("core", 0.0)  # nobody knows how many rounds are left
+            share_done(0.0, "core")  # nobody knows how many rounds are left
         lib.soter_reach_core_end(self.c, w)
         spent = w.r.dirty_n > 0
         if spent:
@@ -340,7 +341,7 @@ class GridGroup(GridModel):
                 SLICE_S,
                 self.threads,
             )
-            self.tell("tubes", at / self.tiles)
+            share_done(at / self.tiles, "tubes")
         return out.view(np.bool_)
 
     # ------------------------------------------------------------ estimates

@@ -28,14 +28,11 @@ from soter.verify.tables.shield_tables import command_edges
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Bools
     from soter.language.model.typed import TopicSymbol
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
     from soter.verify.problem.problem import Problem
-
-    Bools = NDArray[np.bool_]
 
 
 def find(
@@ -123,6 +120,4 @@ def between(engine: GridGroup, control: int, low: float, high: float) -> GridGro
         open_ends=engine.open_ends,
         unbounded=engine.unbounded,
         wraps=engine.wraps,
-        progress=engine.progress,
-        stop=engine.stop,
     )

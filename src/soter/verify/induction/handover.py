@@ -51,7 +51,7 @@ def handovers(flat: System, module: Module, link: typed.AbstractionLink) -> Iter
         return
     for topic in topic_reads(link.value):
         index = _index(flat, topic)
-        writers = [c for c in flat.components if c.node and index in _written(c)]
+        writers = [c for c in flat.components if c.node and index in c.writes]
         why = _not_for_this(flat, index, writers) or _remembers(flat, module)
         why = why or _ages(link.value, topic)
         name = writers[0].name if writers else ""
@@ -93,11 +93,6 @@ def _driven(flat: System, module: Module, link: typed.AbstractionLink) -> list[i
     scopes = (module.scope.topics, flat.components[module.sc].scope.topics)
     indices = [next((s[t] for s in scopes if t in s), -1) for t, _ in link.plant.drives]
     return [i for i in indices if i >= 0]
-
-
-def _written(c: Component) -> list[int]:
-    assert c.node is not None
-    return [c.scope.topics[t] for t in c.node.publishes]
 
 
 def _not_for_this(flat: System, index: int, writers: list[Component]) -> str:

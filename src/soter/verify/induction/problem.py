@@ -84,11 +84,8 @@ class InductionProblem(Problem):
         topics_by_component = {}
         for c in self.system.components:
             if c.node is not None:
-                topics_by_component[c.index] = [c.scope.topics[t] for t in c.node.publishes]
+                topics_by_component[c.index] = c.writes
         return topics_by_component
-
-    flying: str = ""
-    """The system that the module stands in."""
 
 
 def _properties(module: Module) -> list[Property]:
@@ -161,7 +158,6 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
         waited=frozenset(at.scope.topics[t] for t, n in modes.topics.items() if n in modes.waits),
         heard=frozenset(i for i in heard if not flat.topics[i].queues),
         first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
-        flying=flat.name,
     )
     problem.assumptions = (*_assumptions(problem, absent), *rests, *modes.assumptions)
     return problem
@@ -192,7 +188,7 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
     _refuse_controller(flat, module, diagnostics)
     for topic in topic_reads(symbol.safe):
         index = module.scope.topics[topic]
-        writers = [c for c in flat.components if index in _written_by(c)]
+        writers = [c for c in flat.components if index in c.writes]
         if not writers or any(c.plant is not None for c in writers):
             who = f"plant `{writers[0].name}`" if writers else "the environment"
             diagnostics.error(
@@ -272,7 +268,7 @@ def _neighbours(
             continue
         seen.add(index)
         name = flat.topics[index].name
-        writers = [c for c in flat.components if index in _written_by(c)]
+        writers = [c for c in flat.components if index in c.writes]
         why = decided.get(index) or _not_followed(flat, module, writers)
         if not why and index not in needed:
             why = _hears(flat, module, writers)
@@ -304,7 +300,7 @@ def _hears(flat: System, module: Module, writers: list[Component]) -> str:
             index = _source(flat, read)
             if index not in seen:
                 seen.add(index)
-                todo += [w for w in flat.components if index in _written_by(w)]
+                todo += [w for w in flat.components if index in w.writes]
     return ""
 
 
@@ -349,12 +345,6 @@ def _externs(*roots: object) -> list[typed.TypedCall]:
         if any(fun.extern for fun in seen):
             extern_calls.append(call)
     return extern_calls
-
-
-def _written_by(c: Component) -> list[int]:
-    if c.plant is not None:
-        return [c.scope.topics[t] for t, _ in c.plant.drives]
-    return [] if c.node is None else [c.scope.topics[t] for t in c.node.publishes]
 
 
 def _topics_read(scope: Scope, *read: object) -> list[int]:

@@ -18,6 +18,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from soter.core.abstract_execution import TooManyStatementsError
+from soter.diagnostics.current_phase import share_done
 from soter.language.elaborate import derived_systems
 from soter.language.model import typed
 from soter.language.model.system import Property, TestPlan, TimingFault
@@ -98,7 +99,7 @@ class Induction:
 
 
 @ctrl_c_waits()
-def induct(problem: InductionProblem, progress: Callable[[float], None] | None = None) -> Induction:
+def induct(problem: InductionProblem) -> Induction:
     """Prove a module, or say how far it came."""
     began = time.perf_counter()
     whole = hyperperiod(problem.clocks)
@@ -107,9 +108,9 @@ def induct(problem: InductionProblem, progress: Callable[[float], None] | None =
         induction.why = f"a hyperperiod has {induction.steps} steps, too many to be followed"
         return induction
     try:
-        _deepen(problem, induction, progress)
+        _deepen(problem, induction)
         if not induction.proved and induction.about != "safe":
-            _latching(problem, induction, progress)
+            _latching(problem, induction)
         if induction.proved:
             _returns(problem, induction)
             induction.never = _never(problem, induction)
@@ -119,15 +120,13 @@ def induct(problem: InductionProblem, progress: Callable[[float], None] | None =
     return induction
 
 
-def _latching(
-    problem: InductionProblem, induction: Induction, progress: Callable[[float], None] | None
-) -> None:
+def _latching(problem: InductionProblem, induction: Induction) -> None:
     """The same where a step may fault, and latches its node: what holds then holds anyway."""
     names = _may_fault(problem)
     if not names:
         return
     other = Induction(induction.hyperperiod_ns, induction.steps, latching=names)
-    _deepen(problem, other, progress)
+    _deepen(problem, other)
     if other.proved or other.about == "safe":
         induction.latching, induction.k, induction.proved = names, other.k, other.proved
         induction.uninterpreted |= other.uninterpreted
@@ -149,13 +148,10 @@ def _may_fault(problem: InductionProblem) -> tuple[str, ...]:
     return tuple(problem.system.components[i].name for i in sorted(indices))
 
 
-def _deepen(
-    problem: InductionProblem, induction: Induction, progress: Callable[[float], None] | None
-) -> None:
+def _deepen(problem: InductionProblem, induction: Induction) -> None:
     began = time.process_time()
     for n, k in enumerate(DEPTHS):
-        if progress is not None:
-            progress(n / len(DEPTHS))
+        share_done(n / len(DEPTHS))
         if (k + 1) * induction.steps > STEPS_MAX and n:
             induction.why = (
                 f"no induction over up to {DEPTHS[n - 1]} hyperperiods{induction.gave_up}"

@@ -63,7 +63,7 @@ class Stretch:
         self.problem, self.terms, self.end = problem, terms, end
         self.returning, self.stays, self.latching = returning, stays, latching
         self.functions = {f.name: f for f in problem.core.functions}
-        self.writers = _writers(problem)
+        self.writers = sorted({t for own in problem.outputs.values() for t in own})
         self.still: dict[int, Term] = {}
         if returning:
             self.still = {i: self._anything(i) for i in problem.heard}
@@ -430,11 +430,6 @@ class Cluster:
                 counts, at.earliest, at.latest, at.at, every, later, component=who, granted=granted
             )
         )
-
-
-def _writers(problem: InductionProblem) -> list[int]:
-    """Topics that the components of the relation publish."""
-    return sorted({t for own in problem.outputs.values() for t in own})
 
 
 def _facts(p: core.Predicate) -> list[object]:

@@ -40,7 +40,7 @@ from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.modes_of_other_modules import said
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.language.model.system import System
@@ -123,7 +123,6 @@ def verify_by_induction(
     *,
     refute: bool = True,
     explain: bool | None = None,
-    progress: Callable[[float], None] | None = None,
     search: Search | None = None,
     compiled: object = None,
 ) -> InductionResult:
@@ -134,7 +133,7 @@ def verify_by_induction(
     """
     del explain, compiled
     began = time.perf_counter()
-    induction = induct(problem, progress)
+    induction = induct(problem)
     result = InductionResult(problem, {}, [])
     result.induction = induction
     findings = result.findings

@@ -158,7 +158,7 @@ def exponential(matrix: Array, time_ns: int) -> tuple[Ball, Ball]:
     assert size <= 0.5, size
     total = term = exact(np.eye(2 * n))
     for k in range(1, TAYLOR_ORDER + 1):
-        term = (term @ step).times(_reciprocal(k))
+        term = (term @ step).times(Ball(np.asarray(1.0 / k), np.asarray(UNIT / k)))
         total = total + term
     # sum of ||X||^k / k! over k > 20 is below 2 ||X||^21 / 21! for ||X|| <= 1/2
     rest = 2.0 * size ** (TAYLOR_ORDER + 1) / math.factorial(TAYLOR_ORDER + 1) * INFLATE + TINY
@@ -166,7 +166,3 @@ def exponential(matrix: Array, time_ns: int) -> tuple[Ball, Ball]:
     for _ in range(halvings):
         total = total @ total
     return total[:n, :n], total[:n, n:]
-
-
-def _reciprocal(k: int) -> Ball:
-    return Ball(np.asarray(1.0 / k), np.asarray(UNIT / k))

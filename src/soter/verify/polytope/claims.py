@@ -13,10 +13,12 @@ C_g is a box on which `safe` surely holds; the product with the other groups is 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from soter.diagnostics.current_phase import share_done
 from soter.verify.claims.case import SPENT, GroupProof, Method
 from soter.verify.claims.product_sets import BoxPart
 from soter.verify.claims.results import PolytopePart
@@ -41,14 +43,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.format.folder import Certificate
+    from soter.core.arrays import Floats
     from soter.report.proof.record import RegionFigure
-    from soter.verify.claims.case import Case, Tell
+    from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
     from soter.verify.polytope.proofs import PolytopeSets
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.tables.level_table import LevelTable
 
-    Floats = NDArray[np.float64]
     Pair = tuple[Polytope, Polytope]
     Arrays = Mapping[str, NDArray[np.generic]]
 
@@ -170,11 +172,8 @@ class PolytopeProof(GroupProof):
         linear = part.model.group
         part.limits = list(zip(linear.low.tolist(), linear.high.tolist(), strict=True))
 
-        def told() -> None:
-            if case.tell is not None:
-                case.tell("core", 0.0)  # nobody knows how much is left
-
         def find() -> None:
+            told = partial(share_done, 0.0, "core")  # nobody knows how much is left
             part.sets = proofs.find_core(linear, windows, proofs.work_of(linear, told))
 
         self.shown.clear()
@@ -395,9 +394,9 @@ class Polytopes(Method):
     )
     hint = ", or give a `polytope` narrower ranges"
 
-    def opened(self, case: Case, group: Group, tell: Tell | None) -> PolytopeProof:
+    def opened(self, case: Case, group: Group) -> PolytopeProof:
         """Nothing is computed yet."""
-        del case, tell
+        del case
         return PolytopeProof(group, PolytopePart(group))
 
     def parts(

@@ -38,12 +38,10 @@ from soter.verify.problem.verification_system import sc_reads
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Floats
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
     from soter.verify.problem.problem import Group, Problem
 
-    Floats = NDArray[np.float64]
     Ranges = Sequence[tuple[float, float]]
     Given = tuple[Floats, Floats, Floats, Floats, Sequence[int]]
     """Gain, offset, value at rest and bounds of commands, and which commands."""

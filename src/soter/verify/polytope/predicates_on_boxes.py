@@ -23,14 +23,12 @@ from soter.verify.polytope.tables import drawn_states
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
+    from soter.core.arrays import Floats
     from soter.verify.claims.results import PolytopePart
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
     from soter.verify.polytope.half_spaces import Polytope
     from soter.verify.problem.problem import Problem
 
-    Floats = NDArray[np.float64]
     Box = dict[int, tuple[float, float]]
 
 BISECTIONS = 50

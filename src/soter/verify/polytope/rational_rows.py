@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from soter.core.arrays import Floats
 
-    Floats = NDArray[np.float64]
 
 F = Fraction
 

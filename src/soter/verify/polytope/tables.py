@@ -36,11 +36,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.format.folder import Certificate
+    from soter.core.arrays import Floats
     from soter.verify.claims.results import PolytopePart
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.tables.level_table import Writer
-
-    Floats = NDArray[np.float64]
 
 
 def half_spaces(stem: str, p: Polytope, files: dict[str, bytes]) -> dict[str, object]:

@@ -272,7 +272,7 @@ def _ways(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumpti
 
 def _shows(place: VerificationSystem, chain: CauseEffectChain) -> str:
     """Of what a topic of the module tells the state."""
-    shown = place.shown_by(next(i for i in place.driven if _is(place, i, chain)))
+    shown = place.shown_by(next(i for i in place.driven if place.system.topics[i] is chain.topic))
     through = ", ".join(_filter(n) for n in chain.nodes)
     if chain.source:
         return (
@@ -288,10 +288,6 @@ def _shows(place: VerificationSystem, chain: CauseEffectChain) -> str:
         f"{chain.topic.name} shows, within the errors declared, the state of {shown} that "
         f"{through} read (how old that is, is followed)"
     )
-
-
-def _is(place: VerificationSystem, index: int, chain: CauseEffectChain) -> bool:
-    return place.system.topics[index] is chain.topic
 
 
 def _filter(node: Component) -> str:

@@ -206,16 +206,11 @@ def _topic_leaves(
     topic = place.system.topics[index]
     for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
         name = leaf_name(topic.name, path)
-        if not isinstance(t, FloatType) or _crowded(path):
+        if not isinstance(t, FloatType) or any(part in ("[]", "[*]") for part in path):
             _not_float(what, name, topic.type, topic.symbol.span, diagnostics)
             return
         interval = Interval(bound.low, bound.high) if bound is not None else None
         yield Leaf(index, "", path, name, t.unit), interval
-
-
-def _crowded(path: tuple[str, ...]) -> bool:
-    """A leaf that stands for many: of a list, or of an array too long to be numbered."""
-    return any(part in ("[]", "[*]") for part in path)
 
 
 def _outputs(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:

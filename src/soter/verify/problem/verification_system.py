@@ -185,7 +185,7 @@ def behind(flat: System, module: Module) -> str:
     for c in flat.components:
         if c.node is None or c.index in (module.ac, module.sc):
             continue
-        read = {c.scope.topics[s.topic] for s in c.node.subscribes}
+        read = {*c.reads}
         if outputs & (read | {flat.topics[i].queue_of for i in read}):
             return f"`{c.name}` reads what the module publishes: it would stop, too"
     return ""

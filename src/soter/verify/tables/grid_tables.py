@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.core.arrays import Bools
     from soter.verify.problem.problem import Group, Problem
 
-    Bools = NDArray[np.bool_]
 
 PER_BYTE = 4
 POWERS = (1, 4, 16, 64)

@@ -96,7 +96,7 @@ def _chains(
 ) -> Iterator[tuple[Component, ...]]:
     """The nodes in order, of every way that ends at a plant and does not run in a circle."""
     for c in place.flat.components:
-        if c.plant is not None and index in [c.scope.topics[t] for t in c.plant.reads]:
+        if c.plant is not None and index in c.reads:
             yield seen
         if c.node is None or c in seen or index not in _read_by(place, c):
             continue
@@ -169,7 +169,7 @@ def _in_step(place: VerificationSystem, node: Component) -> bool:
 
 
 def _driven(c: Component) -> set[int]:
-    return set() if c.plant is None else {c.scope.topics[t] for t, _ in c.plant.drives}
+    return set() if c.plant is None else {*c.writes}
 
 
 def _reads_sensors(place: VerificationSystem, node: Component, behind: set[Component]) -> bool:
@@ -186,7 +186,7 @@ def _reads_sensors(place: VerificationSystem, node: Component, behind: set[Compo
                 return True
             if other.node is None or other in seen or other in behind or other.role != "node":
                 continue
-            if read & {other.scope.topics[t] for t in other.node.publishes}:
+            if read & {*other.writes}:
                 seen.add(other)
                 todo.append(other)
     return False
@@ -288,7 +288,7 @@ def side_inputs(place: VerificationSystem) -> dict[str, str]:
 
 
 def _publishes(c: Component, index: int) -> bool:
-    return c.node is not None and index in [c.scope.topics[t] for t in c.node.publishes]
+    return c.node is not None and index in c.writes
 
 
 def outputs_of(chains: CauseEffectChains, least: int, acts: int) -> tuple[ActuationPath, ...]:

@@ -89,11 +89,12 @@ def late_commands_need(symbol: ModuleSymbol, schedule: Schedule, *, stacked: boo
     `stacked`: another module stands in the place of the AC of one of the two.
     """
     verify = symbol.verify
+    kind = next((g.kind for g in verify.groups if g.kind != "grid"), "")
     wrong = {
         "with a node between SC and the plant": any(o.nodes for o in schedule.outputs),
         "of an abstraction": bool(verify.abstracts or verify.views),
         "by tubes (`rest`)": symbol.rest is not None,
-        "with `polytope`": any(g.kind != "grid" for g in verify.groups),
+        f"with `{kind}`": bool(kind),
         "with a `failsafe`": bool(symbol.failsafe),
         "with a `shield`": symbol.shield is not None,
         "of modules that stand one over the other": stacked,

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.diagnostics.current_phase import announce, phase
+from soter.diagnostics.current_phase import announce, phase, share_done
 from soter.diagnostics.diagnostic import SoterError
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expressions import in_order
@@ -263,15 +263,9 @@ def told(check: TubeCheck, box: Mapping[int, Interval]) -> str:
     return ", ".join(f"{names[s].name} in [{r.low:.4g}, {r.high:.4g}]" for s, r in box.items())
 
 
-def led_back(
-    check: TubeCheck,
-    caller: Caller,
-    box: Box,
-    own: Sequence[int],
-    progress: Callable[[float], None] | None = None,
-) -> Led:
-    """From `box`, into the sides `own` of it; `progress` is told the share that is done."""
-    return _Search(check, caller, box, own).all_of_it(progress)
+def led_back(check: TubeCheck, caller: Caller, box: Box, own: Sequence[int]) -> Led:
+    """From `box`, into the sides `own` of it."""
+    return _Search(check, caller, box, own).all_of_it()
 
 
 class _Search:
@@ -283,7 +277,7 @@ class _Search:
         self._rooms = {s: reached(check.rooms[s]) for s in own}
         self._rests: tuple[int, Box] | None = None
 
-    def all_of_it(self, progress: Callable[[float], None] | None) -> Led:
+    def all_of_it(self) -> Led:
         own, ways = self._own, {s: self._box[s] for s in self._own}
         into = told(self._check, ways)
         runs = runs_from(self._check, self._box, own) if own else None
@@ -309,8 +303,7 @@ class _Search:
                              "all of it at once; asked of parts")  # fmt: skip
                     todo.append((self._last_part(), SPLITS, 0.0))  # counted with its whole
             phase(f"{self._name}: shown that SC leads back from {shown:.1%} of rest")
-            if progress is not None:
-                progress(shown)
+            share_done(shown)
         return Led(ways)
 
     def _given_up(

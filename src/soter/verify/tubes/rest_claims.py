@@ -221,7 +221,7 @@ class RestClaims:
         return cls(**told)
 
 
-def shown(check: TubeCheck, progress: Progress | None = None) -> RestClaims:
+def shown(check: TubeCheck) -> RestClaims:
     """All of it, in turn: what is not shown leaves out what rests on it.
 
     `SoterError` R007 where the check takes more operations than a step may.
@@ -235,7 +235,7 @@ def shown(check: TubeCheck, progress: Progress | None = None) -> RestClaims:
     except TooLongError:
         raise too_long(check) from None
     claims.answers = _answers(check, caller)
-    claims.kept = claims.answers or _kept(check, caller, claims, progress)
+    claims.kept = claims.answers or _kept(check, caller, claims)
     claims.cut = check.cut
     if not claims.kept:
         phase(f"{check.problem.name}: how far SC moves what `moves` names")
@@ -287,7 +287,7 @@ def _answers(check: TubeCheck, caller: Caller) -> str:
     return "on something in the sets of what it reads SC may fault, or publish what is outside"
 
 
-def _kept(check: TubeCheck, caller: Caller, claims: RestClaims, progress: Progress | None) -> str:
+def _kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     """Rule 1."""
     problem = check.problem
     own = [s for s in check.states if s not in problem.drifts]
@@ -300,7 +300,7 @@ def _kept(check: TubeCheck, caller: Caller, claims: RestClaims, progress: Progre
     if box is None:
         return "`rest` holds nowhere in the sets of what it reads"
     claims.box = {s: box[s] for s in own}
-    led = led_back(check, caller, box, own, progress)
+    led = led_back(check, caller, box, own)
     claims.ways, claims.astray = led.ways, led.astray
     return led.why
 

@@ -35,7 +35,7 @@ from soter.verify.tubes.tube_check import TubeCheck
 from soter.verify.verify_module import static_claims
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Iterator, Mapping
 
     from soter.verify.problem.problem import Interval
     from soter.verify.tubes.rest_claims import RestClaims
@@ -150,7 +150,6 @@ def verify_by_tubes(
     *,
     refute: bool = True,
     explain: bool | None = None,
-    progress: Callable[[float], None] | None = None,
     search: object = None,
     compiled: object = None,
 ) -> TubeResult:
@@ -163,7 +162,7 @@ def verify_by_tubes(
     began = time.perf_counter()
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
     check = TubeCheck(problem)
-    claims = rest_claims(check, progress)
+    claims = rest_claims(check)
     result = TubeResult(problem, {}, [], added=(SOUND, *_far(check)))
     result.check, result.claims = check, claims
     static_claims(problem, result)
@@ -173,7 +172,7 @@ def verify_by_tubes(
     if claims.answers:
         rest.hint = _sets_of(check) + ANSWERS
     elif why:
-        rest.hint = _helps(check, claims, progress, ask=bool(refute or explain))
+        rest.hint = _helps(check, claims, ask=bool(refute or explain))
     in_flight = IN_FLIGHT if problem.module.shield is None else IN_FLIGHT + JUDGED
     flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or in_flight)
     findings = {
@@ -200,27 +199,26 @@ def verify_by_tubes(
 def _helps(
     check: TubeCheck,
     claims: RestClaims,
-    progress: Callable[[float], None] | None,
     *,
     ask: bool,
 ) -> str:
     """What helps where rest is not shown; `ask`: younger reads are tried."""
     endless = _endless(check, claims)
     asked = ask and not (endless or claims.astray)
-    tried = _with_younger_reads(check.problem, progress) if asked else ""
+    tried = _with_younger_reads(check.problem) if asked else ""
     if not claims.kept:
         return MOVES
     kept = endless or KEPT.format("".join(f"{what}, " for what in _quicker(check, tried)))
     return kept if claims.box else ""
 
 
-def _with_younger_reads(problem: TubeProblem, progress: Callable[[float], None] | None) -> str:
+def _with_younger_reads(problem: TubeProblem) -> str:
     """What rest needs of `max_age`, or that the least is no help; "": there is nothing to try."""
     changed = younger_reads(problem)
     if changed is None or not isinstance(changed[0], TubeProblem):
         return ""
     phase(f"{problem.name}: whether SC keeps where it rests with younger reads", anew=True)
-    shown = not rest_claims(TubeCheck(changed[0]), progress).kept
+    shown = not rest_claims(TubeCheck(changed[0])).kept
     return f"{' and '.join(changed[1])} (tried: {'rest is shown' if shown else 'not enough'})"
 
 

@@ -9,6 +9,7 @@ import pytest
 from soter.certificate import flight_check
 from soter.certificate.flight_check import flights_of
 from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED, REJECTED
+from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import SoterError
 from soter.report import mcap_log
 from tables import all_rows
@@ -45,7 +46,7 @@ def train(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def report_of(folder: Path, log: Path, workers: int = 1) -> FlightReport:
     flights = flights_of(folder, [str(log)])
     assert flights is not None
-    (report,) = flights.check(lambda _: None, workers)
+    (report,) = flights.check(workers)
     return report
 
 
@@ -460,7 +461,8 @@ def test_the_share_that_is_done_is_that_of_verdicts(train: Path, tmp_path: Path)
     flights = flights_of(train, [str(Flight().write(tmp_path / "flight.mcap"))])
     assert flights is not None
     shares: list[float] = []
-    list(flights.check(shares.append, 1))
+    with telling_shares(shares.append):
+        list(flights.check(1))
     assert shares == [(k + 1) / 8 for k in range(8)]
 
 

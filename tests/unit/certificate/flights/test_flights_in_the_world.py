@@ -34,7 +34,7 @@ def _no_tube(monkeypatch: pytest.MonkeyPatch) -> None:
 def report_of(proof: Path, log: Path) -> FlightReport:
     flights = flights_of(proof, [str(log)])
     assert flights is not None
-    (report,) = flights.check(lambda _: None, 1)
+    (report,) = flights.check(1)
     return report
 
 

@@ -142,7 +142,7 @@ def opened(source: str) -> Case:
     assert checked.ok, [d.message for d in checked.diagnostics.items]
     flat = system_of(checked, None)
     problem = extract(flat, flat.modules[0])
-    case = claims.open_case(problem, library_of(problem)[0], problem.groups, (), None)
+    case = claims.open_case(problem, library_of(problem)[0], problem.groups, ())
     assert claims.constraint(case)
     return case
 

@@ -5,19 +5,19 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+from soter.diagnostics.current_phase import telling
 from soter.verify.claims.case import STAGE, ClaimTimer
 from soter.verify.verify_module import CLAIMS, STAGES
 
 
 def test_a_claim_tells_where_it_begins_and_how_long_it_took() -> None:
-    told: list[tuple[str, float]] = []
-    case: Any = SimpleNamespace(
-        problem=SimpleNamespace(name="M"), tell=lambda *x: told.append(x), spent={}
-    )
-    for claim in ("P2a", "P3", "start", "P2b"):
-        with ClaimTimer(case, claim):
-            pass
-    assert told == [("safe", 0.0), ("tubes", 0.0), ("way", 0.0)], "`start` takes no time"
+    told: list[tuple[float, str]] = []
+    case: Any = SimpleNamespace(problem=SimpleNamespace(name="M"), spent={})
+    with telling(lambda *x: told.append(x)):
+        for claim in ("P2a", "P3", "start", "P2b"):
+            with ClaimTimer(case, claim):
+                pass
+    assert told == [(0.0, "safe"), (0.0, "tubes"), (0.0, "way")], "`start` takes no time"
     assert set(case.spent) == {"P2a", "P3", "start", "P2b"}
 
 

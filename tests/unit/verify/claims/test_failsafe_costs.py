@@ -123,7 +123,7 @@ def law_of(source: str) -> Case:
     flat = flat_of(source)
     law = extract(flat, flat.modules[0]).law
     assert law is not None
-    case = claims.open_case(law, library_of(law)[0], law.groups, (), None)
+    case = claims.open_case(law, library_of(law)[0], law.groups, ())
     assert claims.constraint(case)
     return case
 

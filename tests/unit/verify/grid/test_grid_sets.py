@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.verify.grid.sets import CancelledError, GridGroup, GridInputs
+from soter.diagnostics.current_phase import CancelledError, cancelled_when
+from soter.verify.grid.sets import GridGroup, GridInputs
 from unit.verify.grid.grid_adversary import Car, Runs, flow
 from unit.verify.grid.small_enclosure_units import corner, hill
 from unit.verify.grid.test_grid_enclosures import CARS, MS, group_of
@@ -111,8 +112,7 @@ def test_less_patience_gives_a_smaller_core() -> None:
 
 def test_work_stops_when_it_is_told_to() -> None:
     engine = group_of(CARS[1], cells=301)
-    engine.stop = lambda: True
-    with pytest.raises(CancelledError):
+    with cancelled_when(lambda: True), pytest.raises(CancelledError):
         engine.truth("safe")
 
 

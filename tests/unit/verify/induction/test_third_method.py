@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.report.proof.record import RegionFigure
-    from soter.verify.claims.case import Case, Tell
+    from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
     from soter.verify.claims.results import ModuleResult
     from soter.verify.problem.problem import Group, Problem
@@ -210,8 +210,7 @@ class Finite(Method):
     kind = "finite"
     how = dict.fromkeys(("P2a", "P2b", "ttf", "safer", "start"), "every state there is")
 
-    def opened(self, case: Case, group: Group, tell: Tell | None) -> FiniteProof:
-        del tell
+    def opened(self, case: Case, group: Group) -> FiniteProof:
         return FiniteProof(case, group)
 
     def parts(

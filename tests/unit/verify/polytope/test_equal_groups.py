@@ -76,7 +76,7 @@ def case_of(*changes: tuple[str, str]) -> Case:
     flat = system_of(checked, None)
     problem = extract(flat, flat.modules[0])
     library, _ = library_of(problem)
-    (case,) = verifying._all_cases(problem, library, None)
+    (case,) = verifying._all_cases(problem, library)
     return case
 
 

@@ -105,7 +105,7 @@ def failures_of(*changes: tuple[str, str]) -> list[Failure]:
     """What stands against the claims about sets, without the check of the compiled DM."""
     problem = problem_of(*changes)
     library, _ = library_of(problem)
-    (case,) = verifying._all_cases(problem, library, None)
+    (case,) = verifying._all_cases(problem, library)
     return case.failures
 
 
@@ -114,7 +114,7 @@ def lift() -> ModuleResult:
     """The sets of the lift, and what stands against its claims: nothing."""
     problem = problem_of(text=LIFT.read_text())
     library, _ = library_of(problem)
-    (case,) = verifying._all_cases(problem, library, None)
+    (case,) = verifying._all_cases(problem, library)
     assert not case.failures, case.failures
     return ModuleResult(problem, {}, [case.sets])
 

@@ -359,7 +359,7 @@ def doubt_readers(system: System, module: Module, diagnostics: Diagnostics) -> N
     """
     safe = {module.scope.topics.get(t, -1) for t in topic_reads(module.symbol.safe)}
     for plant in system.components:
-        if plant.plant is None or not safe & {plant.scope.topics[t] for t, _ in plant.plant.drives}:
+        if plant.plant is None or not safe & {*plant.writes}:
             continue
         if module.forced is None and not set(module.outputs) & _read(system, module):
             _unread(system, module, diagnostics)

@@ -119,7 +119,7 @@ class Readers:
             self.heard |= {c.scope.topics[s.topic] for s in node.subscribes}
         elif c.plant is not None:
             self._read(plant_code(c.plant), c.scope)
-            self.heard |= {c.scope.topics[t] for t in c.plant.reads}
+            self.heard |= {*c.reads}
 
     def _contracts(self, stand_ins: list[Component]) -> None:
         """What contracts read, of those of whom somebody hears something."""
@@ -139,13 +139,13 @@ class Readers:
         The DM of a module can of who stands for a controller alone.
         """
         assert c.node is not None
-        outputs = {c.scope.topics[t] for t in c.node.publishes}
+        outputs = {*c.writes}
         return c.module is not None or bool(outputs & self.heard)
 
     def _module(self, m: Module) -> None:
         symbol = m.symbol
         self._read([e for e in (symbol.safe, symbol.ttf, symbol.safer) if e is not None], m.scope)
-        self.heard |= set(m.reads)
+        self.heard |= {*m.reads}
         if m.acknowledgement is not None:
             self._all_of(m.acknowledgement, m.symbol.span)
         if m.shield is not None:

@@ -408,7 +408,7 @@ class _Places:
         A silence shorter than a period still loses a release, and two may follow each other.
         """
         assert c.plant is not None
-        driven = {c.scope.topics[t] for t, _ in c.plant.drives}
+        driven = {*c.writes}
         if {f.topic for f in faults if f.stream == fault.stream} != driven:
             return None  # what is read together would not be of one instant
         silent = {f.stream: f for f in faults if f.kind == "silent" and f.component == c.index}
@@ -427,7 +427,7 @@ class _Places:
         node_indices: set[int] = set()
         for _ in nodes:
             for c in nodes:
-                made = {c.scope.topics[t] for t in c.node.publishes} if c.node else set()
+                made = {*c.writes}
                 if made & read:
                     node_indices.add(c.index)
                     read |= _read(self.system, c)

@@ -172,7 +172,7 @@ class _TestElaborator(Elaborator):
         for c in system.components:
             if c.stands_for is None or c.node is None:
                 continue
-            outputs = {c.scope.topics[t] for t in c.node.publishes}
+            outputs = {*c.writes}
             c.stands_for = _with_values(c.stands_for, [s for s in own if s.topic in outputs])
             give_step(c, system.topics, stated, readers, self.diagnostics)
 
@@ -222,7 +222,7 @@ class _TestElaborator(Elaborator):
         by_test = self.put_in.get(c.name) in [span for _, _, span in self.test.replaces]
         if c.node is None or c.stands_for is not None or by_test:
             return False
-        return topic in {c.scope.topics[t] for t in c.node.publishes}
+        return topic in c.writes
 
     def _held_to(
         self, c: Component, s: StatedValues, test: typed.TestSymbol, index: int
