@@ -38,12 +38,12 @@ def bound(program: Program, args: argparse.Namespace) -> Program:
 
 
 def warned_of_files(program: Program, console: Console) -> Program:
-    """The same program; files of its externs that are not there (W007) are told at once.
+    """The same program; what is wrong with files of its externs (W007, W037) is told at once.
 
     It is for what does not ask them itself: a proof, or a package that leaves them out.
     """
     warnings = program.check().warnings if program.externs else ()
-    missing = tuple(w for w in warnings if w.code == "W007")
+    missing = tuple(w for w in warnings if w.code in ("W007", "W037"))
     if console.json:
         console.of_program += missing
     console.diagnostics(missing)
