@@ -220,7 +220,7 @@ def test_a_run_says_how_answers_of_onnx_are_put_into_their_set(onnx_file: Path) 
     ):
         run = loaded(onnx_file.parent, source, f"topic push: {topic};").simulate()
         with Console(json=False) as console:
-            told.append("`onnx:policy.onnx:clip` puts" in summary(run, "p.soter", console))
+            told.append("policy.onnx:clip` puts" in summary(run, "p.soter", console))
     assert told == [True, False, False]
 
 
