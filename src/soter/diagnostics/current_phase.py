@@ -1,7 +1,8 @@
 """What is being done just now, for whoever waits for it.
 
 Purpose: `phase("P2b of Cart")` where something that takes long begins; a progress line shows it.
-`passing_phase`: what is done in between, after which the phase before it goes on. `announce`: a
+`passing_phase`: what is done in between, after which the phase before it goes on; `within_phase`:
+what else is done in one. `announce`: a
 line about how long it will take, for whoever shows one. `lasting`: such a time in words.
 Non-goals: how far it is: those who know call their `progress`.
 """
@@ -40,6 +41,16 @@ def passing_phase(name: str) -> Iterator[None]:
         yield
     finally:
         phase(before)
+
+
+@contextmanager
+def within_phase() -> Iterator[None]:
+    """Phases in this block are parts of the one that goes on, and not told."""
+    before = _listener.set(None)
+    try:
+        yield
+    finally:
+        _listener.reset(before)
 
 
 def announce(text: Callable[[], str]) -> None:
