@@ -6,6 +6,12 @@ Non-goals: versions of the language (`soter 1;`).
 
 from __future__ import annotations
 
+import shlex
+import shutil
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
 
 def other_format(given: object, read: int) -> str:
     """Why a file of another format is not read, a clause; "" where it is of the one that is."""
@@ -23,5 +29,14 @@ DISTRIBUTION = "soter-rta"
 
 
 def pip_install(extra: str) -> str:
-    """The command that brings the packages of an extra."""
-    return f"pip install '{DISTRIBUTION}[{extra}]'"
+    """The command that brings the packages of an extra to the Python that runs this.
+
+    `pip` alone is said where it is this Python's own; pipx and uv keep Soter where no `pip` of the
+    shell installs, and what uv makes has no pip at all.
+    """
+    wanted, python = f"'{DISTRIBUTION}[{extra}]'", shlex.quote(sys.executable or "python")
+    if find_spec("pip") is None:
+        return f"uv pip install --python {python} {wanted}"
+    found = shutil.which("pip")
+    own = found is not None and Path(found).parent == Path(sys.executable).parent
+    return f"{'pip' if own else f'{python} -m pip'} install {wanted}"

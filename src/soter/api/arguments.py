@@ -143,13 +143,22 @@ def params_from_json(
     return params
 
 
-def complete(system: System, known: Known | None = None) -> list[str]:
+def complete(
+    system: System,
+    known: Known | None = None,
+    bound: Mapping[str, object] | None = None,
+) -> list[str]:
     """Compute `ttf` and `safer` for modules that have neither; a note on each.
 
-    `known`: as `soter.verify.deploy.missing_predicates.complete` takes it.
+    `known`: as `soter.verify.deploy.missing_predicates.complete` takes it. `bound`: what externs
+    are bound to, where all of them will answer; files that are not there are told before the work.
     """
     if all(m.symbol.ttf is not None for m in system.modules):
         return []
+    if bound is not None:
+        from soter.simulate.externs.bindings import bind, require_files  # noqa: PLC0415 - see `soter.api`
+
+        require_files(bind(system, bound))
     from soter.verify.deploy.missing_predicates import complete as compute  # noqa: PLC0415 - needs NumPy
 
     return compute(system, known)

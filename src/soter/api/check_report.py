@@ -342,9 +342,10 @@ def check_report(
     )
     warnings = checked.diagnostics.items
     if bound or externs_of(program):
-        from soter.simulate.externs.binding_warnings import warnings_of  # noqa: PLC0415 - see `soter.api`
+        from soter.simulate.externs import binding_warnings  # noqa: PLC0415 - see `soter.api`
 
-        warnings += warnings_of(program, bound)
+        warnings += binding_warnings.warnings_of(program, bound)
+        warnings += binding_warnings.wide_actions(flat.values(), bound)
     assumed = {} if times is None else with_times(flat, times, program.sha256)
     steps, refused = step_reports(program, flat)
     warnings += tuple(dict.fromkeys(refused))

@@ -81,7 +81,7 @@ class PreparedSystems:
             preparation = self._kept.get(key)
             if preparation is None:
                 system = system_of(checked, name, values)
-                computed = tuple(complete(system))
+                computed = tuple(complete(system, bound=given))
                 preparation = self._kept[key] = PreparedSystem(
                     system, computed, bind(system, given)
                 )

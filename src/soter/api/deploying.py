@@ -28,6 +28,7 @@ from soter.language.load.bounded_read import read_bytes
 from soter.language.load.loader import load
 from soter.language.model.binding_text import binding_of
 from soter.language.model.system import environment_topics
+from soter.simulate.externs.bindings import require_files
 from soter.simulate.outputs.result_assumptions import unproved
 from soter.targets.cortex_m.board import read_board
 from soter.targets.cortex_m.cortex_m_package import Replay, replayed_until
@@ -235,6 +236,7 @@ def build(
     file = Path(mapping) if isinstance(mapping, (str, Path)) else None
     if read is not None:  # before anything takes long
         _fitted(read, fresh, beside, file)
+    require_files(bound(fresh), linked=True)
     inherits = deployed(fresh, cert)
     flat, computed = completed(inherits.sets)
     flat.certificate = inherits.certificate
@@ -245,11 +247,8 @@ def build(
         target, bindings.system, bindings.core, output, fits, inherits.files, onto
     )
     told = [] if inherits.lines else unproved(flat, stored_verdicts(flat))
-    package.notes += [
-        *told,
-        *computed,
-        *(_not_carried(bindings) if TARGETS[target].drops_bindings else ()),
-    ]
+    dropped = _not_carried(bindings) if TARGETS[target].drops_bindings else ()
+    package.notes += [*told, *computed, *dropped]
     package.inherited, package.inherits = inherits.document, inherits.lines
     return package
 

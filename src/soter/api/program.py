@@ -217,7 +217,7 @@ class Program:
     def campaign(self, system: str | None = None, params: Any = None, **how: Any) -> Campaign:  # noqa: ANN401
         """Fly many seeds of a system: see `soter.api.campaigning.campaign`."""
         require_utf8(how.get("output"))
-        bindings = self._bindings(self._completed(system, params)[0])
+        bindings = self._bindings(self._completed(system, params, bound=self._bound)[0])
         return cast(
             "Campaign", by_name("soter.api.campaigning").campaign(bindings, self.path, **how)
         )
@@ -484,11 +484,15 @@ class Program:
         return dict(self._bound)
 
     def _completed(
-        self, name: str | None, params: Params, known: Known | None = None
+        self,
+        name: str | None,
+        params: Params,
+        known: Known | None = None,
+        bound: Mapping[str, object] | None = None,
     ) -> tuple[System, list[str]]:
         """A fresh flat system whose modules all have `ttf` and `safer`; a note on each computed."""
         system = self.declared(name, params)
-        return system, complete(system, known)
+        return system, complete(system, known, bound)
 
     def _bindings(self, system: System) -> Bindings:
         from soter.simulate.externs.bindings import bind  # noqa: PLC0415 - see the docstring

@@ -10,18 +10,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.arguments import complete, params_from_json, write_sequence
+from soter.api.arguments import complete, params_from_json, write_sections, write_sequence
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.front_end import check_file, system_of_test
+from soter.report.plain_page import PageSection
 from soter.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from soter.explore.replay import Replayed
     from soter.explore.trace import Trace
     from soter.report.sequence.view import SequenceView
     from soter.verify.attack.counterexample import Replay as CounterexampleRun
+
+ROWS = (
+    "Each row is an instant of the decision modules: seconds, who is in control, true states, "
+    "topics, and what the environment and the adversary chose last."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,17 +58,49 @@ class ReplayReport:
             raise mistake(
                 "U001",
                 f"`{self.path}` is a run that refutes a proof: it has no sequence of steps",
-                "`soter verify --report` shows it; traces of `soter test` have a sequence",
+                "`soter replay --report` writes its last instants as a table",
             )
         return view_of(self.trace, VERSION, {"trace": self.path}, self.program)
 
     def write_html(self, path: str | Path) -> Path:
-        """Write the sequence page of a trace; `SoterError` D006, U001."""
+        """Write the sequence of a trace, or a counterexample's table, as a page; `SoterError` D006.
+
+        U001 where the run of the file does not show what the file says.
+        """
+        run, file = self.counterexample, Path(path)
+        if run is not None:
+            about = PageSection("The last instants", (ROWS,), *table_of(run))
+            write_sections(file, "soter replay", self.outcome, "bad", [about])
+            return file
         return write_sequence(self.view(), Path(path), "html")
 
     def write_mcap(self, path: str | Path) -> Path:
         """Write the MCAP log of a trace; `SoterError` D006, D007, U001."""
         return write_sequence(self.view(), Path(path), "mcap")
+
+
+def table_of(run: CounterexampleRun) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """The head of a table of a run's last instants, and its rows of text."""
+    from soter.explore.trace_view import shown  # noqa: PLC0415 - see `soter.api`
+
+    rows: list[dict[str, str]] = []
+    for step in run.steps:
+        topics, row = step["topics"], {"time (s)": shown(step["time_s"]), **step["modes"]}
+        parts = {f"{plant}.truth": states for plant, states in step["truth"].items()}
+        parts |= {n: v for n, v in topics.items() if n.rpartition("_")[0] not in topics}
+        parts |= {f"chosen {stream}": value for stream, value in step["chosen"].items()}
+        rows.append(row | {name: shown(leaf) for name, leaf in _leaves("", parts)})
+    head = tuple(dict.fromkeys(name for row in rows for name in row))
+    return head, tuple(tuple(row.get(name, "") for name in head) for row in rows)
+
+
+def _leaves(name: str, value: object) -> Iterator[tuple[str, object]]:
+    """The numbers of a JSON value that are no records, by name."""
+    if not isinstance(value, dict):
+        yield name, value
+        return
+    for part, inner in value.items():
+        yield from _leaves(f"{name}.{part}" if name else part, inner)
 
 
 def replay(path: str | Path) -> ReplayReport:

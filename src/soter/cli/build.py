@@ -18,7 +18,7 @@ from soter.cli.terminal.command_line import (
     CommandOutcome,
     file_option,
 )
-from soter.cli.terminal.open_program import loaded
+from soter.cli.terminal.open_program import loaded, warned_of_files
 from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.command_records import option
 from soter.native.stack_bound import OPTIMISE
@@ -84,7 +84,7 @@ class Options:
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Build."""
-    program = loaded(args, console)
+    program = warned_of_files(loaded(args, console), console)
     if program.externs and args.board is not None:  # they answer in the run that images repeat
         in_child_process(console, lambda _: ())
     with ProgressBar(console) as progress:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.api import replay
+from soter.api.replaying import table_of
 from soter.cli.terminal.command_line import (
     FINE,
     VIOLATED,
@@ -35,7 +36,7 @@ EXAMPLES = """\
   soter replay late.trace.json --report late.html           to look at: lanes, topics, modes
   soter replay late.trace.json --mcap late.mcap             for log tools
   soter replay late.trace.json --json | jq '.steps[-1]'
-  soter replay .soter/cart-SafeCart.counterexample.json     of `soter verify`
+  soter replay .soter/cart-SafeCart.counterexample.json     of `soter verify`: a table, no --mcap
 
 exit codes: 0 reproduced, 3 not reproduced, 1 diagnostics, 2 usage
 """
@@ -113,16 +114,7 @@ def _steps(report: ReplayReport, console: Console) -> list[str]:
         return [*lines, visible(view.remark)] if view.remark else lines
     if report.counterexample is None:
         return []
-    steps = report.counterexample.steps
-    return [_instant(s) for s in steps]
-
-
-def _instant(step: dict[str, object]) -> str:
-    """One of the last instants of a counterexample."""
-    from soter.explore.trace_view import shown  # noqa: PLC0415 - only then
-
-    rest = "  ".join(f"{k} {shown(step[k])}" for k in ("modes", "truth") if k in step)
-    return f"{step['time_s']} s  {rest}"
+    return [console.table(*table_of(report.counterexample))]
 
 
 # ---------------------------------------------------------------- as JSON

@@ -22,7 +22,7 @@ from soter.cli.terminal.command_line import (
     report_option,
     report_path,
 )
-from soter.cli.terminal.open_program import loaded
+from soter.cli.terminal.open_program import loaded, warned_of_files
 from soter.cli.terminal.progress import ProgressBar
 from soter.cli.terminal.stored_outcome import Printout, StoredOutcome, store_outcome, stored_outcome
 from soter.diagnostics.command_records import SWITCH, JsonObject, one_of, option
@@ -112,7 +112,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 def _proved(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tuple[Path, ...]]:
     """The verdicts, and the files of controllers that were synthesized first."""
-    program = loaded(args, console)
+    program = warned_of_files(loaded(args, console), console)
     what: dict[str, Any] = {"module": args.module, "system": args.system}
     what["params"] = dict(args.params)
     written: tuple[Path, ...] = ()

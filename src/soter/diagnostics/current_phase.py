@@ -1,9 +1,10 @@
 """What is being done just now, for whoever waits for it.
 
 Purpose: `phase("P2b of Cart")` where something that takes long begins; a progress line shows it.
-`passing_phase`: what is done in between, after which the phase before it goes on. `share_done`: how
-far it is, for whom `telling` names; `between` says which part of a whole a block is. `announce`: a
-line about how long it will take, for whoever shows one. `lasting`: such a time in words.
+`passing_phase`: what is done in between, after which the phase before it goes on; `within_phase`:
+what else is done in one. `share_done`: how far it is, for whom `telling` names; `between` says
+which part of a whole a block is. `announce`: a line about how long it will take, for whoever shows
+one. `lasting`: such a time in words.
 Non-goals: runs, searches and campaigns, whose options name who is told.
 """
 
@@ -49,6 +50,16 @@ def passing_phase(name: str) -> Iterator[None]:
         yield
     finally:
         phase(before)
+
+
+@contextmanager
+def within_phase() -> Iterator[None]:
+    """Phases in this block are parts of the one that goes on, and not told."""
+    before = _listener.set(None)
+    try:
+        yield
+    finally:
+        _listener.reset(before)
 
 
 def share_done(share: float, stage: str = "") -> None:

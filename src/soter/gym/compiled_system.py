@@ -227,6 +227,14 @@ def driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:
     return ffi, opened(ffi, path), program
 
 
+def answered_around(
+    system: System, outside: Sequence[int], bound: Mapping[str, object]
+) -> dict[str, object]:
+    """Who answers the externs of a system; of components outside nobody is asked, nor any file."""
+    externs = [x for x in (system.components[i] for i in outside) if x.extern]
+    return {**bound, **{x.name: refuse_call for x in externs}}
+
+
 def refuse_call(*_: object) -> None:
     """What stands for somebody outside where externs are bound."""
     raise AssertionError("an environment answers for its plant and its agent itself")

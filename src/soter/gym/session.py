@@ -21,7 +21,13 @@ import numpy as np
 from soter.api.arguments import complete
 from soter.core.layout import decode_from, encode_into, image_of_members
 from soter.gym.array_mapping import doubles
-from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled, refuse_call
+from soter.gym.compiled_system import (
+    CompiledEnvironment,
+    Roles,
+    answered_around,
+    compiled,
+    refuse_call,
+)
 from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by
 from soter.language.elaborate.derived_systems import answered_outside
 from soter.language.evaluate.arithmetic import FaultKind
@@ -375,10 +381,11 @@ def prepared(
 
     def make() -> CompiledEnvironment:
         flat = program.declared(system, params)
-        notes = complete(flat)
         flat_module, body = chosen_module(flat, module), chosen_plant(flat, plant)
+        outside = (flat_module.ac, body.index)
+        notes = complete(flat, bound=answered_around(flat, outside, program.bound))
         flat = measured_by(flat, body, errors)
-        flat = answered_outside(flat, (flat_module.ac, body.index))
+        flat = answered_outside(flat, outside)
         return CompiledEnvironment(
             flat,
             Roles(flat_module.ac, flat_module.index, body.index),

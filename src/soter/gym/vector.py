@@ -18,7 +18,7 @@ from gymnasium.vector.utils import batch_space
 import soter.api
 from soter.api.arguments import complete
 from soter.gym import array_mapping
-from soter.gym.compiled_system import CompiledEnvironment, Roles, compiled
+from soter.gym.compiled_system import CompiledEnvironment, Roles, answered_around, compiled
 from soter.gym.outside_roles import chosen_module, observed_parts, require_compiled, wrong_choice
 from soter.gym.safety_warning import warn_of_no_control
 from soter.language.elaborate.derived_systems import answered_outside
@@ -126,8 +126,8 @@ def prepared(
 
     def make() -> CompiledEnvironment:
         flat = program.declared(system, params)
-        notes = complete(flat)
         flat_module = chosen_module(flat, module)
+        notes = complete(flat, bound=answered_around(flat, (flat_module.ac,), program.bound))
         seen = observed_parts(flat, flat.components[flat_module.ac], observe)
         flat = answered_outside(flat, (flat_module.ac,))
         require_compiled(flat, flat_module.ac)

@@ -13,6 +13,7 @@ mean.
 from __future__ import annotations
 
 import hashlib
+from math import prod
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -144,8 +145,11 @@ def _beside(path: Path, tensor: str, name: str, limit: int) -> bytes:
 NAMES = ("action", "actions")
 """Of several outputs the one that is the answer; else the first is."""
 READ = (
-    "Gemm, MatMul, Add, Sub, Mul, Div, Relu, Tanh, Clip, Identity, Cast, Flatten, Reshape, ArgMax"
+    "Gemm, MatMul, Add, Sub, Mul, Div, Relu, Tanh, Clip, Identity, Cast, Flatten, Reshape, "
+    "Expand, ArgMax"
 )
+EXPANDED_MAX = 2**20
+"""A constant that is broadcast has at most so many numbers."""
 FLOAT = 1
 """Float32 in ONNX's TensorProto.DataType."""
 ARITHMETIC: dict[str, Operation] = {"Add": "+", "Sub": "-", "Mul": "*", "Div": "/"}
@@ -164,7 +168,9 @@ def read_onnx(path: Path) -> Policy:
         given, answered, network = _network(graph)
         why = problem_of(network)
     except (_UnreadError, ValueError, TypeError, LookupError) as error:
-        raise bad_policy(path, str(error)[:300], f"operators that are read: {READ}") from error
+        ask = f'asked as it is by onnxruntime: `extern node ... from "onnx:{path}" {{ ... }}`'
+        read = f"operators that are read as layers: {READ}"
+        raise bad_policy(path, str(error)[:300], ask, read) from error
     if why:
         raise bad_policy(path, why)
     versions = ", ".join(str(x.version) for x in model.opset_import if not x.domain)
@@ -188,7 +194,7 @@ def _network(graph: Any) -> tuple[str, str, Network]:  # noqa: ANN401 - no types
     given = [x for x in graph.input if x.name not in constants]
     if len(given) != 1 or not graph.output:
         counts = f"{len(given)} inputs and {len(graph.output)} outputs"
-        raise _UnreadError(f"it has {counts}, not written as a function: a node can ask it")
+        raise _UnreadError(f"it has {counts}, and a function of one observation is written")
     answered = ([x.name for x in graph.output if x.name in NAMES] or [graph.output[0].name])[0]
     size = _size(given[0])
     chain = _chain(graph, constants, given[0].name, answered)
@@ -227,6 +233,12 @@ def _constants(graph: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401
             constants[node.output[0]] = _array(values[0])
         elif node.op_type == "Identity" and node.input[0] in constants:
             constants[node.output[0]] = constants[node.input[0]]  # a weight that is used twice
+        elif node.op_type == "Expand" and {*node.input} <= constants.keys():
+            given, shape = (constants[name] for name in node.input)
+            sizes = np.broadcast_shapes(given.shape, shape.reshape(-1).tolist())
+            if prod(sizes) > EXPANDED_MAX:
+                raise _UnreadError(f"its Expand makes more than {EXPANDED_MAX:,} numbers")
+            constants[node.output[0]] = np.broadcast_to(given, sizes)
     return constants
 
 
@@ -334,6 +346,10 @@ def _shaped(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa:
         raise _UnreadError("its Flatten makes several rows of one observation")
     if node.op_type == "Cast" and _attributes(node).get("to") != FLOAT:
         raise _UnreadError("its Cast is not to float32")
+    if node.op_type == "Expand":
+        *axes, last = constants[node.input[1]].reshape(-1).tolist()
+        if last not in (1, size) or any(x != 1 for x in axes):
+            raise _UnreadError("its Expand makes more numbers of one observation")
     if node.op_type == "Reshape":
         *axes, last = constants[node.input[1]].reshape(-1).tolist()
         axes[:1] = [1 if x == 0 else x for x in axes[:1]]  # 0 is that of the input
@@ -357,7 +373,7 @@ def _maker_of(node: Any) -> Callable[[Any, Constants, int], list[Layer]]:  # noq
     if name in simple:
         return lambda *_: [simple[name]]
     known = {"Gemm": _gemm, "MatMul": _matmul, "Clip": _clip}
-    known |= dict.fromkeys(("Identity", "Cast", "Flatten", "Reshape"), _shaped)
+    known |= dict.fromkeys(("Identity", "Cast", "Flatten", "Reshape", "Expand"), _shaped)
     if name not in known:
         raise _UnreadError(f"it has the operator {name[:40]}")
     return known[name]

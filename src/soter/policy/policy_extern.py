@@ -24,7 +24,7 @@ from soter.language.model.types import (
     IntType,
     RecordType,
 )
-from soter.policy.network import answering, in_numbers, standardised
+from soter.policy.network import Clipped, answering, in_numbers, standardised
 from soter.policy.onnx_file import onnx_content
 from soter.policy.onnx_session import SAY, OnnxSession
 from soter.policy.policy_errors import bad_policy, content_of
@@ -174,6 +174,17 @@ def sha256_of_files(binding: BindingText) -> dict[str, str]:
         path = Path(binding.file)
         told |= {str(path.parent / n): sha for n, sha in onnx_content(path).beside.items()}
     return told
+
+
+def action_bounds(binding: BindingText) -> list[tuple[float, float]]:
+    """Least and largest of each number that a zip answers; SoterError X003, X014, D007."""
+    statistics = Path(binding.name) if binding.name else None
+    network = read_sb3(Path(binding.file), statistics).network
+    last = network.layers[-1]
+    if isinstance(last, Clipped) and not network.choices:
+        low, high = last.decimals
+        return list(zip(low.tolist(), high.tolist(), strict=True))
+    return [(0.0, n - 1.0) for n in network.choices]
 
 
 # ---------------------------------------------------------------- numbers in, numbers out

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from contextlib import nullcontext
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 import soter
 from soter.certificate.assumptions import assumptions_of
+from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError
+from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
@@ -51,13 +54,47 @@ def facts_with(folder: Path, *pairs: tuple[str, str]) -> None:
     small_proofs.facts_of(path, "S", "M")
 
 
-def test_a_plant_that_publishes_a_command_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("declared", "driven", "why"),
+    [
+        ("float", "u", ""),
+        ("float", "2.0 * u", "plant `p` publishes `echo` made of `u`"),
+        ("float in [-1.0, 1.0]", "u", "plant `p` publishes `echo` made of `u`"),
+    ],
+)
+def test_a_plant_that_publishes_a_command_may_copy_it_and_no_more(
+    tmp_path: Path, declared: str, driven: str, why: str
+) -> None:
+    """A copy to a topic without a set never faults: nothing of the proof is about it."""
     path = tmp_path / "echo.soter"
-    text = TEXT.replace("topic u:", "topic echo: float;\ntopic u:")
-    path.write_text(text.replace("drives x = p;", "drives x = p; drives echo = u;"))
+    text = TEXT.replace("topic u:", f"topic echo: {declared};\ntopic u:")
+    path.write_text(text.replace("drives x = p;", f"drives x = p; drives echo = {driven};"))
     (module,) = soter.load(path).verify(cert=tmp_path / "cert", refute=False).modules
     assert module.findings["P2a"].verdict == "proved"
-    assert "plant `p` publishes `echo` made of `u`" in soter.recheck(tmp_path / "cert").reason
+    report = soter.recheck(tmp_path / "cert")
+    assert why in report.reason
+    assert (report.verdict == "accepted") is not bool(why)
+
+
+def test_whoever_reads_the_copy_of_a_command_is_not_re_checked(tmp_path: Path) -> None:
+    """Of its values nothing is known: no sets may rest on them."""
+    path = tmp_path / "echo.soter"
+    for reader in (SC, DM):
+        text = TEXT.replace("topic u:", "topic echo: float max_age 20ms;\ntopic u:")
+        text = text.replace("drives x = p;", "drives x = p; drives echo = u;")
+        text = text.replace("subscribes x, y;", "subscribes x, y, echo;")
+        path.write_text(text.replace(reader[0], reader[1].replace("y", "echo")))
+        model = CaseModel(small_proofs.facts_of(path, "S", "M"), (), ((-3.0, 3.0), (-1.0, 1.0)))
+        terms, states = model.new_terms()
+        ttf = model.facts.symbol.ttf
+        assert ttf is not None
+        told: Any = pytest.raises(
+            NotRecheckedError, match="`echo` is read, but nobody says its values"
+        )
+        with told if reader is SC else nullcontext():
+            model.commands(terms, states)
+        with told if reader is DM else nullcontext():
+            model.predicate(terms, states, ttf, errors=True)
 
 
 @pytest.mark.parametrize("reader", [SC, DM])

@@ -208,7 +208,7 @@ def test_counterexamples_of_proofs_are_replayed_too(
     assert done.document["kind"] == "counterexample"
     assert done.document["steps"]
     assert "REPRODUCED" in soter("replay", str(counterexample)).out
-    assert soter("replay", str(counterexample), "--html", "x.html", "--json").codes == ["U001"]
+    assert soter("replay", str(counterexample), "--mcap", "x.mcap", "--json").codes == ["U001"]
     text = counterexample.read_text("utf-8")
     sooner = json.loads(text)["time_ns"] - 10_000_000
     changed(counterexample, time_ns=sooner)
@@ -217,6 +217,23 @@ def test_counterexamples_of_proofs_are_replayed_too(
     program = here / "tank.soter"
     program.write_text(program.read_text() + "// changed\n")
     assert soter("replay", str(counterexample), "--json").codes == ["D011"]
+
+
+def test_a_counterexample_shows_what_drove_each_instant(
+    soter: Soter, counterexample: Path, here: Path
+) -> None:
+    """Commands, and what the adversary chose: without them nobody sees why the tank runs empty."""
+    done = soter("replay", str(counterexample), "--report", "x.html", "--json")
+    assert (done.exit, done.document["html"]) == (0, "x.html")
+    last = done.document["steps"][-1]
+    assert last["chosen"]["input.pump_chosen"] == -0.5
+    shown = soter("replay", str(counterexample)).out
+    for name in ("t.truth.h", "pump", "input.pump_chosen", "chosen t.leak"):
+        assert name in shown
+    page = (here / "x.html").read_text("utf-8")
+    assert "t.truth.h" in page
+    assert "chosen t.leak" in page
+    assert "leaves_safe" in page
 
 
 def test_damaged_counterexamples_are_told_so(soter: Soter, counterexample: Path) -> None:

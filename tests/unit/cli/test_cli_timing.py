@@ -78,6 +78,17 @@ def test_where_the_proof_counts_with_other_times_nothing_is_said_to_hold(soter: 
     assert soter("check", "timed.soter").out.startswith("ok  ")
 
 
+def test_check_says_no_more_of_p1c_than_verify(soter: Soter) -> None:
+    """The thread is quicker than the proof counts with: `verify` cannot know it."""
+    write(EXAMPLE.replace("horizon 120ms", "horizon 71450us"))
+    proved = soter("verify", "timed.soter", "--no-refute", "--json").document
+    (module,) = proved["modules"].values()
+    assert module["properties"]["P1c"]["verdict"] == "undecided"
+    done = soter("check", "timed.soter")
+    assert done.exit == 0
+    assert "P1c undecided: the times of its `verify` block need 74 ms, and" in done.out
+
+
 WORLD = """soter 1;
 import "timed.soter" as t;
 system World deploys t.Track {

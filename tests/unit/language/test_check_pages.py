@@ -62,6 +62,7 @@ NOT_STATIC = {
     "U011": "a file on the command line",
     "U012": "what a policy in another process publishes",
     "W007": "the files of externs, when `soter check` looks at them",
+    "W037": "the file of a policy, when `soter check` looks at it",
     "X001": "an extern without code when a system is run",
     "X002": "the code an extern is bound to, when a system is run",
     "X003": "the file an extern is bound to, when a system is run",

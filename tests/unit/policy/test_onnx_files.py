@@ -12,6 +12,7 @@ from policy_files import onnx_of, random_layers  # type: ignore[import-not-found
 from soter.diagnostics.diagnostic import SoterError
 from soter.policy.network import answer
 from soter.policy.soter_source import error_bound
+from soter.version import pip_install
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -104,6 +105,61 @@ def test_arithmetic_with_constants_is_read_and_run(tmp_path: Path) -> None:
         assert (distance <= 2.0 * error_bound(network, x, x)).all()
 
 
+def expanded(shape: list[int], of: list[int]) -> Any:
+    """As torch traces a policy: the mean is broadcast, and a constant of `of` to 2 numbers."""
+    from onnx import TensorProto, helper, numpy_helper
+
+    sizes = {"shape": np.array(shape, np.int64), "of": np.array(of, np.int64)}
+    arrays: dict[str, Any] = {
+        **sizes,
+        "W": np.array([[1.0, -2.0]], np.float32),
+        "k": np.array([0.5], np.float32),
+    }
+    nodes = [
+        helper.make_node("MatMul", ["obs", "W"], ["mean"]),
+        helper.make_node("Expand", ["mean", "shape"], ["loc"]),
+        helper.make_node("Expand", ["k", "of"], ["scale"]),
+        helper.make_node("Mul", ["loc", "scale"], ["act"]),
+    ]
+    constants = [numpy_helper.from_array(a, n) for n, a in arrays.items()]
+    ends = [helper.make_tensor_value_info(n, TensorProto.FLOAT, None) for n in ("obs", "act")]
+    ends[0] = helper.make_tensor_value_info("obs", TensorProto.FLOAT, [1, 1])
+    graph = helper.make_graph(nodes, "p", ends[:1], ends[1:], constants)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=9)
+
+
+def test_a_broadcast_by_constants_is_read(tmp_path: Path) -> None:
+    from soter.policy.onnx_file import read_onnx
+    from soter.policy.onnx_session import OnnxSession
+
+    for shape, of in (([1, 2], [1, 2]), ([1], [2]), ([1, 1], [1])):
+        path = file_of(tmp_path, expanded(shape, of))
+        network, session = read_onnx(path).network, OnnxSession(path)
+        for x in (-3.0, 0.25, 7.0):
+            session.observation[:] = x
+            assert session.run() == answer(network, np.array([x], np.float32)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("shape", "of", "said"),
+    [
+        ([3, 2], [1, 2], "its Expand makes more numbers of one observation"),
+        ([1, 2], [4, 2], "one number each is read"),
+        ([1, 2], [2**40, 2], "its Expand makes more than 1,048,576 numbers"),
+        ([1, 2], [-1, 2], ""),
+    ],
+)
+def test_other_broadcasts_are_refused(
+    tmp_path: Path, shape: list[int], of: list[int], said: str
+) -> None:
+    from soter.policy.onnx_file import read_onnx
+
+    with pytest.raises(SoterError) as caught:
+        read_onnx(file_of(tmp_path, expanded(shape, of)))
+    (problem,) = caught.value.diagnostics
+    assert (problem.code, said in problem.message) == ("X014", True)
+
+
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_no_chain_of_layers_is_refused_with_its_operator(tmp_path: Path, name: str) -> None:
     from soter.policy.onnx_file import read_onnx
@@ -129,4 +185,4 @@ def test_a_package_that_is_absent_is_named(
         (read_onnx if package == "onnx" else OnnxSession)(path)
     (problem,) = caught.value.diagnostics
     assert (problem.code, f"`{package}`" in problem.message) == ("D007", True)
-    assert problem.helps == ("install it: pip install 'soter-rta[learn]'",)
+    assert problem.helps == (f"install it: {pip_install('learn')}",)

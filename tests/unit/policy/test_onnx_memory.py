@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -96,6 +97,21 @@ def test_what_is_remembered_is_found_by_names_and_said(tmp_path: Path, states: A
     answers(made, len(states))
     told = ", ".join(f"`{before}` is what `{after}` was" for before, after in states)
     assert any(told in text for text in made.assumed)
+
+
+def test_what_is_no_function_names_the_way_in_which_it_runs(tmp_path: Path) -> None:
+    """`soter policy` writes functions; a policy that remembers is bound as it is."""
+    from soter.policy.onnx_file import read_onnx
+
+    (tmp_path / "p.onnx").write_bytes(sums([("h_in", "h_out")]))
+    with pytest.raises(SoterError) as caught:
+        read_onnx(tmp_path / "p.onnx")
+    (problem,) = caught.value.diagnostics
+    found = re.search(r'from "([^"]+)"', problem.helps[0])
+    assert (problem.code, found is not None) == ("X014", True)
+    assert found is not None
+    run = loaded(tmp_path, found[1], "topic push: float[2];", "push", reads="goal").simulate()
+    assert len(set(map(tuple, run.array("push").tolist()))) > 5
 
 
 @pytest.mark.parametrize("states", NOT_FOUND, ids=lambda s: s[0][0])

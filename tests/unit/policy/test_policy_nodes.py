@@ -11,6 +11,8 @@ import pytest
 from policy_files import FILES, onnx_of, random_layers  # type: ignore[import-not-found]
 
 import soter
+from soter.cli.terminal.console import Console
+from soter.cli.terminal.run_summary import summary
 from soter.core.layout import decode_from, encode_into
 from soter.diagnostics.diagnostic import SoterError
 from soter.policy.network import answering
@@ -206,3 +208,54 @@ def test_policies_answer_nodes_and_nothing_else(tmp_path: Path) -> None:
     with pytest.raises(SoterError) as caught:
         soter.load(tmp_path / "p.soter").simulate()
     assert "X008" in [d.code for d in caught.value.diagnostics]
+
+
+def test_a_run_says_how_answers_of_onnx_are_put_into_their_set(onnx_file: Path) -> None:
+    """Once they are beyond it, and only where that would help."""
+    told = []
+    for source, topic in (
+        ("onnx:policy.onnx", "float in [-0.001, 0.001]"),
+        ("onnx:policy.onnx:clip", "float in [-0.001, 0.001]"),
+        ("onnx:policy.onnx", "float"),
+    ):
+        run = loaded(onnx_file.parent, source, f"topic push: {topic};").simulate()
+        with Console(json=False) as console:
+            told.append("policy.onnx:clip` puts" in summary(run, "p.soter", console))
+    assert told == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("topics", "writes", "told"),
+    [
+        ("topic push: float in [-1.0, 1.0];", "push", "`push` takes [-1.0, 1.0]"),
+        ("topic push: float in [-2.0, 2.0];", "push", ""),
+        ("topic push: float;", "push", ""),
+        ("topic push: int in [0, 3];", "push", "`push` takes [0, 3]"),
+    ],
+)
+def test_check_warns_of_actions_that_a_topic_does_not_take(
+    tmp_path: Path, topics: str, writes: str, told: str
+) -> None:
+    """Such an answer is a step fault: SC would fly, and nobody would know why."""
+    shutil.copy(FILES / "sac.zip", tmp_path)
+    program = loaded(tmp_path, "sb3:sac.zip", topics, writes, reads="motion")
+    found = [d.message for d in program.check().warnings if d.code == "W037"]
+    assert len(found) == bool(told)
+    assert all("all of [-2.0, 2.0], the action space of" in m and told in m for m in found)
+    other = tmp_path / "other.zip"
+    other.write_bytes(b"no zip")
+    (warning,) = program.bind("Pilot", f"sb3:{other}").check().warnings
+    assert (warning.code, "it is no zip" in warning.message) == ("W007", True)
+
+
+def test_each_number_of_several_topics_is_compared_with_its_own_set(tmp_path: Path) -> None:
+    shutil.copy(FILES / "ppo_sde.zip", tmp_path)
+    found = []
+    for at in range(2):
+        sets = ["[-1.0, 3.0]", "[-1.0, 3.0]"]
+        sets[at] = "[-1.0, 2.5]"
+        topics = "".join(f"topic {n}: float in {s};\n" for n, s in zip("ab", sets, strict=True))
+        program = loaded(tmp_path, "sb3:ppo_sde.zip", topics, "a, b", reads="motion")
+        (warning,) = [d for d in program.check().warnings if d.code == "W037"]
+        found.append("`b` takes" in warning.message)
+    assert found == [False, True]

@@ -37,6 +37,23 @@ def texts() -> list[tuple[str, str]]:
     return [(n, path.read_text(encoding="utf-8", errors="replace")) for n, path in paths]
 
 
+def test_the_line_that_installs_is_for_the_python_that_runs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In pipx and uv the `pip` of the shell installs elsewhere, or there is none."""
+    monkeypatch.setattr("sys.executable", "/tools/a soter/bin/python")
+    for found, line in (
+        ("/tools/a soter/bin/pip", "pip install 'soter-rta[prove]'"),
+        ("/usr/bin/pip", "'/tools/a soter/bin/python' -m pip install 'soter-rta[prove]'"),
+        (None, "'/tools/a soter/bin/python' -m pip install 'soter-rta[prove]'"),
+    ):
+        monkeypatch.setattr("shutil.which", lambda _, found=found: found)
+        assert pip_install("prove") == line
+    monkeypatch.setattr("soter.version.find_spec", lambda _: None)
+    python = "uv pip install --python '/tools/a soter/bin/python'"
+    assert pip_install("prove") == f"{python} 'soter-rta[prove]'"
+
+
 def wrong(text: str) -> list[str]:
     """What a text tells to install that is not Soter's, or an extra that it has not."""
     found = []
@@ -92,4 +109,8 @@ def test_the_extras_are_few_and_all_has_those_of_people() -> None:
 
 def test_the_page_of_a_missing_package_names_every_extra_of_people() -> None:
     page = (ROOT / "src/soter/diagnostics/pages/D007.md").read_text(encoding="utf-8")
-    assert [e for e in sorted(set(EXTRAS) - OF_DEVELOPERS) if pip_install(e) not in page] == []
+    assert [
+        e
+        for e in sorted(set(EXTRAS) - OF_DEVELOPERS)
+        if f"pip install '{DISTRIBUTION}[{e}]'" not in page
+    ] == []

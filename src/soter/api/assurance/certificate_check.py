@@ -34,7 +34,7 @@ from soter.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.api.arguments import Progress
+    from soter.api.arguments import Progress, Tell
     from soter.certificate.format.folder import Certificate
     from soter.certificate.report import RecheckedModule, Report
     from soter.language.model.system import Module, System
@@ -92,13 +92,21 @@ class CertifiedProof:
 
 
 def proof_of(
-    cert: str | Path | None, flat: System, params: dict[str, str], progress: Progress | None
+    cert: str | Path | None,
+    flat: System,
+    params: dict[str, str],
+    progress: Progress | None,
+    tell: Tell,
 ) -> CertifiedProof:
-    """What a certificate says of a system; SoterError D006, D007 and D009 as `recheck`."""
+    """What a certificate says of a system; SoterError D006, D007 and D009 as `recheck`.
+
+    `tell` is told at once why a certificate does not fit, before anything else takes time.
+    """
     if cert is None:
         return CertifiedProof(why="no certificate was given (--cert DIR)")
     known = _looked_at(Path(cert), flat, params)
     if known.rejected or known.why:
+        tell(known.why or f"the certificate is rejected: {known.rejected}")
         return known
     phase("checking the certificate again")
     report = recheck(cert, progress)

@@ -50,6 +50,7 @@ class AssuredProgram(Protocol):
         """Every test, explored now."""
 
 
+OTHER_REPORT = "the report is about another program: the hashes differ"
 FLIGHTS_MAX = 2**32
 """Bytes of the table of a campaign."""
 NUMBERS = 2**31
@@ -228,6 +229,13 @@ class Evidence:
             None if campaign is None else read_flights(Path(campaign)),
         )
 
+    def misfits(self) -> list[str]:
+        """Why a report and a campaign that were given support nothing, a clause each."""
+        own = self.flat.program.sha256
+        other = any(told["program_sha256"] != own for told in self.told.values())
+        unfit = "" if self.flights is None else _not_flown(self.flat, self.flights.about)
+        return [OTHER_REPORT] * other + [unfit] * bool(unfit)
+
     def tests(self, case: SafetyCase, refuted: list[str], *, explored: bool) -> None:
         """A goal a test: supported where it was explored now, and is clean."""
         own = [n for n in self.flat.program.tests if "." not in n] if explored else []
@@ -304,7 +312,7 @@ def _as_told(told: dict[str, Any] | None, sha256: str) -> str:
     if told is None:
         return "there is no such test any more"
     if told["program_sha256"] != sha256:
-        return "the report is about another program: the hashes differ"
+        return OTHER_REPORT
     return f"the report says {told['verdict']} of this program; it was not explored again (--tests)"
 
 

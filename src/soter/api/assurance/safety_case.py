@@ -26,7 +26,7 @@ from soter.report.atomic_write import ReportError, own_place
 from soter.version import VERSION
 
 if TYPE_CHECKING:
-    from soter.api.arguments import Progress
+    from soter.api.arguments import Progress, Tell
     from soter.api.assurance.evidence import AssuredProgram
     from soter.language.model.system import System
     from soter.language.model.typed import PlantSymbol
@@ -73,11 +73,13 @@ def assure(
     flights: int = FLOWN_AGAIN,
     hazards: str | Path | None = None,
     progress: Progress | None = None,
+    tell: Tell = lambda _: None,
 ) -> Assurance:
     """Make the case and write it to the folder `output`.
 
     `tests`: explore them now; `flights`: so many of a campaign are flown again; `hazards`: a CSV
-    file of hazards, requirements and who answers for assumptions (docs/assure.md). SoterError D009
+    file of hazards, requirements and who answers for assumptions (docs/assure.md); `tell` is told
+    what does not fit the program, before anything takes time. SoterError D009
     where there is no certificate, D005 for a report that is none, D021 for hazards that are none,
     D006 where something cannot be read or written, D007 without `prove`, and as of `Program.flat`.
     """
@@ -97,9 +99,11 @@ def assure(
     case.plants = _plants(flat)
     refuted = case.refuted
     evidence = Evidence.read(program, flat, params, test_report, campaign)
+    for why in evidence.misfits():
+        tell(why)
     tracing = Tracing.read(None if hazards is None else Path(hazards), flat)
     case.predicates = tuple(p for m in flat.modules for p in expanded(flat, m))
-    proof = proof_of(cert, flat, case.params, progress)
+    proof = proof_of(cert, flat, case.params, progress, tell)
     options = {
         "--system": system,
         "--cert": cert,

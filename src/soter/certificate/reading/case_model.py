@@ -36,6 +36,7 @@ from soter.certificate.terms.terms import (
 )
 from soter.language.evaluate.arithmetic import seconds
 from soter.language.model.tree_walk import topic_reads
+from soter.language.model.typed import TopicRead
 from soter.language.model.types import BoolType, leaves
 
 if TYPE_CHECKING:
@@ -111,12 +112,16 @@ class CaseModel:
     def topics(self, terms: Terms, states: Sequence[Linear], *, errors: bool) -> dict[int, Any]:
         """The driven topics in these states; as estimates where `errors`. Then others, too.
 
-        NotRecheckedError for a topic that a plant makes of a command.
+        Not what a plant copies from a command: reading that is a NotRecheckedError, and so is a
+        topic that a plant makes of a command.
         """
         value_by_topic: dict[int, Any] = {}
         for index, (c, expr) in driven_topics(self.facts).items():
             if commands := topic_reads(expr):
-                what, read = self.facts.system.topics[index].name, next(iter(commands)).name
+                topic = self.facts.system.topics[index]
+                if type(expr) is TopicRead and all(b is None for b in topic.bounds):
+                    continue  # a copy, which never faults; whoever reads it is not re-checked
+                what, read = topic.name, next(iter(commands)).name
                 raise NotRecheckedError(
                     f"plant `{c.name}` publishes `{what}` made of `{read}`, which it reads: let a"
                     " node publish that"

@@ -37,6 +37,19 @@ def bound(program: Program, args: argparse.Namespace) -> Program:
     return program
 
 
+def warned_of_files(program: Program, console: Console) -> Program:
+    """The same program; what is wrong with files of its externs (W007, W037) is told at once.
+
+    It is for what does not ask them itself: a proof, or a package that leaves them out.
+    """
+    warnings = program.check().warnings if program.externs else ()
+    missing = tuple(w for w in warnings if w.code in ("W007", "W037"))
+    if console.json:
+        console.of_program += missing
+    console.diagnostics(missing)
+    return program
+
+
 def loaded(args: argparse.Namespace, console: Console) -> Program:
     """The program that the arguments name, with their bindings."""
     return bound(opened(args, console), args)

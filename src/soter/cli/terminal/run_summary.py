@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.language.model.binding_text import CLIP, binding_of
 from soter.report.parameter_text import changed
 from soter.report.printable_text import visible
 from soter.report.terminal_tables import Entry, Styled, display_width, mode_timeline
@@ -219,6 +220,10 @@ def _faults(run: Run, console: Console) -> Iterator[str]:
         yield f"  {name}: {of.count} {TIMES} `{of.last}`{since}"
         if said:
             yield console.paint("muted", f"    {said}")
+        binding = binding_of(run.externs.get(name, ""))
+        if of.last == "range" and binding and binding.kind == "onnx" and not binding.clips:
+            clipped = f"{binding}{',' if binding.name else ':'}{CLIP}"
+            yield console.paint("muted", f"    `{clipped}` puts answers at the ends of their sets")
 
 
 def _on_purpose(run: Run, console: Console) -> list[str]:

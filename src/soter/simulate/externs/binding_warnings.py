@@ -1,6 +1,7 @@
 """Whether the files that a program binds its externs to hold what they should.
 
-Purpose: warnings (W007) for `soter check`, from a look at the text: nothing is run or compiled.
+Purpose: warnings (W007) for `soter check`, from a look at the text: nothing is run or compiled;
+W037 of policies that may answer more than their topics take.
 Non-goals: refusing; `bindings.py` does that when a program runs.
 """
 
@@ -8,20 +9,28 @@ from __future__ import annotations
 
 import ast
 import re
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from soter.diagnostics.diagnostic import Diagnostic, Label, Severity
+from soter.diagnostics.diagnostic import Diagnostic, Label, Severity, SoterError
 from soter.language.load.bounded_read import read_bytes
 from soter.language.model.binding_text import binding_of
+from soter.language.model.types import IntType, leaves
+from soter.simulate.externs.clipped_answers import answered
+from soter.simulate.externs.python_extern import policy_files
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from soter.diagnostics.source import Span
     from soter.language.model.binding_text import BindingText
+    from soter.language.model.system import Component, System
     from soter.language.model.typed import NodeSymbol, TypedProgram
 
+STEP_FAULT = (
+    "an answer beyond the set is a step fault: nothing is published, in a module SC takes over"
+)
 COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 
 
@@ -36,6 +45,50 @@ def warnings_of(program: TypedProgram, bound: Mapping[str, object]) -> tuple[Dia
         if isinstance(target, str):
             warnings += _problem(name, target, None)
     return tuple(warnings)
+
+
+def wide_actions(systems: Iterable[System], bound: Mapping[str, object]) -> tuple[Diagnostic, ...]:
+    """W037 where the actions of a zip leave the set of a topic, W007 where it cannot be read."""
+    found: dict[Diagnostic, None] = {}
+    for system in systems:
+        for x in system.components:
+            if not x.extern or x.node is None:
+                continue
+            names = (x.name, x.name.rpartition(".")[2], x.node.name)
+            text = next((bound[n] for n in names if n in bound), x.binding)
+            binding = binding_of(text) if isinstance(text, str) else None
+            if binding is not None and binding.kind == "sb3" and not _missing(binding):
+                found |= dict.fromkeys(_too_wide(system, x, x.node, binding))
+    return tuple(found)
+
+
+def _too_wide(
+    system: System, component: Component, node: NodeSymbol, binding: BindingText
+) -> Iterator[Diagnostic]:
+    try:
+        actions = iter(policy_files().action_bounds(binding))
+    except SoterError as error:
+        where, helps = Label(node.span, "declared here"), error.diagnostics[0].helps
+        why = f"extern `{node.name}` has no code: {error.diagnostics[0].message}"
+        yield Diagnostic("W007", why, where, helps=helps, severity=Severity.WARNING)
+        return
+    for answer in answered(system, component):
+        sets = zip(leaves(answer.type), answer.bounds, strict=True)
+        for ((_, t), bound), (low, high) in zip(sets, actions, strict=False):
+            least, most = (t.low, t.high) if isinstance(t, IntType) else (-inf, inf)
+            if bound is not None:
+                least, most = bound.low, bound.high
+            if low < least or high > most:
+                yield Diagnostic(
+                    "W037",
+                    f"`{node.name}` may answer all of [{low}, {high}], the action space of "
+                    f"`{binding.file}`, and `{answer.name}` takes [{least}, {most}]",
+                    Label(node.span, "declared here"),
+                    notes=(STEP_FAULT,),
+                    helps=("widen the set, or clamp or scale in a node behind this one",),
+                    severity=Severity.WARNING,
+                )
+                return
 
 
 def _sources(program: TypedProgram) -> Iterator[tuple[str, str, Span]]:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, mistake
 from soter.diagnostics.similar_names import nearest_or_all
-from soter.language.load.bounded_read import read_bytes
+from soter.language.load.bounded_read import ReadError, read_bytes
 from soter.language.model.binding_text import FORMS, binding_of
 from soter.native.source_files import included
 from soter.simulate.externs.clipped_answers import answered, clipping
@@ -32,6 +32,7 @@ from soter.simulate.externs.python_extern import (
     load_python,
     policy_files,
 )
+from soter.simulate.interrupt import StopRequest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     from soter.diagnostics.source import Span
     from soter.language.model.system import Component, System
     from soter.language.model.typed import FunSymbol
-    from soter.simulate.interrupt import StopRequest
 
 
 def files_of(bound: object) -> dict[str, str]:
@@ -145,6 +145,35 @@ def bind(system: System, given: Mapping[str, object]) -> Bindings:
     _assign(externs, given)
     _enter_c(core, externs)
     return Bindings(system, core, externs)
+
+
+def require_files(bindings: Bindings, *, linked: bool = False) -> None:
+    """Read the files that answer externs, before work that they would make vain; X003, X014.
+
+    Policies are loaded as they are for a run, so that numbers which do not fit a node are told,
+    too; no Python of a person is executed. X001 and X008 for what no engine runs. `linked`: only
+    the C that is compiled into a program.
+    """
+    if not linked:
+        require_runnable(bindings, "interp")
+    problems: list[Diagnostic] = []
+    for extern in bindings.externs:
+        bound, declared = extern.bound, Label(extern.span, "declared here")
+        binding = binding_of(bound) if isinstance(bound, str) else None
+        try:
+            if not linked and binding is not None and binding.is_policy:
+                apart = hasattr(os, "fork")
+                loaded = _python(bindings.system, extern, StopRequest(), apart=apart)
+                close({extern.name: loaded})
+            elif not linked or _is_c(bound):
+                files_of(bound)
+        except ReadError as error:
+            why = f"cannot read the code of `{extern.name}`, `{bound}`: {error}"
+            problems.append(Diagnostic("X003", why, declared))
+        except SoterError as error:
+            problems += [replace(d, primary=declared) for d in error.diagnostics]
+    if problems:
+        raise SoterError(tuple(problems))
 
 
 def bind_again(bindings: Bindings, given: Mapping[str, object]) -> Bindings:

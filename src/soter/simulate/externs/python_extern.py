@@ -60,6 +60,9 @@ class PolicyFiles(Protocol):
     def sha256_of_files(self, binding: BindingText) -> dict[str, str]:
         """Of the files that it names, and of those that these name; SoterError X003, X014."""
 
+    def action_bounds(self, binding: BindingText) -> list[tuple[float, float]]:
+        """Least and largest of each number that a zip answers; SoterError X003, X014, D007."""
+
     def load_policy(
         self, binding: BindingText, reads: Shapes, answers: Shapes, span: Span | None
     ) -> FilePolicy:

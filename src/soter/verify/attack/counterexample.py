@@ -26,7 +26,7 @@ from soter.language.load.bounded_read import ReadError, read_json_text
 from soter.language.load.data_files import parse_json
 from soter.language.model.values import to_json
 from soter.report.atomic_write import own_place
-from soter.semantics.chosen_draws import ChoiceError, RecordedDraws
+from soter.semantics.chosen_draws import ChoiceError, RecordedDraws, Recorder
 from soter.semantics.configuration import SC, DecisionVerdict
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
@@ -37,11 +37,13 @@ from soter.version import other_format
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
+    from soter.language.model.types import Value
     from soter.semantics.chosen_draws import Choices
     from soter.semantics.configuration import Configuration
     from soter.semantics.random_draws import Draws
     from soter.verify.claims.results import ModuleResult, VerifyReport
 
+    _Instant = tuple[Configuration, tuple[DecisionVerdict, ...], dict[str, Value]]
 
 SCHEMA = 1
 LEAVES, CYCLE = "leaves_safe", "never_safer"
@@ -66,7 +68,7 @@ class Counterexample:
     """CYCLE: how long one turn takes."""
     choices: Choices
     steps: tuple[dict[str, Any], ...] = ()
-    """The last instants: time_s, modes, topics, true states; for people."""
+    """The last instants: time_s, modes, topics, what was chosen, true states; for people."""
     facts: dict[str, Any] = field(default_factory=dict)
     """Where it belongs: program, sha256, system, params."""
 
@@ -186,13 +188,12 @@ class _AttackedRun:
 
     def __init__(self, variant: System, draws: Draws) -> None:
         self.system = variant
-        self.interpreter = Interpreter(variant, draws=draws)
+        self._drawn = Recorder(draws)
+        self.interpreter = Interpreter(variant, draws=self._drawn)
         self.c: Configuration = self.interpreter.initial()
         self.returned = False
         """Whether a DM step since then was in AC, or could have been, or was stale."""
-        self._last: deque[tuple[Configuration, tuple[DecisionVerdict, ...]]] = deque(
-            maxlen=STEPS_KEPT
-        )
+        self._last: deque[_Instant] = deque(maxlen=STEPS_KEPT)
 
     @property
     def next_ns(self) -> int:
@@ -204,8 +205,12 @@ class _AttackedRun:
         verdicts = tuple(events.verdicts)
         self.returned |= any(v.before != SC or v.safer or v.stale or v.gate_fault for v in verdicts)
         if verdicts:
-            self._last.append((self.c, verdicts))
+            self._last.append((self.c, verdicts, self._chosen()))
         return self.c
+
+    def _chosen(self) -> dict[str, Value]:
+        """By stream the value that was drawn last: what acts on the plants from here on."""
+        return {stream: noted[-1][1] for stream, noted in self._drawn.choices.items()}
 
     def is_unsafe(self) -> bool:
         machine = self.interpreter.machine
@@ -226,12 +231,14 @@ class _AttackedRun:
 
     def steps(self) -> tuple[dict[str, Any], ...]:
         """The last DM instants and the final one, for people."""
-        told = [self._told(c, verdicts) for c, verdicts in self._last]
+        told = [self._told(*kept) for kept in self._last]
         if not self._last or self._last[-1][0] is not self.c:
-            told.append(self._told(self.c, ()))
+            told.append(self._told(self.c, (), self._chosen()))
         return tuple(told)
 
-    def _told(self, c: Configuration, verdicts: tuple[DecisionVerdict, ...]) -> dict[str, Any]:
+    def _told(
+        self, c: Configuration, verdicts: tuple[DecisionVerdict, ...], chosen: dict[str, Value]
+    ) -> dict[str, Any]:
         s = self.system
         plants = [x for x in s.components if x.plant is not None]
         return {
@@ -249,6 +256,7 @@ class _AttackedRun:
                 for x in plants
             },
             "topics": {t.name: to_json(t.type, c.Topics[t.index]) for t in s.topics},
+            "chosen": chosen,
         }
 
 

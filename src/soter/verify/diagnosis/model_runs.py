@@ -192,15 +192,24 @@ class ModelTrace:
 
 
 def run(
-    model: PointModel, start: Floats, pattern: Pattern, until_s: float, going: Callable[[], bool]
+    model: PointModel,
+    start: Floats,
+    pattern: Pattern,
+    until_s: float,
+    going: Callable[[], bool],
+    *,
+    beyond: bool = False,
 ) -> ModelTrace:
-    """A run under SC until it leaves C, at most for `until_s`; `start` (states,)."""
+    """A run under SC until it leaves C, at most for `until_s`; `start` (states,).
+
+    `beyond`: it goes on outside of C.
+    """
     trace = ModelTrace([0.0], [np.array(start)])
     try:
         with np.errstate(all="ignore"):  # what is no number ends the run
             for _ in _steps(model, trace, pattern, until_s):
                 x = trace.states[-1]
-                if not np.isfinite(x).all() or _left(model, trace) or not going():
+                if not np.isfinite(x).all() or not going() or (not beyond and _left(model, trace)):
                     break
     except StepFaultError:
         trace.left = False

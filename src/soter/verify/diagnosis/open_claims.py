@@ -27,6 +27,7 @@ from soter.verify.diagnosis.model_runs import (
     run,
     soonest,
 )
+from soter.verify.diagnosis.sc_habits import habit
 from soter.verify.grid.claims import GridProof
 
 if TYPE_CHECKING:
@@ -41,9 +42,9 @@ if TYPE_CHECKING:
 
 OPEN = (UNDECIDED, REFUTED)
 """A run says that something fails, and not why SC keeps nothing or does not come back."""
-EMPTY = "K is empty"
-RUNS_S, BACK_S = 2.5, 1.5
-"""CPU seconds for runs that leave C, and for those that do not come back."""
+EMPTY, HABIT = "K is empty", "habit"
+RUNS_S, BACK_S, HABIT_S = 2.5, 1.5, 2.0
+"""CPU seconds for runs that leave C, for those that do not come back, and for SC's own habit."""
 FROM_START = 0.7
 """Of these, so much for runs from the declared start; of what is left so much for each other."""
 WALK_HOLDS = 2000
@@ -95,6 +96,10 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
         search = _leaving(case, model, _within(RUNS_S, go_on))
         finding.leaving = search.soonest
         why, cause = _left(search, case) if search.soonest is not None else _none_left(search)
+        found = habit(model, model.start, _within(HABIT_S, go_on))
+        if found is not None and (search.soonest is None or search.soonest.safe):
+            cause = Cause(HABIT, found.text, "", cause.numbers)
+            finding.hint = found.hint
     failing = sum(bool(c.failed("P2a")) for c in done)
     if len(done) > 1:
         pairs = zip(case.problem.parameters, case.parameter, strict=True)

@@ -21,10 +21,12 @@ from soter.core.layout import ac_share, state_dtype
 from soter.core.steps import lower
 from soter.diagnostics.current_phase import (
     CancelledError,
+    announce,
     cancelled_when,
     phase,
     share_done,
     telling,
+    within_phase,
 )
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless, with_changed_topics
@@ -33,12 +35,19 @@ from soter.native.library import Library
 from soter.native.shared_library import library
 from soter.verify.claims.case import SPENT
 from soter.verify.claims.cells import cells_of
-from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED, FlownFigures, RemedyCost
+from soter.verify.claims.results import (
+    ASSUMED,
+    PROVED,
+    REFUTED,
+    UNDECIDED,
+    FlownFigures,
+    RemedyCost,
+)
 from soter.verify.deploy.missing_predicates import complete, open_modules, put, sets_of
 from soter.verify.diagnosis.model_runs import PointModel, patterns, run
-from soter.verify.diagnosis.open_claims import explain
+from soter.verify.diagnosis.open_claims import HABIT, explain
 from soter.verify.diagnosis.vacuity import vacuity
-from soter.verify.diagnosis.variations import OTHERS, NotProved, merged, remedies
+from soter.verify.diagnosis.variations import HALVED, OTHERS, NotProved, merged, remedies
 from soter.verify.enclose.c_emitter import EnclosureError
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.extract import extract
@@ -198,6 +207,8 @@ PILOT, LONGER = 1_500, 4.0
 CHAIN_MAX = 3
 """So many changes are made together at most."""
 ORDER = ("P2a", "ttf", "safer", "start", "P2b")
+WORDS = {"a wider grid": "a longer axis", "wider ranges": "a longer axis", "smaller errors": HALVED}
+"""How a hint begins with what a remedy was that was tried: in vain it is no advice."""
 NOT_TRIED = "(not tried)"
 """Behind what is suggested, and nobody has proved the module with."""
 
@@ -226,7 +237,8 @@ class Trials:
         if not self.go_on():
             return None
         try:
-            with cancelled_when(lambda: not self.go_on()):
+            # of a proof that is tried nobody waits for P2a
+            with within_phase(), cancelled_when(lambda: not self.go_on()):
                 done = self._attempt(problem)
         except (CancelledError, UnboundedError, SoterError, EnclosureError):
             return None
@@ -268,14 +280,22 @@ def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: 
     failing = tuple(c for c in ORDER if not result.findings[c].holds)
     findings = [result.findings[c] for c in failing]
     trials = Trials(cpu_s, attempt)
+    announce(lambda: _refuted(result))
     explain(done, result, trials.go_on)
     if all(f.verdict != UNDECIDED for f in findings) or any(SPENT in f.text for f in findings):
         return  # where work was cut short no change makes less of it
-    leaving = result.findings["P2a"].leaving
-    helped = _Helped(NotProved(result.problem, failing, done, leaving))
+    p2a = result.findings["P2a"]
+    of_sc = p2a.verdict == REFUTED or any(c.kind == HABIT for c in p2a.causes)
+    helped = _Helped(NotProved(result.problem, failing, done, p2a.leaving, of_sc))
     while helped.found.failing and len(helped.said) < CHAIN_MAX and helped.by_one_more(trials):
         pass
     helped.enter(result, failing)
+
+
+def _refuted(result: ModuleResult) -> str:
+    """What a run has refuted, to be said before anything is tried; "" where none has."""
+    names = ", ".join(n for n, f in result.findings.items() if f.verdict == REFUTED)
+    return names and f"{result.name} is REFUTED ({names}); looking for the cause, and what helps"
 
 
 class _Helped:
@@ -302,7 +322,8 @@ class _Helped:
                 return True
             if as_it_is and now is not None:
                 self.in_vain[remedy.said] = None
-            elif as_it_is and not trials.go_on():  # else it is no problem
+            elif as_it_is and not trials.go_on() and remedy.said not in self.in_vain:
+                # else it is no problem
                 self.untried[remedy.said] = None
         return False
 
@@ -318,6 +339,9 @@ class _Helped:
             first.hint = f"{'; and '.join(self.said)} (tried: {then}){otherwise}"
             for claim in failing[1:] if not left else ():
                 result.findings[claim].hint = f"as for `{failing[0]}`: with that it is proved, too"
+        words = [w for w, of in WORDS.items() if any(r.startswith(of) for r in self.in_vain)]
+        parts = [p for p in first.hint.split("; ") if self.said or not p.startswith(tuple(words))]
+        first.hint = told(parts)
         if self.in_vain:
             first.tried.append(f"in vain: {told(self.in_vain)}")
         if self.untried and left:

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 
 LONGER = (0.1, 1.0)
 """Of an axis, so much longer it is made where K is lost at its end; the second where K is empty."""
+HALVED = "disturbances and errors half as wide"
 BEYOND = 0.01
 """Of an axis, so far beyond its end `safe` is asked."""
 
@@ -55,6 +56,8 @@ class NotProved:
     failing: Sequence[str]
     done: Sequence[Case]
     leaving: LeavingRun | None
+    of_sc: bool = False
+    """A run has refuted SC, or shows its habit: no other grid, age or world makes it another."""
 
     @property
     def loses_core(self) -> bool:
@@ -89,6 +92,8 @@ class Remedy:
 def remedies(found: NotProved) -> Iterator[Remedy]:
     """What the table has for claims that fail."""
     for row in VARIATIONS:
+        if found.of_sc and row.cost != OTHERS:
+            continue
         if row.without_core if found.loses_core else row.with_core:
             for problem, said in row.changes(found):
                 if problem is not None:
@@ -249,7 +254,7 @@ VARIATIONS = (
     Variation("{}", _other_start, without_core=False, with_core=True),
     Variation("more cells: `{}`", _more_cells, without_core=False, with_core=True, cost=CELLS),
     Variation(
-        "disturbances and errors half as wide",
+        HALVED,
         _half_against,
         without_core=True,
         with_core=True,

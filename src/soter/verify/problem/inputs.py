@@ -194,6 +194,7 @@ def _not_float(what: str, name: str, t: Type, span: Span, diagnostics: Diagnosti
         span,
         f"its type is `{t}`",
         notes=("sets are computed over floats",),
+        helps=("make it a `float`: who chooses among whole numbers publishes `float(n)`",),
     )
 
 

@@ -127,16 +127,26 @@ def _seen(flat: System, module: Module) -> SwitchLatency:
     real = of_map(real) if kind == "map" else real
     needed = _needed(real.schedule, None if kind == "map" else deployment.handed_over)
     verdict = HOLDS if needed <= times.horizon_ns else FAILS
-    other = verdict == HOLDS and any(d.code == "R033" for d in said)
+    why = "" if verdict == FAILS else _otherwise_proved(times, said)
     return SwitchLatency(
         module=module.name,
-        verdict=UNKNOWN if other else verdict,
-        why="the proof counts with other times (R033)" if other else "",
+        verdict=UNKNOWN if why else verdict,
+        why=why,
         horizon=times.horizon_ns,
         needed=needed,
         largest=max(terms(real).items(), key=lambda item: item[1]),
         diagnostics=said,
     )
+
+
+def _otherwise_proved(times: Times, said: tuple[Diagnostic, ...]) -> str:
+    """Why `soter verify` does not prove what holds as deployed; "" where it may."""
+    if any(d.code == "R033" for d in said):
+        return "the proof counts with other times (R033)"
+    if times.h_star <= times.horizon_ns:
+        return ""
+    star = show_ns(times.h_star)
+    return f"the times of its `verify` block need {star}, and those of the thread less"
 
 
 def _needed(schedule: Schedule, handed_over: int | None) -> int:
