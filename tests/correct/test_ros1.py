@@ -7,6 +7,7 @@ Non-goals: how quickly they are (`bench/ros/`); conversions (`tests/unit/targets
 from __future__ import annotations
 
 import json
+import re
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -17,7 +18,7 @@ from bench.ros import ros1_bad_input
 from bench.ros.ros1_nodes import ROOT, SYSTEM_PYTHON, missing, nodes
 
 import processes
-from generators import ros1_clock
+import soter
 from generators.ros1_packages import built_node, built_package
 from long_tests import some
 
@@ -28,22 +29,57 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.skipif(bool(missing()), reason=f"ROS 1 is not here: {missing()}")
 
 
+PROGRAMS: dict[str, tuple[str, str, str, str, dict[str, str], str]] = {
+    "cart": (
+        *("examples/wall/cart.soter", "Protected", "motion", "nav_msgs/Odometry"),
+        {"x": "pose.pose.position.x", "v": "twist.twist.linear.x"},
+        "2.0",
+    ),
+    "mountain car": (
+        *("examples/mountain_car/cliff.soter", "Protected", "car", "geometry_msgs/Point"),
+        {"x": "x", "v": "y"},
+        "20.0",
+    ),
+    "drone": (
+        *("examples/drone/motion_primitive.soter", "Protected", "control"),
+        *("geometry_msgs/Vector3", {"x": "x", "y": "y", "z": "z"}, "2.0"),
+    ),
+}
+"""Program, system, a topic that goes out, its messages and fields, step of /clock in ms."""
+HASH = re.compile(r"trace_sha256 ([0-9a-f]{64})")
+
+
+def run_hash(path: Path, system: str) -> str:
+    """Of `soter run`."""
+    return str(soter.load(path).simulate(system, trace=False).trace_sha256)
+
+
+def under_clock(build: Path, name: str, clock: Path, *words: str) -> str:
+    """What the node says at its end."""
+    with nodes() as all_:
+        node = all_.start("simulation", build / f"{name}_simulation")
+        all_.start("clock", clock, *words)
+        node.wait(600)
+        told = HASH.search("".join(all_.heard["simulation"]))
+        return told[1] if told else "no hash: " + "".join(all_.heard["simulation"])[-200:]
+
+
 @pytest.fixture(scope="module")
 def clock(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built_node("ros1_clock", tmp_path_factory.mktemp("clock"))
 
 
 @pytest.mark.parametrize("back", [(), ("3.0",)], ids=["forth", "back once"])
-@pytest.mark.parametrize("name", some(ros1_clock.PROGRAMS, 1))
+@pytest.mark.parametrize("name", some(PROGRAMS, 1))
 def test_under_clock_the_trace_is_that_of_soter_run(
     clock: Path, tmp_path: Path, name: str, back: tuple[str, ...]
 ) -> None:
-    path, system, topic, kind, fields, step = ros1_clock.PROGRAMS[name]
+    path, system, topic, kind, fields, step = PROGRAMS[name]
     entry = {"channel": f"/{topic}", "type": kind, "fields": fields}
     (tmp_path / "map.json").write_text(json.dumps({"topics": {topic: entry}}))
     build = built_package(ROOT / path, system, tmp_path / "map.json", tmp_path / "package")
-    told = ros1_clock.under_clock(build, (ROOT / path).stem, clock, step, *back)
-    assert told == ros1_clock.run_hash(ROOT / path, system)
+    told = under_clock(build, (ROOT / path).stem, clock, step, *back)
+    assert told == run_hash(ROOT / path, system)
 
 
 @pytest.fixture(scope="module")

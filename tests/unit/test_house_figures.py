@@ -224,7 +224,6 @@ REASONS = {
     "src/soter/explore/engine/c/soter_explore_transition_cache.c": "one table, inlined functions",
     "src/soter/explore/engine/c/soter_explore_step.c": "what a move does, rule by rule",
     "src/soter/explore/engine/c/soter_explore_store.c": "one table; its functions are inlined",
-    "bench/run_all.py": "a row a table of the page",
     "bench/made_again_sections.py": "a row a section of the pages",
     "bench/verify/soundness.py": "not cut yet",
     "tests/generators/random_programs.py": "one grammar, at random",
