@@ -142,6 +142,7 @@ SMALL = {
     "Certificates that say more than is true": Small("--share 0.01 --jobs 1"),
     "soter verify: honest robots at the first attempt": Small(apart=MINUTES),
     "soter verify: robots made wrong": Small(apart=MINUTES),
+    "soter test against the brute-force enumerator": Small("--programs 12"),
     "soter test: bugs seeded in the examples": Small("--only two_modules --brute 1000", part=True),
     "Delays of the trusted part": Small("--runs 1", times=SIMULATED),
     "Real time: misses, controllers that fail, the way to SC's output": Small(

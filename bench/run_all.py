@@ -274,6 +274,10 @@ BENCHMARKS = (
     ),
     Benchmark("soter verify: robots made wrong", "bench/newcomers/wrong_robots.py"),
     Benchmark(
+        "soter test against the brute-force enumerator",
+        "bench/testing/soundness.py --programs 600",
+    ),
+    Benchmark(
         "soter test: bugs seeded in the examples",
         "bench/testing/mutants.py",
         last=r"^mutants|\.\.\. (found|trace)",
