@@ -139,6 +139,10 @@ def _times(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
     )
 
 
+def _holds_draws(step: core.PlantStep) -> bool:
+    return any(d.hold_ns > 0 for _, _, some in step.disturbances for d in some)
+
+
 def _clock(actor: int, own: Effects) -> set[Label]:
     """What the time of a step follows from, where it reads the time."""
     return {TIME, ("done", actor)} if own.timed else set()
@@ -236,7 +240,7 @@ class Footprints:
             effects.writes |= {("latched", x.index), ("control", x.index)}
         effects.keeps |= x.node is not None
         if isinstance(step, core.PlantStep):
-            effects.timed |= any(d.hold_ns > 0 for _, _, some in step.disturbances for d in some)
+            effects.timed |= _holds_draws(step)
         if x.plant is not None:
             effects.reads |= {("topic", x.scope.topics[t]) for t in x.plant.reads}
         if x.role in {"ac", "sc"} and x.module is not None:
