@@ -110,7 +110,11 @@ def expanded(shape: list[int], of: list[int]) -> Any:
     from onnx import TensorProto, helper, numpy_helper
 
     sizes = {"shape": np.array(shape, np.int64), "of": np.array(of, np.int64)}
-    arrays = {**sizes, "W": np.array([[1.0, -2.0]], np.float32), "k": np.array([0.5], np.float32)}
+    arrays: dict[str, Any] = {
+        **sizes,
+        "W": np.array([[1.0, -2.0]], np.float32),
+        "k": np.array([0.5], np.float32),
+    }
     nodes = [
         helper.make_node("MatMul", ["obs", "W"], ["mean"]),
         helper.make_node("Expand", ["mean", "shape"], ["loc"]),
