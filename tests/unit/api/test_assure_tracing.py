@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soter.api import load
+from soter.api.assurance.certificate_check import OTHER_PROGRAM, CertifiedProof
+from soter.api.assurance.evidence import OTHER_REPORT
 from soter.api.assurance.hazard_traceability import Tracing
 from soter.diagnostics.diagnostic import SoterError
 from soter.report.assurance.page import body
@@ -24,6 +27,26 @@ if TYPE_CHECKING:
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 HEAD = "kind,id,text,traces_to,owner,validation,evidence\n"
 CLEAR = "always Clear(c.truth)"
+
+
+def test_what_does_not_fit_is_told_before_anything_takes_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Reports and certificates of another program: minutes of tests and flights come after that."""
+    report = {"program_sha256": "0" * 64, "tests": [{"name": "Quiet", "verdict": "exhausted"}]}
+    (tmp_path / "tests.json").write_text(json.dumps(report))
+    other = CertifiedProof("proof", why=OTHER_PROGRAM)
+    monkeypatch.setattr("soter.api.assurance.certificate_check._looked_at", lambda *_: other)
+
+    def argued(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("soter.api.assurance.safety_case.argue", argued)
+    told: list[str] = []
+    how = {"cert": "proof", "test_report": tmp_path / "tests.json", "tell": told.append}
+    with pytest.raises(KeyboardInterrupt):
+        load(CART).assure(tmp_path / "out", system="Protected", **how)
+    assert told == [OTHER_REPORT, OTHER_PROGRAM]
 
 
 @pytest.fixture(scope="module")

@@ -311,23 +311,6 @@ def test_a_test_that_is_not_clean_or_rests_on_what_nobody_asks_supports_nothing(
     assert why in next(n["why"] for n in case["nodes"] if n["id"] == leaf)
 
 
-def test_what_does_not_fit_is_told_before_anything_takes_time(
-    soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Reports and certificates of another program: minutes of tests and flights come after that."""
-    report = {"program_sha256": "0" * 64, "tests": [{"name": "Quiet", "verdict": "exhausted"}]}
-    (cart / "tests.json").write_text(json.dumps(report))
-    (cart / "c.soter").write_text((cart / "c.soter").read_text() + " ")
-
-    def argued(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("soter.api.assurance.safety_case.argue", argued)
-    done = soter("assure", "c.soter", "--cert", "proof", "--test-report", "tests.json", "-o", "out")
-    assert "soter: the report is about another program" in done.err
-    assert "soter: the certificate is of another program: the hashes differ; its goals" in done.err
-
-
 @pytest.mark.long
 def test_tests_count_only_where_they_are_explored_now(soter: Soter, cart: Path) -> None:
     report = soter("test", "c.soter", "--test", "Quiet", "--json")

@@ -27,6 +27,7 @@ from soter.version import other_format
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from soter.api.arguments import Tell
     from soter.campaign.store import FlightOutcome
     from soter.explore.results import ExploreReport, TestResult
     from soter.language.model.system import System
@@ -216,10 +217,11 @@ class Evidence:
         params: Any,  # noqa: ANN401 - as given
         test_report: str | Path | None,
         campaign: str | Path | None,
+        tell: Tell,
     ) -> Evidence:
-        """Read it; SoterError D005, D006 for what is none."""
+        """Read it, and tell at once what does not fit; SoterError D005, D006 for what is none."""
         report = None if test_report is None else Path(test_report)
-        return Evidence(
+        read = Evidence(
             program,
             flat,
             params,
@@ -228,13 +230,11 @@ class Evidence:
             "" if report is None else file_hash(report),
             None if campaign is None else read_flights(Path(campaign)),
         )
-
-    def misfits(self) -> list[str]:
-        """Why a report and a campaign that were given support nothing, a clause each."""
-        own = self.flat.program.sha256
-        other = any(told["program_sha256"] != own for told in self.told.values())
-        unfit = "" if self.flights is None else _not_flown(self.flat, self.flights.about)
-        return [OTHER_REPORT] * other + [unfit] * bool(unfit)
+        if any(of["program_sha256"] != flat.program.sha256 for of in read.told.values()):
+            tell(OTHER_REPORT)
+        if read.flights is not None and (why := _not_flown(flat, read.flights.about)):
+            tell(why)
+        return read
 
     def tests(self, case: SafetyCase, refuted: list[str], *, explored: bool) -> None:
         """A goal a test: supported where it was explored now, and is clean."""

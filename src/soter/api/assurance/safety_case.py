@@ -79,9 +79,9 @@ def assure(
 
     `tests`: explore them now; `flights`: so many of a campaign are flown again; `hazards`: a CSV
     file of hazards, requirements and who answers for assumptions (docs/assure.md); `tell` is told
-    what does not fit the program, before anything takes time. SoterError D009
-    where there is no certificate, D005 for a report that is none, D021 for hazards that are none,
-    D006 where something cannot be read or written, D007 without `prove`, and as of `Program.flat`.
+    first what does not fit the program. SoterError D009 where there is no certificate, D005 for a
+    report that is none, D021 for hazards that are none, D006 where something cannot be read or
+    written, D007 without `prove`, and as of `Program.flat`.
     """
     require_flint()
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
@@ -98,9 +98,7 @@ def assure(
     )
     case.plants = _plants(flat)
     refuted = case.refuted
-    evidence = Evidence.read(program, flat, params, test_report, campaign)
-    for why in evidence.misfits():
-        tell(why)
+    evidence = Evidence.read(program, flat, params, test_report, campaign, tell)
     tracing = Tracing.read(None if hazards is None else Path(hazards), flat)
     case.predicates = tuple(p for m in flat.modules for p in expanded(flat, m))
     proof = proof_of(cert, flat, case.params, progress, tell)
@@ -117,9 +115,8 @@ def assure(
     case.provenance = provenance_of(proof, command_line(program.path, options, params or {}))
     top = argue(case, flat, proof, refuted)
     if flat.faults:
-        case.add(
-            CaseNode("C-faults", "context", "runs with the `faults` of the system"), beside=top
-        )
+        faulty = CaseNode("C-faults", "context", "runs with the `faults` of the system")
+        case.add(faulty, beside=top)
     case.add(
         CaseNode(
             "C-evidence",

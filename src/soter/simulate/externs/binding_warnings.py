@@ -17,8 +17,6 @@ from soter.diagnostics.diagnostic import Diagnostic, Label, Severity, SoterError
 from soter.language.load.bounded_read import read_bytes
 from soter.language.model.binding_text import binding_of
 from soter.language.model.types import IntType, leaves
-from soter.simulate.externs.clipped_answers import answered
-from soter.simulate.externs.python_extern import policy_files
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -65,6 +63,9 @@ def wide_actions(systems: Iterable[System], bound: Mapping[str, object]) -> tupl
 def _too_wide(
     system: System, component: Component, node: NodeSymbol, binding: BindingText
 ) -> Iterator[Diagnostic]:
+    from soter.simulate.externs.clipped_answers import answered  # noqa: PLC0415 - needs NumPy
+    from soter.simulate.externs.python_extern import policy_files  # noqa: PLC0415 - the same
+
     try:
         actions = iter(policy_files().action_bounds(binding))
     except SoterError as error:

@@ -96,8 +96,9 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
         search = _leaving(case, model, _within(RUNS_S, go_on))
         finding.leaving = search.soonest
         why, cause = _left(search, case) if search.soonest is not None else _none_left(search)
-        found = habit(model, model.start, _within(HABIT_S, go_on))
-        if found is not None and (search.soonest is None or search.soonest.safe):
+        by_safe = search.soonest is None or search.soonest.safe
+        found = habit(model, model.start, _within(HABIT_S, go_on)) if by_safe else None
+        if found is not None:
             cause = Cause(HABIT, found.text, "", cause.numbers)
             finding.hint = found.hint
     failing = sum(bool(c.failed("P2a")) for c in done)
