@@ -122,7 +122,7 @@ MORE = (
 
 def _channels(file: str) -> int:
     """What `soter.remote` reads of a package, so that a policy may write to its channels."""
-    from soter.remote.topics import topics_of  # noqa: PLC0415 - only then
+    from soter.remote.channels_and_topics import topics_of  # noqa: PLC0415 - only then
 
     return len(topics_of(file, None).all) and 0
 
@@ -246,7 +246,7 @@ def _loose(path: Path) -> None:
 def _document() -> dict[str, object]:
     """A document as packages have it."""
     from soter.language.front_end import check_file, system_of  # noqa: PLC0415 - only then
-    from soter.targets.channel_document import channel_document  # noqa: PLC0415 - the same
+    from soter.targets.world_interface import channel_document  # noqa: PLC0415 - the same
 
     program = ROOT / "examples" / "ros" / "shuttle_ros.soter"
     return channel_document(system_of(check_file(str(program)), None))

@@ -37,7 +37,7 @@ from soter.certificate.format.folder import FORMAT, canonical  # noqa: E402
 from soter.certificate.reading.module_facts import DiffersError  # noqa: E402
 from soter.certificate.reading.problem import read_facts  # noqa: E402
 from soter.certificate.rechecker import recheck  # noqa: E402
-from soter.certificate.time.claimed_times import TIME_KEYS  # noqa: E402
+from soter.certificate.time.module_times import TIME_KEYS  # noqa: E402
 from soter.language.front_end import check_file, system_of  # noqa: E402
 
 if TYPE_CHECKING:

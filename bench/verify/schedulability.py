@@ -27,7 +27,7 @@ for folder in (ROOT, ROOT / "tests"):
         sys.path.insert(0, str(folder))
 
 from generators.simulated_thread import Job, at_worst, busy, drawn, simulate, turn  # noqa: E402 - as above
-from soter.timing.response_times import Analysis, Task, analyse  # noqa: E402 - needs the path
+from soter.timing.trusted_thread import Analysis, Task, analyse  # noqa: E402 - needs the path
 
 LOW, HIGH = 0.6, 1.0
 BANDS = ((0.6, 0.7), (0.7, 0.8), (0.8, 0.9), (0.9, 1.01))

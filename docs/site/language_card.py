@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.editor import keywords
-from soter.language.syntax import clause_words, schemes, tokens
+from soter.language.syntax import schemes, tokens
+from soter.language.syntax import words as clause_words
 from soter.language.syntax.parsing.expression_elements import PRECEDENCE
 
 if TYPE_CHECKING:

@@ -35,8 +35,7 @@ from generators.program_reducer import reduced
 from generators.random_programs import program
 from generators.run_statistics import happened, table
 from long_tests import examples, seeds
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.system import environment_topics
 from soter.language.syntax.printer import format_source

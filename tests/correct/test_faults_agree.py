@@ -14,8 +14,8 @@ from soter import SoterError, load, recheck
 from soter.language.elaborate.derived_systems import faultless, with_faults
 from soter.language.front_end import check_file, system_of
 from soter.language.model.system import Fault
+from soter.semantics.draws import draw_bits
 from soter.semantics.faults import happens, is_active, is_released, next_release
-from soter.semantics.random_draws import draw_bits
 from soter.simulate.run import NativeProgram, run_interpreted
 from soter.verify.problem.assumption import texts
 

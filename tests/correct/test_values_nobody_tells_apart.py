@@ -15,7 +15,7 @@ from generators.brute_force import TooLargeError
 from generators.explorer_agreement import enumerated
 from generators.reader_programs import readers
 from long_tests import examples, seeds
-from soter.language.elaborate.tests_and_faults import distinguishable_values, stand_ins
+from soter.language.elaborate.tests_and_faults import distinguishable_values_and_times, stand_ins
 from soter.language.model import typed
 from soter.language.model.tree_walk import children
 from soter.language.model.types import RecordType
@@ -94,7 +94,7 @@ def _overlooks(is_one: Callable[[object], bool]) -> Patch:
     def fewer(node: object) -> list[object]:
         return [] if is_one(node) else whole(node)
 
-    return lambda m: m.setattr(distinguishable_values, "children", fewer)
+    return lambda m: m.setattr(distinguishable_values_and_times, "children", fewer)
 
 
 def _arithmetic(node: object) -> bool:
@@ -111,7 +111,7 @@ def _between_topics(node: object) -> bool:
 
 def _forgets(op: str) -> Patch:
     """Comparisons by one operator count as none, unless nothing else is left."""
-    whole = distinguishable_values.representatives
+    whole = distinguishable_values_and_times.representatives
 
     def fewer(asked: set[tuple[str, float]], *about: Any) -> list[float]:
         return whole({(o, c) for o, c in asked if o != op} or asked, *about)
@@ -120,33 +120,37 @@ def _forgets(op: str) -> Patch:
 
 
 def _not_between(m: pytest.MonkeyPatch) -> None:
-    m.setattr(distinguishable_values, "_between", lambda *ends: ends[0])
+    m.setattr(distinguishable_values_and_times, "_between", lambda *ends: ends[0])
 
 
 def _not_turned(m: pytest.MonkeyPatch) -> None:
-    m.setattr(distinguishable_values, "_TURNED", {o: o for o in distinguishable_values._TURNED})
+    m.setattr(
+        distinguishable_values_and_times,
+        "_TURNED",
+        {o: o for o in distinguishable_values_and_times._TURNED},
+    )
 
 
 def _no_modules(m: pytest.MonkeyPatch) -> None:
-    def heard(readers: distinguishable_values.Readers, module: Module) -> None:
+    def heard(readers: distinguishable_values_and_times.Readers, module: Module) -> None:
         readers.heard |= set(module.reads)
 
-    m.setattr(distinguishable_values.Readers, "_module", heard)
+    m.setattr(distinguishable_values_and_times.Readers, "_module", heard)
 
 
 def _no_contracts(m: pytest.MonkeyPatch) -> None:
-    m.setattr(distinguishable_values.Readers, "_contracts", lambda *_: None)
+    m.setattr(distinguishable_values_and_times.Readers, "_contracts", lambda *_: None)
 
 
 def _first_field(m: pytest.MonkeyPatch) -> None:
-    place = distinguishable_values.Readers._place
+    place = distinguishable_values_and_times.Readers._place
 
-    def first(readers: distinguishable_values.Readers, e: object, scope: Scope) -> object:
+    def first(readers: distinguishable_values_and_times.Readers, e: object, scope: Scope) -> object:
         found = place(readers, e, scope)
         record = isinstance(e, typed.TopicRead) and isinstance(e.type, RecordType)
         return (found[0], (0,)) if found is not None and record else found
 
-    m.setattr(distinguishable_values.Readers, "_place", first)
+    m.setattr(distinguishable_values_and_times.Readers, "_place", first)
 
 
 MISTAKES: dict[str, Patch] = {

@@ -23,8 +23,8 @@ from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from soter.semantics.configuration import AC, NEVER, SC, DecisionVerdict, StepOutcome
+from soter.semantics.draws import chosen_value
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.random_draws import chosen_value
 from soter.semantics.rules import environment_input
 
 if TYPE_CHECKING:

@@ -31,20 +31,24 @@ from soter.language.model.types import (
     leaf_count,
 )
 from soter.native.shared_library import CHECK_FAILED
-from soter.verify.enclose.c_emitter import Emitter, address, framed, given, names_in
 from soter.verify.enclose.core_enclosure import EnclosureBody
 from soter.verify.enclose.enclosed_operations import EnclosureOperations, kind_of
-from soter.verify.enclose.enclosed_values import (
+from soter.verify.enclose.enclosure_code import PARAMETERS
+from soter.verify.enclose.enclosure_emitter import (
     AggregateParts,
     Constant,
     EmittedInts,
     EmittedTruth,
+    Emitter,
     Form,
     Item,
     Sequence,
+    address,
+    framed,
+    given,
+    names_in,
     opened,
 )
-from soter.verify.enclose.enclosure_code import PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

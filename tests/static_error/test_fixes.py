@@ -11,15 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from generators.file_listing import files_in
-from soter.diagnostics.diagnostic import Diagnostics, Severity, applied
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Diagnostics, Severity, Source, applied
 from soter.language.front_end import CheckResult, check_file
 from soter.language.syntax.parser import parse
 from tables import all_rows
 
 if TYPE_CHECKING:
-    from soter.diagnostics.diagnostic import Diagnostic, Fix
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostic, Fix, Span
 
 FOLDER = Path(__file__).parent
 PROGRAMS = [p.name for p in files_in(FOLDER, "*.soter")]

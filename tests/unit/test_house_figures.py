@@ -159,7 +159,6 @@ def test_an_add_on_imports_the_core_and_what_it_says_it_needs() -> None:
 
 
 ROOMS = {
-    "src/soter/explore": (17, "an engine, a judge and what a search is told: a file each"),
     "src/soter/runtime/posix": (
         24,
         "three programs over two channels; all of it ships as one folder",

@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.addons import by_name
-from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
-from soter.diagnostics.os_error_text import utf8_text
+from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake, utf8_text
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -70,7 +69,7 @@ def time_ns(what: str, given: float | str | None) -> int | None:
 
 def end_of(system: System, until: float | str | None) -> int:
     """When a run ends, in ns; `SoterError` U001 where nobody says."""
-    from soter.simulate.run_settings import until_ns  # noqa: PLC0415 - see `soter.api`
+    from soter.simulate.run_options import until_ns  # noqa: PLC0415 - see `soter.api`
 
     if until is not None:
         return until_ns(until)
@@ -99,7 +98,7 @@ def add_stale_monitors(checked: CheckResult) -> None:
     if not checked.ok or checked.loaded is None:
         return
     if any("soter monitor --emit" in file.source.text for file in checked.loaded.files):
-        for wrong in by_name("soter.monitor.outdated_monitor_files").stale_monitors(checked):
+        for wrong in by_name("soter.monitor.emitted_monitors").stale_monitors(checked):
             checked.diagnostics.add(wrong)
 
 
@@ -107,7 +106,7 @@ def values_of(program: TypedProgram, params: Mapping[str, object] | None) -> dic
     """The values of parameters by full name; `SoterError` U001, U004."""
     if not params:
         return {}
-    from soter.simulate.run_settings import param_values  # noqa: PLC0415 - see `soter.api`
+    from soter.simulate.run_options import param_values  # noqa: PLC0415 - see `soter.api`
 
     return param_values(program, params)
 
@@ -177,7 +176,7 @@ def read_text(path: str) -> str:
 
 def format_text(name: str, text: str) -> str:
     """A program's text, well laid out; `SoterError` where it does not parse."""
-    from soter.diagnostics.source import Source  # noqa: PLC0415 - see `soter.api`
+    from soter.diagnostics.diagnostic import Source  # noqa: PLC0415 - see `soter.api`
     from soter.language.syntax.printer import format_source  # noqa: PLC0415 - see `soter.api`
 
     diagnostics = Diagnostics()

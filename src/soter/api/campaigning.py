@@ -25,7 +25,7 @@ from soter.campaign.result import ORDER, Result, blames, occurred, result_of
 from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
 from soter.report.parameter_text import changed
-from soter.simulate.run_settings import seed_value
+from soter.simulate.run_options import seed_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

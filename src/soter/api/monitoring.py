@@ -22,7 +22,7 @@ from soter.monitor.logs.result import units_taken
 from soter.monitor.logs.typed_samples import recorded as of_samples
 from soter.monitor.logs.typed_samples import samples_of
 from soter.monitor.model_membership import Judgement, judge, needed_topics
-from soter.simulate.trace_to_recorded_run import read_log, recorded
+from soter.simulate.recorded_run import read_log, recorded
 from soter.verify.problem.extract import extract_sets
 
 if TYPE_CHECKING:

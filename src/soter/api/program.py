@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from soter.api.arguments import Progress, Tell
     from soter.api.assurance.safety_case import Assurance
     from soter.api.campaigning import Campaign
-    from soter.api.compiled_systems import PreparedSystems
     from soter.api.diagrams import Diagram
+    from soter.api.running import PreparedSystems
     from soter.explore.results import ExploreReport
     from soter.explore.search_options import SearchKeywords
     from soter.language.model.system import System
@@ -87,7 +87,7 @@ class Program:
 
     @cached_property
     def _prepared(self) -> PreparedSystems:
-        from soter.api.compiled_systems import PreparedSystems  # noqa: PLC0415 - see the docstring
+        from soter.api.running import PreparedSystems  # noqa: PLC0415 - see the docstring
 
         return PreparedSystems()
 
@@ -317,7 +317,7 @@ class Program:
         flat = self.declared(system, params)
         chosen = chosen_modules(flat, module)[0]
         how: dict[str, Any] = {"alarm": alarm, "params": params}
-        write = by_name("soter.monitor.emit_monitor").write_monitor
+        write = by_name("soter.monitor.emitted_monitors").write_monitor
         return cast("Path", write(flat, chosen, self.path, Path(path), **how))
 
     def verify(

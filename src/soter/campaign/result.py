@@ -21,8 +21,8 @@ from soter.campaign.statistics import FLIGHTS, RateInterval, interval_of, share_
 from soter.campaign.store import digest_of
 from soter.language.elaborate.derived_systems import only_inside, without_faults
 from soter.language.model.types import FloatType, IntType
+from soter.semantics.draws import GOLDEN, fnv
 from soter.semantics.faults import begins
-from soter.semantics.random_draws import GOLDEN, fnv
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

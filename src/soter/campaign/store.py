@@ -21,8 +21,7 @@ from importlib.util import find_spec
 from typing import IO, TYPE_CHECKING
 from zlib import crc32
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 from soter.language.load.bounded_read import read_bytes
 from soter.report.atomic_write import require_no_links
 from soter.version import other_format, pip_install

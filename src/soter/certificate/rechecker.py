@@ -23,9 +23,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.allowed_claims import CLAIMS, claimed_of, static_claims
 from soter.certificate.assumptions import assumptions_of, confirmed_of
-from soter.certificate.case_check import CaseCheck, narrowed
+from soter.certificate.case_check import CLAIMS, CaseCheck, claimed_of, narrowed, static_claims
 from soter.certificate.cells.cell_sets import Axes, Grid
 from soter.certificate.failsafe_law import kept_by_law, law_in
 from soter.certificate.format.claimed_parts import (
@@ -61,7 +60,7 @@ from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import left_out
 from soter.certificate.report import RecheckedModule, Report
 from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
-from soter.certificate.time.claimed_times import compare_times
+from soter.certificate.time.module_times import compare_times
 from soter.certificate.time.sc_on_default_inputs import survives_the_start
 from soter.certificate.vacuous_proofs import of_those_above, vacuous
 from soter.diagnostics.current_phase import between, phase

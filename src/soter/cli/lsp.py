@@ -51,7 +51,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         raise mistake("D007", what, f"install it: {pip_install('editor')}") from error
     if args.tcp is not None:
         console.note(f"waiting for a client at port {args.tcp}")
-    from soter.native.cached_verdicts import stored_verdicts  # noqa: PLC0415 - only then
+    from soter.verify.proof_cache import stored_verdicts_of_file  # noqa: PLC0415 - only then
 
-    serve(stored_verdicts, None if args.tcp is None else ("127.0.0.1", args.tcp))
+    serve(stored_verdicts_of_file, None if args.tcp is None else ("127.0.0.1", args.tcp))
     return CommandOutcome()

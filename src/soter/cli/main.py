@@ -29,8 +29,7 @@ from soter.cli.terminal.command_line import (
     format_of,
 )
 from soter.cli.terminal.console import ChildResult, Console
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.os_error_text import reason, utf8_text
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason, utf8_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -22,8 +22,7 @@ from soter.api.arguments import require_utf8
 from soter.cli.terminal.command_line import CommandOutcome, file_option
 from soter.codegen.c.names import program_prefix
 from soter.diagnostics.command_records import SEVERAL, SWITCH, option
-from soter.diagnostics.diagnostic import mistake
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import mistake, reason
 from soter.diagnostics.render import safe
 from soter.version import pip_install
 

@@ -4,7 +4,7 @@ Purpose: the verdict on every test with what was covered and what was not, and f
 its least trace, step by step; the same as JSON, and as findings for continuous integration: one for
 each test, at its `test` block; a test that was not started is open. The file of `--junit` holds the
 verdicts, or why there are none: whatever ends a command that was understood, nothing old stays.
-Non-goals: searching (`explore/`), the XML (`explore/junit.py`).
+Non-goals: searching (`explore/`), the XML (`cli/ci/sarif_junit_github.py`).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.cli.ci.sarif_junit_github import document_of_tests
 from soter.cli.terminal.command_line import (
     FORMAT,
     INTERRUPTED,
@@ -28,7 +29,6 @@ from soter.cli.terminal.progress import LineOfProgress
 from soter.diagnostics.command_records import JsonObject, one_of, option, options_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.explore.engine.coverage import Coverage, CoverageKind
-from soter.explore.junit import document
 from soter.explore.results import (
     BOUND,
     BOUNDS,
@@ -78,7 +78,7 @@ def of_tests(report: ExploreReport) -> tuple[CiFinding, ...]:
 
 def report_as_junit(report: ExploreReport, path: str, console: Console) -> None:
     """Write the verdicts; `SoterError` D006."""
-    from soter.explore.junit import write  # noqa: PLC0415 - only then
+    from soter.cli.ci.sarif_junit_github import write  # noqa: PLC0415 - only then
     from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
 
     try:
@@ -93,7 +93,7 @@ def problems_as_junit(
     file: str, why: SoterError, path: str, warnings: tuple[Diagnostic, ...]
 ) -> None:
     """Write why no test was explored; `SoterError`, with a D006 more, where that could not be."""
-    from soter.explore.junit import write_problems  # noqa: PLC0415 - only then
+    from soter.cli.ci.sarif_junit_github import write_problems  # noqa: PLC0415 - only then
     from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
 
     try:
@@ -152,7 +152,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         report_as_junit(report, args.junit, console)
     found = of_tests(report)
     code = INTERRUPTED if report.interrupted else exit_of_kinds(f.kind for f in found)
-    junit = document(report) if args.format == "junit" else ""
+    junit = document_of_tests(report) if args.format == "junit" else ""
     return CommandOutcome(code, (), DOCUMENT.of(report), found, junit)
 
 

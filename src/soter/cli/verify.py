@@ -297,7 +297,7 @@ def _remember(report: VerifyReport) -> None:
     """Keep the verdicts for editors to show (`soter lsp`)."""
     from pathlib import Path  # noqa: PLC0415 - only then
 
-    from soter.native.cached_verdicts import store_verdicts  # noqa: PLC0415 - only then
+    from soter.verify.proof_cache import store_verdicts_of_file  # noqa: PLC0415 - only then
 
     kept: dict[str, dict[str, object]] = {}
     for m in report.modules:
@@ -311,7 +311,7 @@ def _remember(report: VerifyReport) -> None:
             "horizon_ns": m.problem.times.horizon_ns if sets else None,
             "horizon_needed_ns": m.problem.times.h_star if sets else None,
         }
-    store_verdicts(Path(report.path), report.program_sha256, kept)
+    store_verdicts_of_file(Path(report.path), report.program_sha256, kept)
 
 
 def _save_runs(report: VerifyReport) -> None:

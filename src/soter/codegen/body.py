@@ -27,13 +27,13 @@ from soter.language.model.types import (
     ListType,
     RecordType,
 )
-from soter.semantics.random_draws import fnv
+from soter.semantics.draws import fnv
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.codegen.c.types import TypeTable
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.types import Type
 
 FAULT_NAMES = {

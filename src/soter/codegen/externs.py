@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from soter.codegen.function_context import Frame
     from soter.core.core import CoreSystem, Function
     from soter.core.layout import Struct
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Bound, Component, System
     from soter.language.model.types import Type
 

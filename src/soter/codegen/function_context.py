@@ -20,7 +20,7 @@ from soter.core.core_walks import always_published
 if TYPE_CHECKING:
     from soter.codegen.body import Body, StepBranch
     from soter.codegen.c.types import TypeTable
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Component, System
 
 S = c.Name("s")

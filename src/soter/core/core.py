@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Literal
 from soter.language.syntax.node import Node, Shown, node
 
 if TYPE_CHECKING:
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.evaluate.arithmetic import FaultKind
     from soter.language.model.system import Bound
     from soter.language.model.types import Type, Value

@@ -30,7 +30,7 @@ from soter.language.model.values import Table
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Scope, System
     from soter.language.model.types import Type, Value
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.core_walks import footprint_of, written_topics
+from soter.core.lower_expressions import rebuild, select
 from soter.core.lower_statements import Builder
-from soter.core.vector_values import rebuild, select
 from soter.language.model.tree_walk import chosen_lets, first_lets
 from soter.language.model.types import FLOAT, RecordType
 

@@ -22,7 +22,7 @@ from soter.language.model.types import BOOL, INT, ArrayType, RecordType
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import (
         Component,
         Module,

@@ -1,28 +1,89 @@
-"""A diagnostic as data: code, labelled spans, notes, helps, and helps that are edits.
+"""A diagnostic as data: code, labelled spans of a source file, notes, helps, edits; system errors.
 
-Purpose: every room reports problems with these types, and nothing prints. A `Fix` says what to
-write where, for an editor to offer and a test to try; here are the few ways to make one, and its
-application to texts.
-Non-goals: rendering (`render.py`), the text of the explain pages (`pages/`), which fix a problem
-has (whoever reports it says so), files on disk.
+Purpose: `Source` turns character offsets into lines and columns for people; `Span` is the one
+immutable type for positions, which tokens, trees, Core and diagnostics share. Every room reports
+problems with these types, and nothing prints. A `Fix` says what to write where, for an editor to
+offer and a test to try; here are the few ways to make one, and its application to texts. The same
+few words wherever a file, a folder or a process cannot be had.
+Non-goals: Reading files, their encoding and errors (`language/load/loader.py`). Rendering
+(`render.py`), the text of the explain pages (`pages/`), which fix a problem has (whoever reports it
+says so), files on disk. Which file it was: whoever asked for it says.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 from itertools import islice
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.similar_names import likely
-from soter.diagnostics.source import Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.source import Source
+
+
+@dataclass(eq=False)
+class Source:
+    """Name and text of one file; `name` is the path as the user gave it."""
+
+    name: str
+    text: str = field(repr=False)
+    _starts: list[int] = field(default_factory=list, repr=False)
+
+    def __post_init__(self) -> None:
+        starts = [0]
+        position = self.text.find("\n")
+        while position >= 0:
+            starts.append(position + 1)
+            position = self.text.find("\n", position + 1)
+        self._starts = starts
+
+    def line_of(self, offset: int) -> int:
+        """Line number, from 1, of a character offset."""
+        return bisect_right(self._starts, offset)
+
+    def column_of(self, offset: int) -> int:
+        """Column, from 1, of a character offset."""
+        return offset - self._starts[self.line_of(offset) - 1] + 1
+
+    def line(self, number: int) -> str:
+        """Text of line `number` (from 1) without its line break."""
+        start = self._starts[number - 1]
+        end = self.text.find("\n", start)
+        return self.text[start : end if end >= 0 else len(self.text)].rstrip("\r")
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A half-open range of character offsets `[start, end)` in one source file."""
+
+    source: Source
+    start: int
+    end: int
+
+    @property
+    def line(self) -> int:
+        """Line of the first character, from 1."""
+        return self.source.line_of(self.start)
+
+    @property
+    def column(self) -> int:
+        """Column of the first character, from 1, in characters."""
+        return self.source.column_of(self.start)
+
+    @property
+    def text(self) -> str:
+        """The text the span covers."""
+        return self.source.text[self.start : self.end]
+
+    def to(self, other: Span) -> Span:
+        """The span from the start of this one to the end of `other`."""
+        return Span(self.source, self.start, max(self.end, other.end))
 
 
 @dataclass(frozen=True)
@@ -358,3 +419,16 @@ class SoterError(Exception):
 def mistake(code: Code, message: str, *helps: str, notes: tuple[str, ...] = ()) -> SoterError:
     """An error of one diagnostic that stands in no program; of `helps` those that say something."""
     return SoterError((Diagnostic(code, message, notes=notes, helps=tuple(filter(None, helps))),))
+
+
+def reason(error: OSError) -> str:
+    """Say why the system refused, in lower case, without the number and the path."""
+    text = error.strerror or str(error)
+    return text[:1].lower() + text[1:]
+
+
+def utf8_text(name: str) -> str:
+    r"""A name of the system as UTF-8 can say it: bytes that are none as `\xe9`."""
+    if name.isascii():
+        return name
+    return "".join(c if not "\ud800" <= c <= "\udfff" else f"\\x{ord(c) & 0xFF:02x}" for c in name)

@@ -21,8 +21,7 @@ from soter.diagnostics.diagnostic import Severity
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-    from soter.diagnostics.source import Source, Span
+    from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, Source, Span
 
 
 _LINE_MAX = 100  # characters of a source line that are shown

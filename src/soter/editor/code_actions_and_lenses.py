@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from soter.diagnostics.diagnostic import Diagnostic
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostic, Span
     from soter.editor.documents import Document, Documents
     from soter.editor.protocol_conversions import Lines
     from soter.language.front_end import CheckResult

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from lsprotocol import types as lsp
 
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Source
 from soter.editor import keywords
 from soter.editor.hover import head, shape_text
 from soter.editor.names.definitions import Shape

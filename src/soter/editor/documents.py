@@ -28,8 +28,7 @@ from soter.language.load.loader import LoadedFile, SourceAccess, load
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from soter.diagnostics.diagnostic import Diagnostic
-    from soter.diagnostics.source import Source, Span
+    from soter.diagnostics.diagnostic import Diagnostic, Source, Span
     from soter.editor.names.definitions import NameIndex
     from soter.language.load.loader import LoadedProgram
     from soter.language.model.types import Type, Value

@@ -22,8 +22,7 @@ from soter.language.load.loader import PRELUDE_DIR
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from soter.diagnostics.diagnostic import Diagnostic, Label
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostic, Label, Span
 
 
 UNIT_BYTES = {"utf-8": 1, "utf-16": 2, "utf-32": 4}

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
     from pathlib import Path
 
-    from soter.diagnostics.source import Source, Span
+    from soter.diagnostics.diagnostic import Source, Span
     from soter.editor.names.definitions import Definition, NameIndex, Use
     from soter.language.model.types import Type, Value
     from soter.language.syntax import tree

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from lsprotocol import types as lsp
 from pygls.exceptions import JsonRpcInvalidRequest
 
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.source import Source, Span
+from soter.diagnostics.diagnostic import Diagnostics, Source, Span
 from soter.editor import code_actions_and_lenses, keywords, renaming, symbols
 from soter.editor.code_actions_and_lenses import actions, workspace_edit
 from soter.editor.completion import completed

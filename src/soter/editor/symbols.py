@@ -16,7 +16,7 @@ from soter.language.syntax import tree
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.editor.protocol_conversions import Lines
     from soter.language.load.loader import LoadedFile
 

@@ -23,8 +23,7 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 from soter.explore.search_options import STATUSES
 from soter.language.model.durations import show_ns
 from soter.native.source_files import soter_sha256

@@ -20,8 +20,8 @@ from soter.language.evaluate.statements import Evaluator
 from soter.language.model.durations import show_ns
 from soter.language.model.types import FloatType
 from soter.language.model.values import to_json
-from soter.semantics.chosen_draws import AnsweredDraws
 from soter.semantics.configuration import AC, SC, DecisionVerdict, StepOutcome
+from soter.semantics.draws import AnsweredDraws
 from soter.semantics.properties import fault_of, violated
 
 if TYPE_CHECKING:

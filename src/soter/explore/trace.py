@@ -16,8 +16,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.load.bounded_read import read_bytes

@@ -28,7 +28,7 @@ from soter.language.model.types import (
     leaves,
 )
 from soter.language.model.values import ValueShapeError, from_python
-from soter.semantics.random_draws import assemble
+from soter.semantics.draws import assemble
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -22,7 +22,7 @@ from soter.gym.compiled_system import CompiledEnvironment, Roles, answered_aroun
 from soter.gym.outside_roles import chosen_module, observed_parts, require_compiled, wrong_choice
 from soter.gym.safety_warning import warn_of_no_control
 from soter.language.elaborate.derived_systems import answered_outside
-from soter.simulate.run_settings import seed_value
+from soter.simulate.run_options import seed_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -28,7 +28,7 @@ from soter.language.model.typed import InstanceSymbol, ModuleSymbol, SystemSymbo
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from soter.diagnostics.source import Source
+    from soter.diagnostics.diagnostic import Source
     from soter.language.load.loader import LoadedProgram, SourceAccess
     from soter.language.model.system import System
     from soter.language.model.typed import NodeSymbol, PlantSymbol, TestSymbol, TypedProgram

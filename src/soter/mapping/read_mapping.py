@@ -12,10 +12,10 @@ from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import reason
 from soter.language.load.bounded_read import read_bytes, read_json_text
 from soter.language.load.data_files import parse_json
-from soter.language.syntax.word_tables import toml_of
+from soter.language.syntax.words import toml_of
 from soter.mapping.mapping_errors import MappingProblems, is_number, unknown, wrong_mapping
 from soter.mapping.mavlink import MavlinkMessage, is_mavlink, read_link
 from soter.mapping.message_types import MessageTypes, UnknownMessageError

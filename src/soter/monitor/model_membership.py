@@ -33,13 +33,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.core.arrays import Floats
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Value
     from soter.monitor.linear_model import LinearModel
     from soter.monitor.logs.files.log_columns import Damage
-    from soter.report.recorded_values import RecordedRun
+    from soter.simulate.recorded_run import RecordedRun
     from soter.verify.problem.problem import Problem
 
 

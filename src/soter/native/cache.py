@@ -18,8 +18,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator

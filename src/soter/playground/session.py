@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.codes import explain as page_of
 from soter.diagnostics.codes import named, suggestions
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError, Source
 from soter.diagnostics.render import render_all, to_json
-from soter.diagnostics.source import Source
 from soter.diagram.svg import picture
-from soter.language.evaluate.limits_from_predicates import limits
+from soter.language.evaluate.numbers_in_predicates import limits
 from soter.language.front_end import check_file, system_of
 from soter.language.model.durations import show_ns
 from soter.language.model.types import ArrayType, BoolType, FloatType, IntType, RecordType

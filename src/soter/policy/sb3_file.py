@@ -28,17 +28,22 @@ from soter.policy.network import (
 )
 from soter.policy.pickle_data import Name, PickleError
 from soter.policy.policy_errors import bad_policy, content_of
-from soter.policy.sb3_parts import decoded, opened, part, settings, tensors, version
-from soter.policy.sb3_spaces import (
+from soter.policy.sb3_parts import (
     EXPORT,
     NUMBERS_MAX,
     bits,
     bounds,
+    decoded,
     kind_of,
     observed,
+    opened,
+    part,
+    settings,
     shown,
     sizes_of,
     space_of,
+    tensors,
+    version,
 )
 from soter.policy.vec_normalize import normalised
 

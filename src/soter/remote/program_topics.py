@@ -1,7 +1,8 @@
 """The channels of a program that was not built: what `soter build` would write of them.
 
 Purpose: check a program, flatten a system, describe its channels.
-Non-goals: packages (`topics.py` reads what they say), which need none of what is imported here.
+Non-goals: packages (`channels_and_topics.py` reads what they say), which need none of what is
+imported here.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from soter.language.front_end import check_file, system_of
-from soter.targets.channel_document import channel_document
+from soter.targets.world_interface import channel_document
 
 if TYPE_CHECKING:
     from soter.language.model.system import System

@@ -17,7 +17,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import reason
 from soter.report.atomic_write import ReportError, ReportUnavailableError, atomic_write, own_place
 from soter.report.run.packed_json import packed, script_json
 from soter.report.run.page import body, program_section

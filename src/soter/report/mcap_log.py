@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import reason
 from soter.report.atomic_write import LogError, LogUnavailableError, atomic_write
 from soter.version import pip_install
 

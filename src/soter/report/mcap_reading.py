@@ -20,8 +20,7 @@ from importlib.util import find_spec
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from soter.diagnostics.diagnostic import SoterError, mistake
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import SoterError, mistake, reason
 from soter.language.load.bounded_read import opened
 from soter.report.bounded_unpack import BoundedUnpacking
 from soter.report.mcap_log import (

@@ -1,7 +1,7 @@
 """The parameters of a run, for people and documents.
 
 Purpose: what differs from the program's defaults, as text with units, and as JSON in seconds.
-Non-goals: reading what a person sets (`simulate/run_settings.py`).
+Non-goals: reading what a person sets (`simulate/run_options.py`).
 """
 
 from __future__ import annotations

@@ -26,9 +26,9 @@ from soter.language.model.types import (
     RecordType,
 )
 from soter.semantics.configuration import StepOutcome, put
+from soter.semantics.draws import assemble, chooser
 from soter.semantics.faults import disturbed, factor
 from soter.semantics.publication_gate import check_publications, latch, publish, to_ends
-from soter.semantics.random_draws import assemble, chooser
 from soter.semantics.rules import next_instant
 
 if TYPE_CHECKING:
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from soter.language.model.typed import Variable
     from soter.language.model.types import Type, Value
     from soter.semantics.configuration import Configuration
+    from soter.semantics.draws import Draws
     from soter.semantics.executable_system import Arithmetic, ExecutableSystem, PlantCode
-    from soter.semantics.random_draws import Draws
 
     Derivative = Callable[[list[Value]], list[Value]]
     Steps = tuple[Arithmetic, ...]

@@ -22,10 +22,10 @@ from soter.language.model.system import queues_of
 from soter.language.model.tree_walk import chosen_lets, first_lets
 from soter.language.model.types import ArrayType, FloatType, ListType, RecordType, leaves, positions
 from soter.semantics.configuration import AC
+from soter.semantics.draws import SeededDraws
 from soter.semantics.externs import UnboundExternError, extern_node, extern_plant, step_of
 from soter.semantics.faults import by_component
 from soter.semantics.publication_gate import check_of
-from soter.semantics.random_draws import SeededDraws
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from soter.language.model.typed import FunSymbol, TypedExpr, Variable
     from soter.language.model.types import Type, Value
     from soter.semantics.configuration import Configuration
+    from soter.semantics.draws import Draws
     from soter.semantics.externs import Move
-    from soter.semantics.random_draws import Draws
 
     Store = Callable[[Value], Value]
     Named = tuple[tuple[Variable, Compiled], ...]

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.language.evaluate.arithmetic import canonical, maximum, minimum
 from soter.language.evaluate.statements import replaced
 from soter.language.model.types import leaves, positions
-from soter.semantics.random_draws import draw_bits, draw_float
+from soter.semantics.draws import draw_bits, draw_float
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

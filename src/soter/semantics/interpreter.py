@@ -23,13 +23,13 @@ from soter.semantics.configuration import (
     Record,
     enabled_at_first,
 )
+from soter.semantics.draws import chosen_value
 from soter.semantics.environment import plant_step, refusal
 from soter.semantics.executable_system import ExecutableSystem
 from soter.semantics.externs import reset
 from soter.semantics.faults import in_any_order
 from soter.semantics.properties import violated
 from soter.semantics.publication_gate import publish, to_ends
-from soter.semantics.random_draws import chosen_value
 from soter.semantics.rules import (
     ac_or_sc_step,
     discrete_time_progress_step,
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, InputDrive, Module, System
     from soter.language.model.types import Value
     from soter.semantics.configuration import DecisionVerdict, StepOutcome
-    from soter.semantics.random_draws import Draws
+    from soter.semantics.draws import Draws
 
     ChooseNode = Callable[[Configuration], int]
     ChooseInput = Callable[[Configuration], Iterable[tuple[int, Value]]]

@@ -19,7 +19,7 @@ from soter.semantics.configuration import LOST, NEVER, put
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Bound, Module, Topic
     from soter.language.model.types import Type, Value
     from soter.semantics.configuration import Configuration

@@ -28,6 +28,7 @@ from soter.semantics.configuration import (
     latch_switched,
     put,
 )
+from soter.semantics.draws import chooser, draw_bits
 from soter.semantics.faults import disturbed, is_released, next_release, overrun_ns
 from soter.semantics.properties import judged
 from soter.semantics.publication_gate import (
@@ -40,7 +41,6 @@ from soter.semantics.publication_gate import (
     publish,
     refuse,
 )
-from soter.semantics.random_draws import chooser, draw_bits
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

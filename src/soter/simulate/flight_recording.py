@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.core.layout import NEVER, state_layout
-from soter.diagnostics.diagnostic import SoterError, mistake
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import SoterError, mistake, reason
 from soter.language.load.bounded_read import opened
 from soter.report.printable_text import visible
 from soter.targets.posix.posix_package import FIRST_LINE, head_of

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.core.layout import StateLayout
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.proof_verdicts import Proof
     from soter.language.model.system import Component, System
     from soter.language.model.types import Type, Value

@@ -1,10 +1,13 @@
-"""One virtual-time run of a system, on either engine.
+"""One virtual-time run of a system, on either engine, as fast as it can or against the wall clock.
 
-Purpose: run, hash and keep what is asked for; the result is the final state plus, if wanted, the
-state after every instant, both as numpy records of the documented layout. A run that is stopped
-half-way is a run until there. `state_bytes`: the configuration of the interpreter as the bytes of
-the generated program's state, so that both engines give one trace.
-Non-goals: printing, logs, many runs at once (campaigns), finding externs (`bindings.py`).
+Purpose: Let no instant happen before its time on the clock, and know how late the worst was. Run,
+hash and keep what is asked for; the result is the final state plus, if wanted, the state after
+every instant, both as numpy records of the documented layout. A run that is stopped half-way is a
+run until there. `state_bytes`: the configuration of the interpreter as the bytes of the generated
+program's state, so that both engines give one trace.
+Non-goals: Guarantees. This is the virtual-time driver on an ordinary operating system; the
+real-time runtime has priorities and a driver of its own. Printing, logs, many runs at once
+(campaigns), finding externs (`bindings.py`).
 """
 
 from __future__ import annotations
@@ -31,10 +34,10 @@ from soter.language.evaluate.floating_point_mode import require_plain
 from soter.native.extern_memory import another_copy, kept_by
 from soter.native.library import Library, RunStatus
 from soter.native.shared_library import library
+from soter.semantics.draws import mix
 from soter.semantics.externs import ExternResetError, Stop, reset
 from soter.semantics.faults import by_component, next_release
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.random_draws import mix
 from soter.semantics.rules import next_instant
 from soter.simulate.externs.c_extern import linked_symbols
 from soter.simulate.externs.process_state_guard import end_copy
@@ -57,9 +60,31 @@ if TYPE_CHECKING:
     from soter.simulate.externs.python_answers import Tally
     from soter.simulate.module_safe_check import SafeJudge
     from soter.simulate.run_observer import Also, Kept
-    from soter.simulate.wall_clock_pacing import Pacer
 
     Progress = Callable[[float], None]
+
+
+NAP_S = 0.01
+"""Longest single sleep, so that Ctrl-C is answered at once."""
+
+
+class Pacer:
+    """Waits until virtual times come; the clock starts with the first wait."""
+
+    def __init__(self) -> None:
+        self._began_s: float | None = None
+        self.lag_s_max = 0.0
+
+    def wait(self, time_ns: int, stop: StopRequest) -> None:
+        """Sleep until virtual time `time_ns`, or until a stop is wanted."""
+        now_s = time.perf_counter()
+        if self._began_s is None:
+            self._began_s = now_s - time_ns / 1e9
+        due_s = self._began_s + time_ns / 1e9
+        self.lag_s_max = max(self.lag_s_max, now_s - due_s)
+        while now_s < due_s and not stop.wanted:
+            time.sleep(min(due_s - now_s, NAP_S))
+            now_s = time.perf_counter()
 
 
 MASK = 2**64 - 1

@@ -11,8 +11,7 @@ import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 from soter.language.load.bounded_read import ReadError, read_bytes
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.report.atomic_write import atomic_write, own_place

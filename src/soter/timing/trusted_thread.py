@@ -1,9 +1,21 @@
-"""The thread of the trusted part of a system, and whether it keeps its calendar.
+"""The thread of the trusted part of a system: whether it keeps its calendar, response times.
 
-Purpose: who runs in it, from a flat system; `timing_of`: the latest start and end of every step of
-theirs, or what is missing to say so; a deadline that is missed, as a diagnostic.
-Non-goals: the analysis (`response_times.py`), whether a proof's times hold
-(`verify/time/problem_times.py`).
+Purpose: From who is released when, in which order, how late and for how long, the latest start and
+end of every step, over all executions; where a deadline is missed, an execution that misses it. Who
+runs in it, from a flat system; `timing_of`: the latest start and end of every step of theirs, or
+what is missing to say so; a deadline that is missed, as a diagnostic.
+Non-goals: none beside that.
+
+The thread works in order: all that is due at an instant, in the deployed order, then what is due
+at the next. A step that is released at t starts when everything before it has ended and its own
+release has come, at most J after t, and needs at most C of the processor. So
+
+    end(k) = max(end(k - 1), t_k + J_k) + C_k
+
+bounds the end of step k, and is reached where every release is as late and every step as long as
+they may be: nothing gets earlier when something gets later. That one schedule is gone through, from
+time 0 over the first releases and then hyperperiod by hyperperiod until the work left over at the
+end of one is no more than at its beginning: from there on nothing is worse than what was seen.
 
 A deployed system has no plants. All that is Soter code runs in one thread: decision modules, safe
 controllers, then ACs and other nodes, those that `takes` time, too. Only extern nodes run
@@ -13,17 +25,245 @@ is no part of the thread.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
+from fractions import Fraction
+from math import lcm
 from typing import TYPE_CHECKING
 
 from soter.language.model.durations import show_ns
-from soter.timing.response_times import Miss, ScheduledStep, Task, WorstResponse, analyse
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.language.model.system import Component, System
+
+
+RELEASES_MAX = 500_000
+"""Steps of a hyperperiod; of more, only a bound is computed."""
+POINTS_MAX = 1_000_000
+"""Lengths of time that the bound looks at."""
+SHOWN = 24
+"""Steps that are kept of a schedule that misses: the last ones."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What the thread does at phase + k period: up to `jitter` late, for up to `wcet`; in ns.
+
+    `deadline`: from the release, by when it has to be done.
+    """
+
+    name: str
+    period: int
+    phase: int
+    wcet: int
+    jitter: int
+    deadline: int
+
+
+@dataclass(frozen=True)
+class ScheduledStep:
+    """One step of a schedule: of task number `task`, release number `number`; times in ns."""
+
+    task: int
+    number: int
+    release: int
+    start: int
+    end: int
+
+
+@dataclass(frozen=True)
+class Miss:
+    """A step that ends after its deadline, in the schedule in which all is as late as it may be.
+
+    `steps`: the ones before it, itself the last; `left_out`: how many, from the last time that the
+    thread had nothing to do, are not shown.
+    """
+
+    steps: tuple[ScheduledStep, ...]
+    left_out: int
+    deadline: int
+
+    @property
+    def step(self) -> ScheduledStep:
+        """The one that misses."""
+        return self.steps[-1]
+
+
+@dataclass(frozen=True)
+class WorstResponse:
+    """Of one task, over all executions, from the release: latest start, latest end, in ns.
+
+    `at`: the release at which it ends latest.
+    """
+
+    start: int
+    end: int
+    at: int
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """`worst`: of every task, in order; with `exact` they are reached, else only not exceeded.
+
+    `work` of `hyperperiod` ns the thread is busy where every step is as long as it may be. With a
+    `miss` the figures are those seen until then, None of who was not released yet. `worst` is empty
+    where no bound is known. Neither exact nor a miss nor within all deadlines: undecided.
+    """
+
+    worst: tuple[WorstResponse | None, ...]
+    miss: Miss | None
+    exact: bool
+    work: int
+    hyperperiod: int
+
+
+def analyse(
+    tasks: Sequence[Task], watch: Callable[[ScheduledStep], None] | None = None
+) -> Analysis:
+    """The latest start and end of every task; `tasks` in the order of an instant.
+
+    `watch` is told every step of the schedule in which all is as late as it may be, as far as it is
+    gone through; every later one starts and ends no later after its release than one that it was
+    told of the same task, a number of hyperperiods before. Not where the result is not exact.
+    """
+    if not tasks:
+        return Analysis((), None, exact=True, work=0, hyperperiod=1)
+    hyperperiod = lcm(*(t.period for t in tasks))
+    work = sum(hyperperiod // t.period * t.wcet for t in tasks)
+    first = max(t.phase for t in tasks)
+    steps = sum(hyperperiod // t.period for t in tasks)
+    if steps + sum(first // t.period + 1 for t in tasks) > RELEASES_MAX:
+        return _first_miss(tasks, work, hyperperiod) or _bounded(tasks, work, hyperperiod)
+    thread = _Thread(tasks, watch)
+    thread.go(0, _releases(tasks, 0, first))
+    window = _releases(tasks, first, first + hyperperiod)
+    base, left = first, thread.left(first)
+    while thread.miss is None:
+        thread.go(base - first, window)
+        base += hyperperiod
+        before, left = left, thread.left(base)
+        if left <= before:
+            break
+        if work > hyperperiod and thread.miss is None and left - before == work - hyperperiod:
+            base += _skip(thread, tasks, window, base - first - hyperperiod, work - hyperperiod)
+            left = thread.left(base)
+    worst = tuple(thread.latest)
+    return Analysis(worst, thread.miss, exact=True, work=work, hyperperiod=hyperperiod)
+
+
+def _releases(tasks: Sequence[Task], low: int, high: int) -> list[tuple[int, int]]:
+    """Every release in [low, high), with its task, in the order in which the thread works."""
+    releases = []
+    for i, t in enumerate(tasks):
+        at = max(t.phase, low + (t.phase - low) % t.period)
+        releases += [(r, i) for r in range(at, high, t.period)]
+    return sorted(releases)
+
+
+class _Thread:
+    """Goes through the schedule in which everything is as late as it may be."""
+
+    def __init__(
+        self, tasks: Sequence[Task], watch: Callable[[ScheduledStep], None] | None
+    ) -> None:
+        self.tasks = tasks
+        self.watch = watch
+        self.free = 0
+        self.latest: list[WorstResponse | None] = [None] * len(tasks)
+        self.miss: Miss | None = None
+        self.busy: deque[ScheduledStep] = deque(maxlen=SHOWN)
+        self.since = 0
+
+    def left(self, at: int) -> int:
+        """The work that is still to be done at a time."""
+        return max(0, self.free - at)
+
+    def go(self, shift: int, releases: Iterable[tuple[int, int]]) -> None:
+        """All of these, `shift` later, or until one misses its deadline."""
+        for at, i in releases:
+            task, release = self.tasks[i], at + shift
+            ready = release + task.jitter
+            if ready > self.free:  # the thread waits: what was before has no part in what comes
+                self.busy.clear()
+                self.since = 0
+            start = max(self.free, ready)
+            self.free = start + task.wcet
+            number = (release - task.phase) // task.period
+            step = ScheduledStep(i, number, release, start, self.free)
+            self.busy.append(step)
+            self.since += 1
+            if self.watch is not None:
+                self.watch(step)
+            seen = self.latest[i]
+            if seen is None or self.free - release > seen.end:
+                self.latest[i] = WorstResponse(start - release, self.free - release, release)
+            if self.free - release > task.deadline:
+                left_out = self.since - len(self.busy)
+                self.miss = Miss(tuple(self.busy), left_out, release + task.deadline)
+                return
+
+
+def _skip(
+    thread: _Thread, tasks: Sequence[Task], window: list[tuple[int, int]], shift: int, more: int
+) -> int:
+    """Leaves out hyperperiods in which nothing is missed yet; how long they are, in ns.
+
+    In the last one, which began at the instants of `window` plus `shift`, the work that was left
+    grew by all of `more`, what there is to do in it less its length. So the thread had something to
+    do all the time, and every end was the sum of the work before it. That remains so: each
+    hyperperiod everything ends `more` later.
+    """
+    least: int | None = None
+    end = thread.free
+    for t, i in reversed(window):
+        slack = t + shift + tasks[i].deadline - end
+        least = slack if least is None else min(least, slack)
+        end -= tasks[i].wcet
+    assert least is not None
+    windows = least // more
+    hyperperiod = lcm(*(t.period for t in tasks))
+    thread.free += windows * (hyperperiod + more)
+    thread.since += windows * len(window)
+    thread.busy.clear()
+    return windows * hyperperiod
+
+
+def _first_miss(tasks: Sequence[Task], work: int, hyperperiod: int) -> Analysis | None:
+    """The first deadline that is missed, of as many steps from time 0 on as one may look at."""
+    horizon = int(RELEASES_MAX / sum(Fraction(1, t.period) for t in tasks))
+    thread = _Thread(tasks, None)
+    thread.go(0, _releases(tasks, 0, horizon))
+    if thread.miss is None:
+        return None
+    worst = tuple(thread.latest)
+    return Analysis(worst, thread.miss, exact=True, work=work, hyperperiod=hyperperiod)
+
+
+def _bounded(tasks: Sequence[Task], work: int, hyperperiod: int) -> Analysis:
+    """A bound where a hyperperiod has too many steps.
+
+    A step of release t ends, in the schedule in which all is as late as it may be, at some t - l +
+    J + the work of a run of steps released in [t - l, t], l >= 0 and J the jitter of the first of
+    them. In a time of length l a task has at most l // T + 1 releases, ends included. So it ends at
+    most B after t, the greatest of J + sum (l // T + 1) C - l over all l, J the greatest jitter;
+    and it starts when the one before it has ended, or its own release has come.
+    """
+    unknown = Analysis((), None, exact=False, work=work, hyperperiod=hyperperiod)
+    if work >= hyperperiod:
+        return unknown
+    jitter, once = max(t.jitter for t in tasks), sum(t.wcet for t in tasks)
+    use = sum(Fraction(t.wcet, t.period) for t in tasks)
+    longest = int(once / (1 - use))  # beyond it the demand is less than at l = 0
+    if sum(longest // t.period for t in tasks) > POINTS_MAX:
+        return unknown
+    points = {k * t.period for t in tasks for k in range(longest // t.period + 1)}
+    bound = jitter + max(sum((p // t.period + 1) * t.wcet for t in tasks) - p for p in points)
+    worst = tuple(WorstResponse(max(t.jitter, bound - t.wcet), bound, 0) for t in tasks)
+    return Analysis(worst, None, exact=False, work=work, hyperperiod=hyperperiod)
+
 
 FITS, MISSES, UNDECIDED = "fits", "misses", "undecided"
 TOLD = 8

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, reason
 from soter.language.front_end import check_file
 from soter.language.load.bounded_read import ReadError, opened
 from soter.verify import synthesized_sc

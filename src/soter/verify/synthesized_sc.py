@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.model.types import ArrayType, FloatType, RecordType, leaves
 from soter.language.syntax.printer import format_source
 from soter.report.atomic_write import own_place

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.certificate.format.folder import FORMAT, MANIFEST, SEAL, files_of
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 from soter.verify.module_methods import module_method
 
 if TYPE_CHECKING:

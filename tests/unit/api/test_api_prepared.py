@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import soter
-from soter.api.compiled_systems import KEPT_MAX, PreparedSystems
+from soter.api.running import KEPT_MAX, PreparedSystems
 from soter.core import steps
 from soter.simulate.externs import bindings
 

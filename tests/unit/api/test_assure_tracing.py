@@ -16,8 +16,8 @@ from soter.api.assurance.certificate_check import OTHER_PROGRAM, CertifiedProof
 from soter.api.assurance.evidence import OTHER_REPORT
 from soter.api.assurance.hazard_traceability import Tracing
 from soter.diagnostics.diagnostic import SoterError
-from soter.report.assurance.page import body
 from soter.report.assurance.safety_case import CaseNode, SafetyCase
+from soter.report.assurance.safety_case_page import body
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from bench.recheck.models import Attack
 import soter
 from long_tests import examples, seeds
 from soter.api import recheck
-from soter.certificate.allowed_claims import CLAIMS
+from soter.certificate.case_check import CLAIMS
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.format.folder import FORMAT
 from soter.certificate.grid.estimates_and_shield import tops_of

@@ -8,7 +8,7 @@ import pytest
 
 import soter
 from soter.api import recheck
-from soter.certificate.allowed_claims import static_claims
+from soter.certificate.case_check import static_claims
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.problem import read_facts
 from soter.diagnostics.diagnostic import SoterError

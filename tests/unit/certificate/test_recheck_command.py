@@ -13,7 +13,7 @@ import pytest
 from json_documents import problems_of
 from soter.api.program import load
 from soter.certificate import rechecker
-from soter.certificate.allowed_claims import CLAIMS
+from soter.certificate.case_check import CLAIMS
 from soter.certificate.format.errors import (
     ACCEPTED,
     NOT_RECHECKED,

@@ -13,8 +13,7 @@ import pytest
 from bench.recheck.small_modules import PROGRAMS
 
 from soter.certificate import assumptions, rechecker
-from soter.certificate.allowed_claims import of_the_module, static_claims
-from soter.certificate.case_check import CaseCheck, can_fork
+from soter.certificate.case_check import CaseCheck, can_fork, of_the_module, static_claims
 from soter.certificate.cells.cell_sets import Cells, Grid
 from soter.certificate.format import folder as folders
 from soter.certificate.format.errors import RejectedError
@@ -106,8 +105,8 @@ def claimed(
     seen: str = "",
     **more: str,
 ) -> None:
-    monkeypatch.setattr("soter.certificate.allowed_claims.of_the_module", lambda *_: None)
-    monkeypatch.setattr("soter.certificate.allowed_claims.p1c_of", lambda _: "assumed")
+    monkeypatch.setattr("soter.certificate.case_check.of_the_module", lambda *_: None)
+    monkeypatch.setattr("soter.certificate.case_check.p1c_of", lambda _: "assumed")
     by_dm, by_sc = ([SimpleNamespace(name=n) for n in names] for names in (seen, "xy"))
     setting = SimpleNamespace(by_dm=by_dm, by_sc=by_sc)
     times = {"H_ns": horizon, "H_star_ns": least}

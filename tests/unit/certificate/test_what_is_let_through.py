@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate import allowed_claims
-from soter.certificate.allowed_claims import CLAIMS, VERDICTS, claimed_of, of_the_module
+from soter.certificate import case_check
+from soter.certificate.case_check import CLAIMS, VERDICTS, claimed_of, of_the_module
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
 from soter.certificate.reading import left_out_states, map_steps, module_facts, supported_constructs
 from soter.certificate.reading.case_model import commanded
 from soter.certificate.terms.terms import Terms
-from soter.certificate.time import claimed_times, derived_times
-from soter.certificate.time.claimed_times import DECLARED_KEYS, TIME_KEYS, compare_times
+from soter.certificate.time import derived_times, module_times
 from soter.certificate.time.derived_times import Clock, Effect, TopicPath
+from soter.certificate.time.module_times import DECLARED_KEYS, TIME_KEYS, compare_times
 from soter.language.model import typed as t
 from tables import all_rows
 from unit.certificate.test_problem_by_definition import facts_with, model_of
@@ -69,7 +69,7 @@ def test_a_dm_that_never_gives_back_does_not_return(latch: str | None) -> None:
 
 def test_what_stands_below_is_no_slower_than_the_dm(monkeypatch: pytest.MonkeyPatch) -> None:
     for below, over in itertools.product((4, 5, 6), (None, "a module")):
-        monkeypatch.setattr(allowed_claims, "slowest_below", lambda *_, below=below: below)
+        monkeypatch.setattr(case_check, "slowest_below", lambda *_, below=below: below)
         system, module = controllers()
         module.over = over
         if below > 5 and over is not None:
@@ -84,8 +84,8 @@ def test_what_stands_below_is_no_slower_than_the_dm(monkeypatch: pytest.MonkeyPa
 def test_p1c_is_what_its_times_are(
     monkeypatch: pytest.MonkeyPatch, rests: str, above: str | None
 ) -> None:
-    monkeypatch.setattr(allowed_claims, "of_the_module", lambda *_: None)
-    monkeypatch.setattr(allowed_claims, "p1c_of", lambda _: rests)
+    monkeypatch.setattr(case_check, "of_the_module", lambda *_: None)
+    monkeypatch.setattr(case_check, "p1c_of", lambda _: rests)
     facts: Any = SimpleNamespace(
         times={"H_ns": 5, "H_star_ns": 5},
         setting=SimpleNamespace(by_dm=[], by_sc=[]),
@@ -99,12 +99,12 @@ def test_p1c_is_what_its_times_are(
         said = {"P1c": given, "P2b": back}
         if back == "proved" and above is not None:
             with pytest.raises(RejectedError, match="only while Above is in AC"):
-                allowed_claims.static_claims(facts, said)
+                case_check.static_claims(facts, said)
         elif given == "proved" and rests == "assumed":
             with pytest.raises(RejectedError, match="it is assumed"):
-                allowed_claims.static_claims(facts, said)
+                case_check.static_claims(facts, said)
         else:
-            allowed_claims.static_claims(facts, said)
+            case_check.static_claims(facts, said)
 
 
 def test_what_comes_after_the_horizon_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -133,7 +133,7 @@ def test_times_are_those_of_the_program_or_longer(key: str, horizon: str | None)
     fixed = key in DECLARED_KEYS or (key == "H_ns" and horizon is not None)
     _, own = timed()
     together = sum(own.values()) + 3 * 7
-    most = 4 * own[key] + together + claimed_times.BEYOND_NS
+    most = 4 * own[key] + together + module_times.BEYOND_NS
     for value in (own[key] - 1, own[key], own[key] + 1, most, most + 1):
         facts, _ = timed(horizon)
         given = {**own, key: value}

@@ -8,7 +8,7 @@ import pytest
 
 from soter.core import core
 from soter.core.core_walks import walk
-from soter.core.vector_values import index_components, rebuild, select
+from soter.core.lower_expressions import index_components, rebuild, select
 from soter.language.model.types import BOOL, FLOAT, INT, ArrayType, RecordType
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ import traceback
 import pytest
 
 import processes
-from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.diagnostics.source import Source, Span
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, Source, Span
 
 SOURCE = Source("a.soter", "soter 1;\nconst A: float = 1;\n")
 ERROR = SoterError(

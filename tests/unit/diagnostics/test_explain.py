@@ -8,8 +8,7 @@ from typing import get_args
 
 from generators.file_listing import files_below
 from soter.diagnostics.codes import Code, all_codes, explain, suggestions, title
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.syntax.parser import parse
 from tables import all_rows
 

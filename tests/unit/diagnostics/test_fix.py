@@ -8,6 +8,8 @@ from soter.diagnostics.diagnostic import (
     Diagnostics,
     Edit,
     Fix,
+    Source,
+    Span,
     append,
     applied,
     insert,
@@ -15,7 +17,6 @@ from soter.diagnostics.diagnostic import (
     replace,
 )
 from soter.diagnostics.render import render, to_json
-from soter.diagnostics.source import Source, Span
 
 SOURCE = Source("a.soter", "let a = 1;\n  let b = 2;\nlet c = 3;\n")
 

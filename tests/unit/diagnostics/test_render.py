@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Label, Severity
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Label, Severity, Source, Span
 from soter.diagnostics.render import render, render_all, safe, summary, to_json
-from soter.diagnostics.source import Source, Span
 
 if TYPE_CHECKING:
     from collections.abc import Callable

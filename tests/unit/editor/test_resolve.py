@@ -20,7 +20,7 @@ from soter.language.syntax.tokens import NAME, lex
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.editor.names.definitions import NameIndex
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -8,14 +8,13 @@ import pytest
 from lsprotocol import types as lsp
 
 from editor_client import Editor, edited
-from soter.diagnostics.diagnostic import applied
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Source, applied
 from soter.editor import code_actions_and_lenses as lenses
 from soter.editor.code_actions_and_lenses import actions
 from soter.editor.documents import Documents
 from soter.editor.protocol_conversions import Lines, path_of, uri_of
 from soter.language.front_end import check_file
-from soter.native import cached_verdicts
+from soter.verify import proof_cache
 from tables import all_rows
 
 WRONG = sorted((Path(__file__).resolve().parents[2] / "static_error").glob("**/*.soter"))
@@ -125,7 +124,7 @@ def titles(path: Path) -> list[str]:
     assert checked.loaded is not None
     main = checked.loaded.main
     lines = Lines(main.source.text)
-    code_lenses = lenses.lenses(main, lines, checked, cached_verdicts.stored_verdicts)
+    code_lenses = lenses.lenses(main, lines, checked, proof_cache.stored_verdicts_of_file)
     return [lens.command.title for lens in code_lenses if lens.command is not None]
 
 
@@ -142,7 +141,7 @@ def test_a_verdict_is_shown_of_this_text_only(wall: Path, monkeypatch: pytest.Mo
     program = check_file(str(path)).program
     assert program is not None
     assert titles(path)[:2] == ["no proof yet", "prove"]
-    cached_verdicts.store_verdicts(path, program.sha256, {"SafeCart": said("proved")})
+    proof_cache.store_verdicts_of_file(path, program.sha256, {"SafeCart": said("proved")})
     verdict, when, _ = titles(path)[0].partition(" · 2")
     assert verdict == "proved in Flight · H is 7 ms above H*"
     assert when
@@ -150,13 +149,13 @@ def test_a_verdict_is_shown_of_this_text_only(wall: Path, monkeypatch: pytest.Mo
     assert titles(path)[0] == "changed since it was proved"
     program = check_file(str(path)).program
     assert program is not None
-    cached_verdicts.store_verdicts(path, program.sha256, {"SafeCart": said("undecided")})
+    proof_cache.store_verdicts_of_file(path, program.sha256, {"SafeCart": said("undecided")})
     assert titles(path)[0].startswith("undecided in Flight: P2a · ")
     views = {
         "SafeCart as east": said("proved", horizon_needed_ns=30_000_000),
         "SafeCart as west": said("refuted"),
     }
-    cached_verdicts.store_verdicts(path, program.sha256, views)
+    proof_cache.store_verdicts_of_file(path, program.sha256, views)
     assert titles(path)[1].startswith("proved as east in Flight · H is H* · ")
     shown = [t.split(" · ")[0] for t in titles(path)]
     assert shown[:3] == [
@@ -169,16 +168,16 @@ def test_a_verdict_is_shown_of_this_text_only(wall: Path, monkeypatch: pytest.Mo
 def test_verdicts_of_others_are_not_believed(wall: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOTER_CACHE", str(wall / "cache"))
     path = wall / "cart.soter"
-    cached_verdicts.store_verdicts(path, "0" * 64, {"SafeCart": said("proved")})
+    proof_cache.store_verdicts_of_file(path, "0" * 64, {"SafeCart": said("proved")})
     (file,) = (wall / "cache" / "verdicts").iterdir()
-    assert cached_verdicts.stored_verdicts(path)
+    assert proof_cache.stored_verdicts_of_file(path)
     file.chmod(0o620)  # whoever may write to it may have
-    assert cached_verdicts.stored_verdicts(path) == []
+    assert proof_cache.stored_verdicts_of_file(path) == []
     file.chmod(0o600)
     file.write_text(file.read_text(encoding="utf-8").replace('"soter": "', '"soter": "x'))
-    assert cached_verdicts.stored_verdicts(path) == []  # another Soter
+    assert proof_cache.stored_verdicts_of_file(path) == []  # another Soter
     file.write_text("{")
-    assert cached_verdicts.stored_verdicts(path) == []
+    assert proof_cache.stored_verdicts_of_file(path) == []
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "utf-32"])

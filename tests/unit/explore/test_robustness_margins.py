@@ -11,7 +11,7 @@ import pytest
 from generators.brute_force import BruteForce
 from soter.explore.engine.explorer_library import Engine, RawChoice, RawStep
 from soter.explore.trace import STEP_KINDS
-from soter.semantics.random_draws import fnv
+from soter.semantics.draws import fnv
 from unit.explore.random_walks import system_of_text, walk
 
 if TYPE_CHECKING:

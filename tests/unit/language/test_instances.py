@@ -9,7 +9,7 @@ import pytest
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import CheckResult, check_file, system_of, system_of_test
-from soter.simulate.run_settings import param_values
+from soter.simulate.run_options import param_values
 
 if TYPE_CHECKING:
     from soter.language.model.system import System

@@ -12,7 +12,7 @@ import pytest
 
 import soter
 from soter.core.layout import encode_into, image_of_table, size_of
-from soter.diagnostics.source import Source, Span
+from soter.diagnostics.diagnostic import Source, Span
 from soter.language.check import constants_and_types
 from soter.language.evaluate import expressions
 from soter.language.front_end import check_file, system_of

@@ -18,7 +18,7 @@ pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
 
 from generators.robot_logs import KINDS, T0, Recorded, changed_bag2, flight, judge, refused, written
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.logs.files import bounded_rosbag_reader
+from soter.monitor.logs.files import bag_files
 from soter.monitor.logs.files.ros_messages import UndecodableError, decoder, definitions_in
 from soter.report import bounded_unpack
 
@@ -164,9 +164,9 @@ def test_a_database_that_computes_its_rows_is_refused(tmp_path: Path, sql: str) 
 def test_a_database_that_takes_too_many_steps_is_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bounded_rosbag_reader, "STEPS_AT_ONCE", 10)
-    monkeypatch.setattr(bounded_rosbag_reader, "STEPS_MIN", 20)
-    monkeypatch.setattr(bounded_rosbag_reader, "STEPS_PER_BYTE", 0)
+    monkeypatch.setattr(bag_files, "STEPS_AT_ONCE", 10)
+    monkeypatch.setattr(bag_files, "STEPS_MIN", 20)
+    monkeypatch.setattr(bag_files, "STEPS_PER_BYTE", 0)
     assert "it is no bag of ROS, or damaged" in refused(written(tmp_path, "ros2_plain"))
 
 

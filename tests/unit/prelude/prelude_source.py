@@ -7,8 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import soter.language.prelude
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.syntax import tree
 from soter.language.syntax.parser import parse
 

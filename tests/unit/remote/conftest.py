@@ -8,7 +8,7 @@ import pytest
 
 import soter
 import soter.remote
-from soter.targets.channel_document import channel_document
+from soter.targets.world_interface import channel_document
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -10,8 +10,6 @@ from xml.etree import ElementTree as ET
 import pytest
 
 import browser
-from soter.report.assurance.gsn_diagram import BOX, LEGEND, pictures
-from soter.report.assurance.page import body, write_case
 from soter.report.assurance.safety_case import (
     CaseNode,
     Definition,
@@ -22,6 +20,7 @@ from soter.report.assurance.safety_case import (
     TracedItem,
     TracedProperty,
 )
+from soter.report.assurance.safety_case_page import BOX, LEGEND, body, pictures, write_case
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -14,7 +14,7 @@ import pytest
 import browser
 import legibility
 import soter
-from soter.report.assurance.page import write_case
+from soter.report.assurance.safety_case_page import write_case
 from soter.report.html import write_document, write_html
 from soter.report.plain_page import PageSection, sections_main
 from soter.report.proof.advice import AdvicePage, Line, advice_main

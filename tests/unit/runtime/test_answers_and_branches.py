@@ -12,7 +12,7 @@ import pytest
 from generators.any_order_driver import Native
 from generators.engine_comparison import Subject, compile_library, subject
 from soter.codegen.unit import Unit, generate
-from soter.semantics.random_draws import fnv
+from soter.semantics.draws import fnv
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,7 +17,7 @@ from soter.language.model.system import Bound
 from soter.language.model.types import BOOL, FLOAT, EnumType, IntType
 from soter.native.library import Library
 from soter.native.shared_library import library
-from soter.semantics.chosen_draws import (
+from soter.semantics.draws import (
     CORNER,
     HOLDS,
     MIXED,

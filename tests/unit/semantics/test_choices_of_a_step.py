@@ -11,9 +11,15 @@ import pytest
 from soter.language.evaluate.fair_choice import allowed, taken
 from soter.language.front_end import check_file, system_of
 from soter.language.model.types import IntType
-from soter.semantics.chosen_draws import AnsweredDraws, ChoiceError, RecordedDraws, Recorder
+from soter.semantics.draws import (
+    AnsweredDraws,
+    ChoiceError,
+    RecordedDraws,
+    Recorder,
+    SeededDraws,
+    draw_bits,
+)
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.random_draws import SeededDraws, draw_bits
 
 if TYPE_CHECKING:
     from collections.abc import Callable

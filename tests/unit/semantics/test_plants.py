@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.semantics.random_draws import draw_float
+from soter.semantics.draws import draw_float
 
 if TYPE_CHECKING:
     from collections.abc import Callable

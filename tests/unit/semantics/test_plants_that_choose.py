@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.language.front_end import check_file, system_of
-from soter.semantics.chosen_draws import AnsweredDraws
+from soter.semantics.draws import AnsweredDraws, draw_bits
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.random_draws import draw_bits
 
 if TYPE_CHECKING:
     from soter.language.model.system import System

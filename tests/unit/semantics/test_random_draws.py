@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from soter.language.model.system import Bound
 from soter.language.model.types import BOOL, FLOAT, INT, ArrayType, EnumType, IntType, RecordType
-from soter.semantics.random_draws import (
+from soter.semantics.draws import (
     SeededDraws,
     chosen_value,
     draw_bits,

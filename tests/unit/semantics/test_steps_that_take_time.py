@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.semantics.configuration import AC, NEVER, SC
-from soter.semantics.random_draws import draw_bits
+from soter.semantics.draws import draw_bits
 
 if TYPE_CHECKING:
     from collections.abc import Callable

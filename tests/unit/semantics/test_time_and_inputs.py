@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from soter.language.front_end import check_file, system_of
 from soter.semantics.configuration import AC, NEVER, SC
+from soter.semantics.draws import draw_float
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.random_draws import draw_float
 from soter.semantics.rules import discrete_time_progress_step, environment_input
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ import pytest
 
 from generators.simulated_thread import Job, at_worst, drawn, spans, turn
 from long_tests import examples, seed_of
-from soter.timing import response_times
-from soter.timing.response_times import Analysis, Task, WorstResponse, analyse
+from soter.timing import trusted_thread
+from soter.timing.trusted_thread import Analysis, Task, WorstResponse, analyse
 
 SETS = examples(300)
 
@@ -133,7 +133,7 @@ def test_of_a_calendar_that_is_too_long_there_is_a_bound(monkeypatch: pytest.Mon
     for _ in range(SETS):
         jobs = drawn(rng, rng.uniform(0.2, 0.8))
         exact = analyse(tasks_of(jobs))
-        monkeypatch.setattr(response_times, "RELEASES_MAX", 10)
+        monkeypatch.setattr(trusted_thread, "RELEASES_MAX", 10)
         bound = analyse(tasks_of(jobs))
         monkeypatch.undo()
         if bound.exact:

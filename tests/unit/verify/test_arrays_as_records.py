@@ -10,8 +10,7 @@ import pytest
 
 import soter
 from soter.api import recheck
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.front_end import check_file, system_of
 from soter.language.syntax.printer import format_source
 from soter.verify.problem.extract import extract

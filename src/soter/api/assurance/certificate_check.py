@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING, Any
 from soter.api.rechecking import no_certificate, recheck
 from soter.certificate.format.errors import REJECTED
 from soter.diagnostics.current_phase import phase
-from soter.diagnostics.diagnostic import SoterError, mistake
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import SoterError, mistake, reason
 from soter.language.front_end import system_to_prove
 from soter.language.load.bounded_read import opened
 from soter.native.compiler import find, told_version

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.api.assurance.certificate_check import file_hash
 from soter.diagnostics.current_phase import phase
-from soter.diagnostics.diagnostic import mistake
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import mistake, reason
 from soter.language.load.bounded_read import read_bytes, read_json_text
 from soter.report.assurance.safety_case import CaseNode
 from soter.version import other_format

@@ -17,10 +17,8 @@ from graphlib import CycleError, TopologicalSorter
 from io import StringIO
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source, Span, mistake, reason
 from soter.diagnostics.similar_names import did_you_mean
-from soter.diagnostics.source import Source, Span
 from soter.language.load.bounded_read import read_bytes
 from soter.report.assurance.safety_case import (
     SUPPORTED,

@@ -157,7 +157,7 @@ def _equations(plant: PlantSymbol) -> tuple[str, ...]:
 
 def _written(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
     """The three files; SoterError D006 where one cannot be written."""
-    from soter.report.assurance.page import write_case  # noqa: PLC0415 - only then
+    from soter.report.assurance.safety_case_page import write_case  # noqa: PLC0415 - only then
     from soter.report.assurance.strictdoc import sdoc  # noqa: PLC0415 - only then
     from soter.report.html import write_text  # noqa: PLC0415 - only then
 

@@ -3,7 +3,7 @@
 Purpose: that all holds in the first k hyperperiods of every run, and after k in which it held; and
 that no execution stays in SC for as long as P2b says. No search: k is the certificate's.
 Non-goals: reading the program (`induction_problem.py`, `solver_reading.py`), executions
-(`transition_system.py`).
+(`induction_problem.py`).
 """
 
 from __future__ import annotations
@@ -13,17 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of, of_the_module
 from soter.certificate.assumptions import acknowledged
+from soter.certificate.case_check import CLAIMS, PROVED, claimed_of, of_the_module
 from soter.certificate.format.errors import RejectedError
 from soter.certificate.induction.induction_problem import (
+    TransitionSystem,
+    calendar_of,
     compare,
     modes_of_others,
     nanoseconds,
     read_induction,
 )
 from soter.certificate.induction.solver_values import both, negation, one_of
-from soter.certificate.induction.transition_system import TransitionSystem, calendar_of
 from soter.certificate.report import RecheckAssumption, RecheckedModule
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.vacuous_proofs import GETS, HOLDS_ANYWAY, KEEPS, READS_NOTHING
@@ -33,8 +34,7 @@ from soter.language.model.tree_walk import topic_reads
 from soter.workers.solvers import answer_of, ctrl_c_waits
 
 if TYPE_CHECKING:
-    from soter.certificate.induction.induction_problem import InductionFacts
-    from soter.certificate.induction.transition_system import Instant
+    from soter.certificate.induction.induction_problem import InductionFacts, Instant
     from soter.language.model.system import System
 
 KEYS = ("system", "module", "claims", "recover_ns", "induction")

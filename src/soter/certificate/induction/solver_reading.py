@@ -5,7 +5,7 @@ an instant, choices, elements at indices that are not known, and functions that 
 `SolverOperations`: operators and built-in functions: computed where all is known; ages are compared
 as whole nanoseconds; of floats nothing is known but that the same operation on the same values is
 the same. And what goes wrong: `fault` and `doubt`.
-Non-goals: time (`transition_system.py`). What is not known here is not rechecked.
+Non-goals: time (`induction_problem.py`). What is not known here is not rechecked.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from soter.language.model.types import BOOL
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Module
 
     Part = tuple[typed.TypedExpr, bool]

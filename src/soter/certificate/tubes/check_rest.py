@@ -10,15 +10,15 @@ from __future__ import annotations
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.allowed_claims import CLAIMS, PROVED, claimed_of, static_claims
 from soter.certificate.assumptions import assumptions_of
+from soter.certificate.case_check import CLAIMS, PROVED, claimed_of, static_claims
 from soter.certificate.format.claimed_parts import only_keys
 from soter.certificate.format.errors import NotRecheckedError, RejectedError
 from soter.certificate.format.folder import hexadecimal
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.symbolic_operations import flat as flat_leaves
 from soter.certificate.report import RecheckAssumption, RecheckedModule
-from soter.certificate.time.claimed_times import compare_times
+from soter.certificate.time.module_times import compare_times
 from soter.certificate.tubes.flight_verdict import ModuleTube
 from soter.certificate.tubes.rest_claims import answers, drifts, keeps
 from soter.certificate.tubes.rest_problem import REACH, read_rest, shield_of

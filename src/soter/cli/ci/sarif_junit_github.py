@@ -1,19 +1,23 @@
-"""What continuous integration reads: SARIF 2.1.0, JUnit's XML, workflow commands of GitHub Actions.
+"""What continuous integration reads: SARIF, JUnit's XML, workflow commands of GitHub Actions.
 
-Purpose: `sarif`: one run with a result for everything that is wrong or open, and a rule for every
-code with its page of `soter explain`; what is proved or clean is no result: viewers show each as an
-alert. `junit`: one `testsuite` a file, one `testcase` a finding: what is wrong is a failure, what
-is open an error, warnings stand in `system-out`; a file in which nothing was found is a case that
-passes. `github`: a line `::error file=...,line=...::message` for all that is wrong or open.
-Non-goals: other versions; fixes; attributes that only some readers know; the XML of `soter test`
-(`explore/junit.py`).
-Source: OASIS Standard "Static Analysis Results Interchange Format (SARIF) Version 2.1.0"; GitHub's
-documentation, "Workflow commands for GitHub Actions".
+Purpose: Text that any XML may hold, a case by its name, the document as text. `sarif`: one run with
+a result for everything that is wrong or open, and a rule for every code with its page of `soter
+explain`; what is proved or clean is no result: viewers show each as an alert. `junit`: one
+`testsuite` a file, one `testcase` a finding: what is wrong is a failure, what is open an error,
+warnings stand in `system-out`; a file in which nothing was found is a case that passes. `github`: a
+line `::error file=...,line=...::message` for all that is wrong or open. One `testsuite` a program,
+one `testcase` a test: violated is a failure, a bound that was reached is an error (nothing is wrong
+that is known, nothing is shown either), what was not started is skipped. Where there is no report,
+every diagnostic is a `testcase` with an error.
+Non-goals: What counts as a failure: that is for whoever reports. other versions; fixes; attributes
+that only some readers know; GitHub's documentation, "Workflow commands for GitHub Actions". Traces
+in full; the file of a trace is named.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
@@ -21,13 +25,45 @@ from xml.etree import ElementTree as ET
 
 from soter.cli.terminal.command_line import of_diagnostics, place
 from soter.diagnostics.codes import explain, title
-from soter.report.junit_xml import case, clean, document, said
+from soter.diagnostics.diagnostic import Severity
+from soter.explore.results import BOUND, VIOLATED
+from soter.report.html import write_text
 from soter.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from soter.cli.terminal.command_line import CiFinding, CommandOutcome
+    from soter.diagnostics.diagnostic import Diagnostic
+    from soter.explore.results import ExploreReport, TestResult
+
+
+NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that no XML 1.0 may have, not even escaped."""
+
+
+def clean(text: str) -> str:
+    """The text, with a replacement character for each that no XML may have."""
+    return NO_XML.sub("\ufffd", text)
+
+
+def case(suite: ET.Element, file: str, name: str, seconds: float = 0.0) -> ET.Element:
+    """A new `testcase` of a suite, named by the file that it is about."""
+    where = clean(file)
+    named = {"classname": where, "name": clean(name), "file": where, "time": f"{seconds:.3f}"}
+    return ET.SubElement(suite, "testcase", named)
+
+
+def said(case_: ET.Element, kind: str, text: str, **attributes: str) -> None:
+    """Put `failure`, `error`, `skipped` or `system-out` into a case or a suite."""
+    told = {k: clean(v) for k, v in attributes.items()}
+    ET.SubElement(case_, kind, told).text = clean(text) or None
+
+
+def document(root: ET.Element) -> str:
+    """The XML, indented, with its declaration and a last line break."""
+    ET.indent(root)
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
 
 
 SCHEMA = (
@@ -176,3 +212,68 @@ def _data(text: str) -> str:
 
 def _property(text: str) -> str:
     return _data(text).replace(":", "%3A").replace(",", "%2C")
+
+
+def document_of_tests(report: ExploreReport) -> str:
+    """The XML of a report, as text."""
+    of = {v: [t for t in report.tests if t.verdict == v] for v in (VIOLATED, BOUND)}
+    seconds = sum(t.seconds + t.minimise_s for t in report.tests)
+    figures = {
+        "tests": len(report.tests) + len(report.not_started),
+        "failures": len(of[VIOLATED]),
+        "errors": len(of[BOUND]),
+        "skipped": len(report.not_started),
+    }
+    suites, suite = _suite(report.path, figures, seconds)
+    for test in report.tests:
+        _case_of_test(suite, report, test)
+    for name in report.not_started:
+        one = case(suite, report.path, name)
+        said(one, "skipped", "", message="not started: one before was interrupted")
+    return document(suites)
+
+
+def document_of_problems(file: str, problems: Iterable[Diagnostic]) -> str:
+    """The XML where no test was explored: an error for every diagnostic that is one."""
+    errors = [d for d in problems if d.severity is Severity.ERROR]
+    count = len(errors)
+    figures = {"tests": count, "failures": 0, "errors": count, "skipped": 0}
+    suites, suite = _suite(file, figures, 0.0)
+    for d in errors:
+        where = "" if d.primary is None else d.primary.span.source.name
+        if d.primary is not None:
+            where += f":{d.primary.span.line}:{d.primary.span.column}"
+        text = "\n".join(filter(None, (where, *d.notes, *d.helps)))
+        said(case(suite, file, d.code), "error", text, type=d.code, message=d.message)
+    return document(suites)
+
+
+def _suite(file: str, figures: dict[str, int], seconds: float) -> tuple[ET.Element, ET.Element]:
+    """The root and its one suite."""
+    counted = {k: str(v) for k, v in figures.items()} | {"time": f"{seconds:.3f}"}
+    suites = ET.Element("testsuites", {"name": "soter test", **counted})
+    return suites, ET.SubElement(suites, "testsuite", {"name": clean(file), **counted})
+
+
+def write_problems(file: str, problems: Iterable[Diagnostic], path: str | Path) -> Path:
+    """Write why no test was explored; `ReportError` where that cannot be."""
+    return write_text(document_of_problems(file, problems), path)
+
+
+def write(report: ExploreReport, path: str | Path) -> Path:
+    """Write it; `ReportError` where that cannot be."""
+    return write_text(document_of_tests(report), path)
+
+
+def _case_of_test(suite: ET.Element, report: ExploreReport, test: TestResult) -> None:
+    one = case(suite, report.path, test.name, test.seconds + test.minimise_s)
+    if test.verdict == VIOLATED:
+        what = test.broken.text if test.broken is not None else ""
+        trace = "" if test.trace is None else f"soter replay {test.trace}"
+        said(one, "failure", trace, type=VIOLATED, message=what)
+    elif test.verdict == BOUND:
+        assert test.bound is not None
+        parts = "; ".join(f"{name} {p.reached}/{p.total}" for name, p in test.coverage.parts())
+        why = "; ".join(filter(None, (test.why, test.covered)))
+        said(one, "error", parts, type=test.bound, message=why)
+    said(one, "system-out", "\n".join(("rests on", *test.assumptions)))

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
     from soter.cli.terminal.console import Console
     from soter.diagnostics.command_records import Option
-    from soter.diagnostics.diagnostic import Diagnostic, SoterError
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostic, SoterError, Span
 
 
 Pairs: TypeAlias = tuple[tuple[str, str], ...]

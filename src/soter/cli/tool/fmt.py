@@ -18,8 +18,7 @@ from soter.api import format_text, read_text
 from soter.cli.terminal.command_line import DIAGNOSTICS, CommandOutcome, exit_of, file_option
 from soter.cli.terminal.open_program import STDIN, standard_input
 from soter.diagnostics.command_records import SWITCH, option
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake, reason
 from soter.report.atomic_write import atomic_write
 
 if TYPE_CHECKING:

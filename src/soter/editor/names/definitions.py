@@ -16,7 +16,7 @@ from soter.editor.protocol_conversions import path_of_span
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.diagnostics.source import Source, Span
+    from soter.diagnostics.diagnostic import Source, Span
     from soter.language.load.loader import LoadedFile
     from soter.language.syntax import tree
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Span
 from soter.editor.names.definitions import (
     Definition,
     NameIndex,

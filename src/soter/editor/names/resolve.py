@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Span
 from soter.editor.names.definitions import (
     Definition,
     NameIndex,

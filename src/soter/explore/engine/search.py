@@ -41,7 +41,7 @@ from soter.explore.search_options import EXHAUSTIVE, FALSIFY, PARTS, SearchProgr
 from soter.explore.trace import ENDING, STEP_KINDS, Choice, Step
 from soter.language.model.types import IntType, leaves
 from soter.semantics.configuration import AC, SC
-from soter.semantics.random_draws import fnv, leaf_name
+from soter.semantics.draws import fnv, leaf_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

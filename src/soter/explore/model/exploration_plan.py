@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
 
     Label = tuple[str, int] | tuple[str, int, str]
     """A piece of a configuration: kind, index, name; see `explore/model/actors.py`."""

@@ -18,8 +18,7 @@ from soter.language.check.step_cost import count_costs
 from soter.language.model import typed
 
 if TYPE_CHECKING:
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.load.loader import LoadedProgram
     from soter.language.syntax import tree
 

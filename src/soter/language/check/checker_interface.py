@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.check.declaration_graph import CallGraph, UnusedDeclarations
     from soter.language.check.scope import Entry, FileScope, Names
     from soter.language.model import typed

@@ -45,8 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.check.checker_interface import Because, Shared
     from soter.language.check.scope import FileScope
     from soter.language.load.loader import LoadedProgram

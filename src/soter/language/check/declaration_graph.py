@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Diagnostics, Help
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Help, Span
     from soter.language.check.scope import Entry, FileScope, Names
     from soter.language.model.typed import FunSymbol, ParamSymbol, Variable
 

@@ -41,8 +41,7 @@ from soter.language.model.types import (
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
-    from soter.diagnostics.diagnostic import Help
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Help, Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.constants_and_types import ConstantChecker
     from soter.language.check.scope import Entry, FileScope

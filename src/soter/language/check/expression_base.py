@@ -31,8 +31,7 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from soter.diagnostics.diagnostic import Help
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Help, Span
     from soter.language.check.checker_interface import Because, Context, Shared
     from soter.language.model.types import Type
     from soter.language.syntax import tree

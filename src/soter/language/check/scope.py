@@ -17,8 +17,7 @@ from soter.language.check import unknown_names
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from soter.diagnostics.diagnostic import Diagnostics, Help
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Help, Span
     from soter.language.load.loader import LoadedFile
     from soter.language.syntax import tree
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import append, insert, replace
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Span, append, insert, replace
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import SPECIALS
 from soter.language.check.expression_base import error_expr, is_error, plain

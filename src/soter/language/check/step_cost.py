@@ -25,7 +25,7 @@ from soter.language.model.values import is_table
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
 
 MAX_OPERATIONS = 100_000_000
 """Operations of a step: a tenth of a second of the fastest possible machine."""

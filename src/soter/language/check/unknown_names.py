@@ -14,10 +14,9 @@ import re
 from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, TypeGuard
 
-from soter.diagnostics.diagnostic import Edit, Fix, insert, replace
-from soter.diagnostics.source import Span
-from soter.language.syntax import foreign_words, tree
-from soter.language.syntax.word_tables import meaning
+from soter.diagnostics.diagnostic import Edit, Fix, Span, insert, replace
+from soter.language.syntax import tree, words
+from soter.language.syntax.words import meaning
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -27,18 +26,18 @@ if TYPE_CHECKING:
 
 MEMBERS_SHOWN = 3
 _SECOND_WORD = re.compile(r"[ \t]+(int|long|short|char|double)\b")
-LIBRARIES = foreign_words.LIBRARIES | {"random"}
+LIBRARIES = words.LIBRARIES | {"random"}
 OF_AN_OBJECT = ("self", "this")
 
 
 def a_type(name: str, span: Span) -> tuple[Help, ...]:
     """For a type of C, Python, Rust or ROS; nothing where it is none."""
-    meant = foreign_words.type_meant(name)
+    meant = words.type_meant(name)
     second = _SECOND_WORD.match(span.source.text, span.end)
     if meant is not None:
         whole = span if second is None else Span(span.source, span.start, second.end())
         return (replace(whole, "float" if second and second[1] == "double" else meant),)
-    advice = foreign_words.type_advice(name)
+    advice = words.type_advice(name)
     return (advice,) if advice is not None else ()
 
 
@@ -97,12 +96,12 @@ def of_a_library(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[He
     """For `math.sin`, `np.clip`, `std_msgs.Bool`; None where it looks like a file of one's own."""
     whole = qualifier.span.to(name.span)
     if wanted == "type" and qualifier.text.endswith("_msgs"):
-        meant = foreign_words.type_meant(name.text)
+        meant = words.type_meant(name.text)
         if meant is not None:
             return (replace(whole, meant),)
-        advice = foreign_words.type_advice(name.text)
+        advice = words.type_advice(name.text)
         return (advice or "declare its fields: `type Name = { x: float, y: float };`",)
-    if qualifier.text not in foreign_words.LIBRARIES:
+    if qualifier.text not in words.LIBRARIES:
         return None
     if wanted == "type":
         return a_type(name.text, whole) or ("declare it: `type Name = { x: float };`",)
@@ -112,7 +111,7 @@ def of_a_library(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[He
 
 def without_object(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
     """For `self.last` and `math.pi`: the name alone, or what it is worth."""
-    if name.text in foreign_words.LIBRARIES:
+    if name.text in words.LIBRARIES:
         return of_a_library(name, field, "name") or ()
     if name.text not in OF_AN_OBJECT:
         return ()

@@ -11,8 +11,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Edit, Fix, out_of_list, whole_lines
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Edit, Fix, Span, out_of_list, whole_lines
 from soter.language.check.unknown_names import in_publishes
 from soter.language.elaborate.deployed_systems import check_external
 from soter.language.elaborate.undriven_topic_fixes import as_input, would_drive

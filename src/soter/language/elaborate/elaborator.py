@@ -56,8 +56,7 @@ from soter.language.model.types import ErrorType, FloatType, IntType, default_va
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.diagnostics.diagnostic import Diagnostics, Help
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Help, Span
     from soter.language.elaborate.instantiate import PlacedInstance, ReplacedModule, SubSystem
     from soter.language.model.types import Value
 

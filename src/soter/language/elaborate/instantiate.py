@@ -20,8 +20,7 @@ from soter.language.model.tree_walk import nodes, topics_beside, topics_mentione
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.elaborate.system_numbers import Values
     from soter.language.model.types import Value
 

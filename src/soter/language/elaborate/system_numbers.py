@@ -30,8 +30,7 @@ from soter.language.model.types import leaf_count
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.model.types import Type, Value
 
 

@@ -3,8 +3,8 @@
 Purpose: where a step may be late, it happens as early as it can or at a multiple of the *quantum*
 (docs/testing.md). As declared; else the greatest common divisor of every time of the calendar and
 of every time that the program compares `time` or an age with, in so many parts as the comparisons
-that have to hold together need (`tests_and_faults/clock_comparisons.py`); and which readings of
-time no such grid does justice to.
+that have to hold together need (`tests_and_faults/distinguishable_values_and_times.py`); and which
+readings of time no such grid does justice to.
 Non-goals: choosing times (the explorer), costs.
 
 A *clock* is `time`, `age(t)`, a local that only clocks and constants are put into, or a sum or
@@ -22,7 +22,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.tests_and_faults.clock_comparisons import (
+from soter.language.elaborate.tests_and_faults.distinguishable_values_and_times import (
     FINEST,
     ReadClocks,
     releases,
@@ -35,7 +35,7 @@ from soter.language.model.types import DurationType, IntType
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Scope, System
 
     Text = tuple["_TimeReader", list[typed.TypedExpr | None], list[tuple[typed.TypedStmt, ...]]]

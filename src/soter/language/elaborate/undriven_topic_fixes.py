@@ -10,8 +10,7 @@ import itertools
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Edit, Fix, insert
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Edit, Fix, Span, insert
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -14,8 +14,7 @@ from soter.language.model import typed
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.elaborate.instantiate import PlacedInstance, SubSystem
     from soter.language.model.system import Topic
 

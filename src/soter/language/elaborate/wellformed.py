@@ -14,8 +14,7 @@ from soter.language.model.durations import show_ns, write_ns
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import ModuleSymbol, NodeSymbol
 

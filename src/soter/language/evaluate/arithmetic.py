@@ -22,7 +22,7 @@ from soter.language.model.types import INT_MAX, INT_MIN, ArrayType, FloatType, R
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.types import Type, Value
 
     Unary = Callable[[float], float]

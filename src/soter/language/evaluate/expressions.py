@@ -28,7 +28,7 @@ from soter.language.model.values import from_python, to_python
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.types import Type, Value
 
     Compiled = Callable[[Environment], Value]

@@ -13,7 +13,7 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import reason
 from soter.diagnostics.similar_names import closest
 
 MIB = 2**20

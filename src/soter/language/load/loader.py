@@ -14,9 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.os_error_text import utf8_text
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Diagnostics, Source, utf8_text
 from soter.language.load.bounded_read import ReadError, near_names, read_bytes
 from soter.language.load.data_files import read_data
 from soter.language.syntax.parser import parse
@@ -24,7 +22,7 @@ from soter.language.syntax.parser import parse
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.types import Type, Value
     from soter.language.syntax import tree
 

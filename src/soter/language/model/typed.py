@@ -22,7 +22,7 @@ from soter.language.model.types import ListType
 from soter.language.syntax.node import Shown
 
 if TYPE_CHECKING:
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.types import RecordType, Type, Value
 
 

@@ -11,7 +11,7 @@ whole match without one. `write` is Soter with gaps for the groups: `<a,b>` is t
 there, `<a|change>` one changed by `foreign_rewrites.py`, which has the writers that `by` names.
 `advise` is the help without an edit, or its title. `places` are the bodies in which it counts;
 `far`: over several lines; `only_shown`: the edit is shown and not offered.
-Non-goals: single words (`foreign_words.py`); how parsing goes on (`parsing/token_cursor.py`).
+Non-goals: single words (`words.py`); how parsing goes on (`parsing/token_cursor.py`).
 """
 
 from __future__ import annotations
@@ -21,17 +21,14 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Edit, Fix
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Edit, Fix, Span
 from soter.language.syntax.foreign_rewrites import CHANGES, TYPE, WRITERS
-from soter.language.syntax.foreign_words import LIBRARIES
-from soter.language.syntax.word_tables import word_table
+from soter.language.syntax.words import LIBRARIES, word_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection
 
-    from soter.diagnostics.diagnostic import Help
-    from soter.diagnostics.source import Source
+    from soter.diagnostics.diagnostic import Help, Source
 
 NODE, PLANT, MODULE, FUNCTION, TOP = "node", "plant", "module", "function", "top"
 

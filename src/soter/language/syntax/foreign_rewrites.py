@@ -10,9 +10,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.language.syntax.clause_words import places
-from soter.language.syntax.foreign_words import LIBRARIES, type_meant
-from soter.language.syntax.word_tables import meaning
+from soter.language.syntax.words import LIBRARIES, meaning, places, type_meant
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

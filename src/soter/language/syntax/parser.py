@@ -14,8 +14,7 @@ import re
 from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, Label, insert, replace
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Diagnostic, Label, Span, insert, replace
 from soter.language.syntax import tree
 from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT, place_of
 from soter.language.syntax.parsing.bodies import BodyParser
@@ -33,13 +32,12 @@ from soter.language.syntax.parsing.token_cursor import (
 )
 from soter.language.syntax.parsing.types import type_expression, value_set
 from soter.language.syntax.tokens import EOF, INT, NAME, STRING, lex, string_value, visible
-from soter.language.syntax.word_tables import meaning
+from soter.language.syntax.words import meaning
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.diagnostics.diagnostic import Diagnostics, Help
-    from soter.diagnostics.source import Source
+    from soter.diagnostics.diagnostic import Diagnostics, Help, Source
     from soter.language.syntax.parsing.items import Step
 
 #: The language edition this compiler reads.

@@ -14,8 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.syntax import tree
 from soter.language.syntax.parser import parse_tokens
 from soter.language.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, lex

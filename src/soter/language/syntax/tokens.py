@@ -1,11 +1,11 @@
-"""Text to tokens: one regular expression, parallel lists, comments kept aside.
+"""Text to tokens, comments kept aside; lines that begin with `#`, as other languages have them.
 
-Purpose: the lexer of `docs/grammar.ebnf`. It never fails: what is no token is reported once
-per run of garbage, and either left out or replaced by the token that was most likely meant,
-so that the parser can go on. Places the lexer has complained about are remembered in `bad`,
-and the parser stays silent there.
-Non-goals: the meaning of literals beyond their shape; which contextual words are keywords
-where (the parser asks by text).
+Purpose: The lexer of `docs/grammar.ebnf`. It never fails: what is no token is reported once per run
+of garbage, and either left out or replaced by the token that was most likely meant, so that the
+parser can go on. Places the lexer has complained about are remembered in `bad`, and the parser
+stays silent there. What is said of such a line, and the edit that makes Soter of it.
+Non-goals: The meaning of literals beyond their shape; which contextual words are keywords where
+(the parser asks by text).
 """
 
 from __future__ import annotations
@@ -15,16 +15,14 @@ from bisect import bisect_left
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Label, made, replace
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Label, Span, made, remove, replace
 from soter.language.syntax.foreign_phrases import find
-from soter.language.syntax.foreign_words import in_si, period_of
-from soter.language.syntax.word_tables import meaning
+from soter.language.syntax.words import in_si, meaning, period_of
 
 if TYPE_CHECKING:
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Diagnostic, Help
-    from soter.diagnostics.source import Source
+    from soter.diagnostics.diagnostic import Diagnostic, Help, Source
+
 
 NAME = "NAME"
 INT = "INT"
@@ -378,9 +376,6 @@ def _open_comment(tokens: Tokens, token: str, start: int, end: int) -> None:
 def _foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
     span = Span(tokens.source, start, end)
     if token[0] == "#":
-        # only where such a line stands
-        from soter.language.syntax.preprocessor_lines import preprocessed  # noqa: PLC0415
-
         said = preprocessed(tokens.source, token.rstrip(), start)
         tokens.lost |= said.declares
         tokens.report("L001", said.message, said.span.start, said.span.end, helps=said.helps)
@@ -435,3 +430,52 @@ _TROUBLE = {
     12: _lookalike,
     13: _garbage,
 }
+
+
+_DEFINE = re.compile(r"#\s*define\s+(\w+)\s+\(?(-?[\w.+-]+?)\)?\s*(?://.*)?")
+_DIRECTIVE = re.compile(r"#!?\[|#\s*(?:if|ifn?def|elif|else|endif|pragma|undef)\b")
+_INCLUDE = re.compile(r"#\s*include\s*[<\"]([\w./-]+)[>\"]\s*(?://.*)?")
+
+
+@dataclass(frozen=True)
+class HashLine:
+    """What is said of it, where, and which names it would have declared."""
+
+    message: str
+    span: Span
+    helps: tuple[Help, ...]
+    declares: frozenset[str] = frozenset()
+
+
+def preprocessed(source: Source, token: str, start: int) -> HashLine:
+    """Of the line `token`, from its `#` at offset `start` to its last character."""
+    hash_, whole = Span(source, start, start + 1), Span(source, start, start + len(token))
+    define, include = _DEFINE.fullmatch(token), _INCLUDE.fullmatch(token)
+    message = "there is no preprocessor"
+    if define is not None:
+        name, value = define[1], define[2]
+        of = "int" if value.lstrip("-").isdigit() else "float"
+        helps = (replace(whole, f"const {name}: {of} = {value};"),)
+        return HashLine(message, whole, helps, frozenset([name]))
+    if include is not None:
+        stem = include[1].rpartition("/")[2].partition(".")[0]
+        name = _called(stem, source.text)
+        if not include[1].endswith(".soter"):
+            advice = ("the prelude needs no import: `sin`, `clamp`, `Vec3` are there",)
+            return HashLine(message, whole, advice, frozenset([name]))
+        helps = (replace(whole, f'import "{include[1]}" as {name};'),)
+        return HashLine(message, whole, helps, frozenset([name]))
+    if _DIRECTIVE.match(token):
+        if "[" in token[:3]:
+            gone = remove(whole, "leave this line out")
+            return HashLine("there are no attributes", whole, (gone,))
+        advice = ("leave these lines out: what differs from run to run is a `param`",)
+        return HashLine(message, whole, advice)
+    comment = replace(hash_, "//", "a comment begins with `//`")
+    return HashLine("`#` does not begin a comment", hash_, (comment,))
+
+
+def _called(stem: str, text: str) -> str:
+    """The name that a file goes by in the text that imports it; its own where that is not seen."""
+    names = [stem, *reversed(stem.split("_"))]
+    return next((n for n in names if n and re.search(rf"\b{n}\.(?!soter\b)[A-Za-z]", text)), stem)

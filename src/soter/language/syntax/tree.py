@@ -6,7 +6,7 @@ Non-goals: names, types, meaning (`language/check/`); comments (the printer read
 
 from __future__ import annotations
 
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Span
 from soter.language.syntax.node import Node, node
 
 

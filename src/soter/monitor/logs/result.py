@@ -14,7 +14,7 @@ from soter.language.model.durations import show_ns
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.monitor.logs.files.log_columns import Damage
     from soter.monitor.logs.typed_samples import DerivedValue, FarStamps
 

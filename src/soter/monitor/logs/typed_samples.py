@@ -40,9 +40,9 @@ from soter.monitor.logs.files.log_columns import (
     is_plain,
     unusable,
 )
-from soter.report.recorded_values import RecordedRun
+from soter.semantics.draws import assemble
 from soter.semantics.publication_gate import check_of
-from soter.semantics.random_draws import assemble
+from soter.simulate.recorded_run import RecordedRun
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

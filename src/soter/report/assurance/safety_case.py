@@ -4,7 +4,7 @@ Purpose: `SafetyCase`: nodes by their id; which goals are supported, from the le
 `Traceability`: hazards and requirements with the properties that they lead to, and what is open
 (`OpenItem`). `ExpandedPredicate`: a predicate of a module for people who do not read the program.
 Non-goals: checking a leaf, expanding predicates, following the rows of hazards (`api/assurance/`);
-pages (`page.py`, `strictdoc.py`). Source: GSN Community Standard, version 3.
+pages (`safety_case_page.py`, `strictdoc.py`). Source: GSN Community Standard, version 3.
 """
 
 from __future__ import annotations

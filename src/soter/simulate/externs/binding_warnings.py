@@ -21,7 +21,7 @@ from soter.language.model.types import IntType, leaves
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.binding_text import BindingText
     from soter.language.model.system import Component, System
     from soter.language.model.typed import NodeSymbol, TypedProgram
@@ -63,8 +63,10 @@ def wide_actions(systems: Iterable[System], bound: Mapping[str, object]) -> tupl
 def _too_wide(
     system: System, component: Component, node: NodeSymbol, binding: BindingText
 ) -> Iterator[Diagnostic]:
-    from soter.simulate.externs.clipped_answers import answered  # noqa: PLC0415 - needs NumPy
-    from soter.simulate.externs.python_extern import policy_files  # noqa: PLC0415 - the same
+    from soter.simulate.externs.python_extern import (  # noqa: PLC0415 - needs NumPy
+        answered,
+        policy_files,
+    )
 
     try:
         actions = iter(policy_files().action_bounds(binding))

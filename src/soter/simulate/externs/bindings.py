@@ -25,9 +25,10 @@ from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.load.bounded_read import ReadError, read_bytes
 from soter.language.model.binding_text import FORMS, binding_of
 from soter.native.source_files import included
-from soter.simulate.externs.clipped_answers import answered, clipping
 from soter.simulate.externs.python_extern import (
     PythonExtern,
+    answered,
+    clipping,
     instantiated,
     load_python,
     policy_files,
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from soter.core.core import CoreSystem
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Component, System
     from soter.language.model.typed import FunSymbol
 

@@ -18,9 +18,15 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.binding_text import binding_of
 from soter.language.model.values import inputs_to_python
 from soter.semantics.externs import converted
-from soter.simulate.externs.clipped_answers import Answered, answered, clipping
 from soter.simulate.externs.python_answers import described
-from soter.simulate.externs.python_extern import PythonExtern, load_python, policy_files
+from soter.simulate.externs.python_extern import (
+    Answered,
+    PythonExtern,
+    answered,
+    clipping,
+    load_python,
+    policy_files,
+)
 from soter.simulate.interrupt import StopRequest
 from soter.workers.exchange_layout import Exchange, exchange_of
 from soter.workers.shared_memory_channel import Channel, LayoutError

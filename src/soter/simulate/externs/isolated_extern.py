@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.types import Type, Value
 
     Shapes = Sequence[tuple[str, Type]]

@@ -1,13 +1,15 @@
-"""Python code behind an extern: found in its file, loaded, and kept from doing harm.
+"""Python code behind an extern: found in its file, loaded, kept from harm, answers clipped.
 
-Purpose: `python:file.py:name` becomes an object whose `step` never raises anything but
-`Exception` and whose file, name and construction errors are diagnostics (X002, X003). `hint`: where
-an author has taken the extern for something else (another number of parameters, `inputs["motion"]`,
-a name that is not there) the error as Python says it, and what this extern is called with and asked
-for, with types.
-Non-goals: which extern it answers (`bindings.py`), what its answers mean
-(`language/model/values.py`), crashes of the process, code that never returns (`workers/`);
-mistakes inside of the extern, which Python's own words and line tell best.
+Purpose: `python:file.py:name` becomes an object whose `step` never raises anything but `Exception`
+and whose file, name and construction errors are diagnostics (X002, X003). `hint`: where an author
+has taken the extern for something else (another number of parameters, `inputs["motion"]`, a name
+that is not there) the error as Python says it, and what this extern is called with and asked for,
+with types. As `clip=True` of `soter.remote`, for a node that is asked: what is too large becomes
+the largest that the topic takes, and no step fault. What is no finite number is refused as ever.
+Non-goals: Which extern it answers (`bindings.py`), what its answers mean
+(`language/model/values.py`), crashes of the process, code that never returns (`workers/`); mistakes
+inside of the extern, which Python's own words and line tell best. Shapes and names, which stay the
+extern's own mistakes.
 """
 
 from __future__ import annotations
@@ -18,16 +20,17 @@ import sys
 import traceback
 from pathlib import Path
 from types import FunctionType, SimpleNamespace
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
 from soter.addons import by_name
-from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, reason
 from soter.diagnostics.similar_names import closest
 from soter.language.load.bounded_read import read_bytes
-from soter.semantics.externs import Stop, step_of
+from soter.language.model.values import widened
+from soter.semantics.externs import Converted, Stop, converted, step_of
+from soter.semantics.publication_gate import clipped
 from soter.simulate.externs import process_state_guard
 from soter.simulate.externs.process_state_guard import outside
 from soter.simulate.externs.python_answers import MisuseError, PlainError, described
@@ -37,12 +40,15 @@ if TYPE_CHECKING:
     from types import ModuleType
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.binding_text import BindingText
+    from soter.language.model.system import Bound, Component, System
     from soter.language.model.types import Type
     from soter.simulate.interrupt import StopRequest
 
     Shapes = Sequence[tuple[str, Type]]
+
+__all__ = ["PythonExtern", "instantiated", "load_python"]
 
 
 DEPTH = 3
@@ -309,4 +315,52 @@ def _problem(
     return SoterError((Diagnostic(code, message, primary, notes=notes, helps=helps),))
 
 
-__all__ = ["PythonExtern", "instantiated", "load_python"]
+class Answered(NamedTuple):
+    """What a node answers: name and type of what a step gives, and the set of a message."""
+
+    name: str
+    given: Type
+    type: Type
+    bounds: tuple[Bound | None, ...]
+    burst: bool
+
+
+def answered(system: System, component: Component) -> tuple[Answered, ...]:
+    """What an extern node answers, in order."""
+    node = component.node
+    assert node is not None
+    topics = [system.topics[component.scope.topics[t]] for t in node.publishes]
+    return tuple(
+        Answered(name, given, topic.type, tuple(topic.bounds), symbol in node.bursts)
+        for (name, given), topic, symbol in zip(node.answers, topics, node.publishes, strict=True)
+    )
+
+
+def clipping(target: object, answers: Sequence[Answered]) -> object:
+    """The same, or where it has an attribute `clip` that is True, what clips its answers."""
+    return _Clipping(target, answers) if getattr(target, "clip", False) is True else target
+
+
+class _Clipping(FilePolicy):
+    def __init__(self, target: object, answers: Sequence[Answered]) -> None:
+        self._step, self._answers = step_of(target), answers
+        self._shapes = [(x.name, widened(x.given)) for x in answers]
+        self._reset = getattr(target, "reset", None)
+        self.assumed = target.assumed if isinstance(target, FilePolicy) else ()
+
+    def reset(self, seed: int) -> None:
+        """Start afresh where the extern can."""
+        if callable(self._reset):
+            self._reset(seed)
+
+    def step(self, *arguments: Any) -> Converted:  # noqa: ANN401 - whatever the extern takes
+        """Its answer, inside of the sets."""
+        values = converted(self._shapes, self._step(*arguments))
+        return Converted(
+            None
+            if value is None
+            else tuple([clipped(x.type, x.bounds, message) for message in value])
+            if x.burst
+            else clipped(x.type, x.bounds, value)
+            for x, value in zip(self._answers, values, strict=True)
+        )

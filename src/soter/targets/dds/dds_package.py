@@ -1,18 +1,23 @@
-"""Target `dds`: the package, and how it is compiled.
+"""Target `dds`: the package, how it is compiled, and which message is which topic.
 
-Purpose: the package of target `posix` in a folder of its own, and beside it the bridge to DDS with
-what `idlc` makes of the IDL; a Makefile, and the same for CMake.
-Non-goals: what a mapping may say (`soter.mapping`), the sources (`bridge_source.py`), compiling.
+Purpose: A table of what comes in and one of what goes out, and the functions that they name. Types
+of messages follow ROS 2's middleware: `nav_msgs/Odometry` is `nav_msgs::msg::dds_::Odometry_`, its
+members end in `_`, an empty message has one byte, and every record is final. The package of target
+`posix` in a folder of its own, and beside it the bridge to DDS with what `idlc` makes of the IDL; a
+Makefile, and the same for CMake.
+Non-goals: What is done with them (`runtime/dds/soter_dds_bridge.h`); constants of messages,
+services, wide strings (D015).
 """
 
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.mapping.message_types import MessageTypes
+from soter.mapping.message_types import ARRAY, BASE, SEQUENCE, MessageTypes
 from soter.native.shared_library import RUNTIME
+from soter.report.templates import filled
 from soter.targets.bridge_base import (
     COMMON,
     TRUSTED,
@@ -23,15 +28,205 @@ from soter.targets.bridge_base import (
     shipped,
     unsaid,
 )
-from soter.targets.dds.bridge_source import ROS, bridge_text, message_idl
+from soter.targets.message_conversion import CYCLONE, MessageConverter, text_literal, unmappable
 from soter.targets.package import Package, PackageFile, filled_file
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
+    from soter.mapping.message_types import MessageType
     from soter.mapping.topic_mapping import LogMap, TopicMap
+
+
+ROS = 2
+PRIMITIVES = {
+    "bool": "boolean",
+    "byte": "octet",
+    "char": "uint8",
+    "float32": "float",
+    "float64": "double",
+    **{f"{u}int{n}": f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)},
+}
+_WORDS = """
+abstract alias any attribute bitfield bitmask bitset boolean case char component connector const
+consumes context custom default double eventtype emits enum exception factory false finder fixed
+float getraises home import in inout int8 int16 int32 int64 interface local long manages map
+mirrorport module multiple native object octet oneway out port porttype primarykey private provides
+public publishes raises readonly sequence setraises short string struct supports switch true
+truncatable typedef typeid typename typeprefix uint8 uint16 uint32 uint64 union unsigned uses
+valuebase valuetype void wchar wstring
+"""
+KEYWORDS = frozenset(_WORDS.split())
+"""Of IDL, in any case: no module is called so."""
+
+
+def dds_type(message: MessageType) -> str:
+    """The name of the type on the wire."""
+    return "::".join(_modules(message.ros2)) + "_"
+
+
+def c_type(message: MessageType) -> str:
+    """What idlc calls it in C."""
+    return dds_type(message).replace("::", "_")
+
+
+def _modules(name: str) -> tuple[str, str, str, str]:
+    package, _, last = name.split("/")
+    return package, "msg", "dds_", last
+
+
+def message_idl(messages: Iterable[MessageType]) -> str:
+    """One file: every type that the messages are made of, parts first."""
+    done: dict[str, str] = {}
+    for message in messages:
+        _add(message, message.ros2, done, ())
+    return "\n".join(done.values())
+
+
+def _add(message: MessageType, name: str, done: dict[str, str], inside: tuple[str, ...]) -> None:
+    if name in done:
+        return
+    definitions = message.definitions[ROS]
+    if name in inside:
+        raise unmappable(f"`{name}` of {message.ros2} holds itself, which no IDL says")
+    if name not in definitions:
+        raise unmappable(
+            f"`{name}` of {message.ros2} is not known: wide strings have no IDL here, and types of "
+            "one's own are named under `[messages]`"
+        )
+    members = definitions[name][1]
+    for _, kind in members:
+        inner = kind[1][0] if kind[0] in (ARRAY, SEQUENCE) else kind
+        if inner[0] != BASE:
+            _add(message, inner[1], done, (*inside, name))
+    done[name] = _struct(name, [_member(name, n, kind) for n, kind in members])
+
+
+def _struct(name: str, members: list[str]) -> str:
+    package, *middle, last = _modules(name)
+    if package.lower() in KEYWORDS:
+        raise unmappable(f"`{package}` is a word of IDL: no package of messages can be called so")
+    opened = " ".join(f"module {m} {{" for m in (package, *middle))
+    body = "".join(f"  {m}\n" for m in members)
+    return f"{opened}\n@final struct {last}_ {{\n{body}}};\n}}; }}; }};\n"
+
+
+def _member(owner: str, name: str, kind: Any) -> str:  # noqa: ANN401 - see MessageType
+    if kind[0] == ARRAY:
+        return f"{_type(owner, kind[1][0])} {name}_[{kind[1][1]}];"
+    if kind[0] == SEQUENCE:
+        element, bound = kind[1]
+        return f"sequence<{_type(owner, element)}{f', {bound}' if bound else ' '}> {name}_;"
+    return f"{_type(owner, kind)} {name}_;"
+
+
+def _type(owner: str, kind: Any) -> str:  # noqa: ANN401 - see MessageType
+    if kind[0] != BASE:
+        return "::".join(_modules(kind[1])) + "_"
+    name, bound = kind[1]
+    if name == "string":
+        return f"string<{bound}>" if bound else "string"
+    if name not in PRIMITIVES:
+        raise unmappable(f"`{owner}` has a `{name}`, which has no IDL here")
+    return PRIMITIVES[name]
+
+
+SENSOR_DEPTH, DEFAULT_DEPTH = 5, 10
+"""ROS 2's profile for data of sensors, which comes in, and its default, for what goes out."""
+
+
+def bridge_text(bridged: BridgedSystem, name: str, mapped: dict[int, TopicMap]) -> str:
+    """`NAME_bridge.c`; `mapped`: the mapping of a system by topic."""
+    world, modules = bridged.world, bridged.system.modules
+    lease = {g.module.index: k for k, g in enumerate(world.granted)}
+    by_way: dict[bool, list[dict[str, object]]] = {True: [], False: []}
+    for index, m in mapped.items():
+        inward = bridged.is_inward(index)
+        way = _in(m) if inward else _out(bridged, m)
+        by_way[inward].append({**_topic(bridged, m), **way})
+    return filled(
+        "targets/dds/bridge.c.j2",
+        name=name,
+        bridged=bridged,
+        inward=by_way[True],
+        outward=by_way[False],
+        modules=[text_literal(m.name) for m in modules],
+        lease_of=[lease.get(m.index, -1) for m in modules],
+        topics=[text_literal(world.names[t.index]) for t in world.topics],
+    )
+
+
+def _topic(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
+    """What stands of a topic in its row, either way."""
+    index, message, said = mapped.topic.index, _message(mapped), mapped.qos
+    inward = bridged.is_inward(index)
+    reliable = (said.reliability or ("best_effort" if inward else "reliable")) == "reliable"
+    depth = (SENSOR_DEPTH if inward else DEFAULT_DEPTH) if said.depth is None else said.depth
+    return {
+        "topic": mapped.topic.name,
+        "c_name": bridged.world.names[index],
+        "hash": bridged.channel_hash(index),
+        "value": bridged.value_type(index),
+        "channel": mapped.channel,
+        "on_wire": text_literal(f"rt{mapped.channel}"),
+        "type": dds_type(message),
+        "c_type": c_type(message),
+        "reliable": _word(reliable),
+        "latched": _word(said.durability == "transient_local"),
+        "depth": depth,
+    }
+
+
+def _in(mapped: TopicMap) -> dict[str, object]:
+    converter = MessageConverter(mapped, ROS, CYCLONE, "(*m)")
+    frame = "true"
+    if mapped.frame_id is not None:
+        there = converter.path("header.frame_id")
+        frame = CYCLONE.same_text.format(there, text_literal(mapped.frame_id))
+    return {
+        "frame": frame,
+        "stamp": _stamp(mapped, converter),
+        "stamped": _word(mapped.stamp is not None),
+        "delay_ns": mapped.delay_ns,
+        "publisher": text_literal(mapped.publisher or ""),
+        "lines": converter.inward("(*to)"),
+    }
+
+
+def _out(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
+    index, converter = mapped.topic.index, MessageConverter(mapped, ROS, CYCLONE, "(*m)")
+    lines = converter.outward("(*from)")
+    if _message(mapped).has_header:
+        sec, nanosec = (converter.path(f"header.stamp.{p}") for p in ("sec", "nanosec"))
+        lines.append(f"{sec} = (int32_t)(stamp / 1000000000);")
+        lines.append(f"{nanosec} = (uint32_t)(stamp % 1000000000);")
+    law, silent_ns = bridged.law_statements(index), bridged.silent_ns(index)
+    return {"lines": lines, "law": law, "silent_ns": silent_ns}
+
+
+def _word(holds: bool) -> str:
+    return "true" if holds else "false"
+
+
+def _message(mapped: TopicMap) -> MessageType:
+    assert mapped.message is not None, mapped
+    return mapped.message
+
+
+def _stamp(mapped: TopicMap, converter: MessageConverter) -> str:
+    """The C expression of the time at which a message says that it was measured, ns."""
+    stamp = mapped.stamp
+    if stamp is None:
+        return "0"
+    if stamp.kind == "time":
+        parts = (converter.path(f"{stamp.path}.{p}") for p in ("sec", "nanosec"))
+        return f"soter_dds_stamp({', '.join(parts)})"
+    unit = stamp.unit_ns
+    what = converter.path(stamp.path)
+    return f"soter_ns_of_number((long double){what}, {unit.numerator}, {unit.denominator})"
 
 
 SOURCES = (

@@ -2,6 +2,6 @@
 
 `mavlink_package.py` puts it together: the trusted part and the actuators are those of target
 `posix` and know nothing of MAVLink. It also checks what a set-point has to say, and adds the C of
-MAVLink, which pymavlink generates. `bridge_source.py` writes the tables of the bridge. What bridges
-have in common is C that ships: `runtime/mavlink/`.
+MAVLink, which pymavlink generates. `mavlink_package.py` writes the tables of the bridge. What
+bridges have in common is C that ships: `runtime/mavlink/`.
 """

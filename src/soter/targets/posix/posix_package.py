@@ -22,12 +22,17 @@ from soter.language.model.binding_text import is_in_python
 from soter.native.shared_library import RUNTIME
 from soter.report.parameter_text import changed
 from soter.targets import c99
-from soter.targets.channel_document import channel_document_files
 from soter.targets.firmware import RUNTIME_FILES
 from soter.targets.leases_and_lateness import FILES as LEASES
 from soter.targets.leases_and_lateness import lease_files, limits_of, takeovers
 from soter.targets.package import Package, PackageFile, filled_file
-from soter.targets.world_interface import ACTUATOR, OUTSIDE, STATUS_TEXT, WorldTables
+from soter.targets.world_interface import (
+    ACTUATOR,
+    OUTSIDE,
+    STATUS_TEXT,
+    WorldTables,
+    channel_document_files,
+)
 from soter.workers.exchange_layout import Exchange, exchange_of
 
 if TYPE_CHECKING:

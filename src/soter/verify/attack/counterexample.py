@@ -18,16 +18,15 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import check_file, system_to_prove
 from soter.language.load.bounded_read import ReadError, read_json_text
 from soter.language.load.data_files import parse_json
 from soter.language.model.values import to_json
 from soter.report.atomic_write import own_place
-from soter.semantics.chosen_draws import ChoiceError, RecordedDraws, Recorder
 from soter.semantics.configuration import SC, DecisionVerdict
+from soter.semantics.draws import ChoiceError, RecordedDraws, Recorder
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
@@ -38,9 +37,8 @@ from soter.version import other_format
 if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.language.model.types import Value
-    from soter.semantics.chosen_draws import Choices
     from soter.semantics.configuration import Configuration
-    from soter.semantics.random_draws import Draws
+    from soter.semantics.draws import Choices, Draws
     from soter.verify.claims.results import ModuleResult, VerifyReport
 
     _Instant = tuple[Configuration, tuple[DecisionVerdict, ...], dict[str, Value]]

@@ -1,7 +1,7 @@
 """Look for a run that leaves C: what stands behind the verdict `refuted`.
 
 Purpose: many short native runs of the closed system under attack (`attacked_system.py`), the
-environment and the AC at their bounds in seeded patterns (`semantics/chosen_draws.py`). What is
+environment and the AC at their bounds in seeded patterns (`semantics/draws.py`). What is
 found natively is run again by the interpreter, recorded, written as choices, and replayed from
 these choices alone; only that replay refutes. `refuted` calls this for what is not proved, and
 enters what was found among the verdicts. Non-goals: proving: that nothing was found means nothing.
@@ -19,7 +19,7 @@ from soter.core.layout import NEVER, state_dtype
 from soter.language.elaborate.derived_systems import unlatched
 from soter.native.library import Library, RunStatus
 from soter.native.shared_library import library
-from soter.semantics.chosen_draws import (
+from soter.semantics.draws import (
     CHANCE,
     CORNER,
     HOLDS,

@@ -48,7 +48,7 @@ from soter.verify.diagnosis.model_runs import PointModel, patterns, run
 from soter.verify.diagnosis.open_claims import HABIT, explain
 from soter.verify.diagnosis.vacuity import vacuity
 from soter.verify.diagnosis.variations import HALVED, OTHERS, NotProved, merged, remedies
-from soter.verify.enclose.c_emitter import EnclosureError
+from soter.verify.enclose.enclosure_emitter import EnclosureError
 from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.extract import extract
 from soter.verify.proof_methods import tables

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
     from soter.core.arrays import Floats
     from soter.core.core import Function, Predicate
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedExpr
     from soter.verify.problem.problem import Problem

@@ -20,22 +20,20 @@ from soter.core.abstract_execution import Execution
 from soter.language.model.types import IntType, ListType, leaf_count
 from soter.language.model.values import Table
 from soter.language.prelude.function_error_bounds import BOUNDS
-from soter.verify.enclose.c_emitter import (
-    EmittedBranch,
-    EnclosureError,
-    MergedVariable,
-    float_literal,
-)
 from soter.verify.enclose.enclosed_operations import UNKNOWN, EnclosureOperations
-from soter.verify.enclose.enclosed_values import (
+from soter.verify.enclose.enclosure_emitter import (
     AggregateParts,
     Constant,
+    EmittedBranch,
     EmittedInts,
+    EnclosureError,
     Form,
     Item,
     KnownInt,
     KnownTruth,
+    MergedVariable,
     Sequence,
+    float_literal,
     is_scalar,
     opened,
 )
@@ -45,7 +43,7 @@ if TYPE_CHECKING:
 
     from soter.core.abstract_execution import Join
     from soter.language.model.types import Type
-    from soter.verify.enclose.c_emitter import Emitter, Step
+    from soter.verify.enclose.enclosure_emitter import Emitter, Step
 
 
 ENCLOSED = frozenset(

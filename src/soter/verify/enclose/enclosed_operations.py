@@ -22,16 +22,9 @@ from soter.language.model.types import (
     ListType,
     default_value,
 )
-from soter.verify.enclose.c_emitter import (
+from soter.verify.enclose.enclosure_emitter import (
     FAULT,
     SIZE,
-    MergedVariable,
-    MergeStore,
-    address,
-    float_literal,
-    whole_literal,
-)
-from soter.verify.enclose.enclosed_values import (
     AggregateParts,
     Constant,
     EmittedInts,
@@ -40,21 +33,25 @@ from soter.verify.enclose.enclosed_values import (
     Form,
     KnownInt,
     KnownTruth,
+    MergedVariable,
+    MergeStore,
     Sequence,
+    address,
     compared,
     element_types,
+    float_literal,
     is_scalar,
     opened,
     span_binary,
     span_unary,
+    whole_literal,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.language.model.types import Type
-    from soter.verify.enclose.c_emitter import Emitter, Step
-    from soter.verify.enclose.enclosed_values import Item
+    from soter.verify.enclose.enclosure_emitter import Emitter, Item, Step
 
 BINARY = {"+": "add", "-": "sub", "*": "mul", "/": "div"}
 SWAPPED = {">": "<", ">=": "<="}

@@ -16,11 +16,12 @@ from soter.core import core
 from soter.core.lower_statements import FunctionTable
 from soter.core.steps import lower_deciding, lower_predicate
 from soter.language.model.types import FloatType, IntType, RecordType, leaves
-from soter.verify.enclose.c_emitter import FAULT, EnclosureError, float_literal
 from soter.verify.enclose.core_enclosure import EnclosureBody
 from soter.verify.enclose.enclosed_operations import UNKNOWN, EnclosureOperations, kind_of
-from soter.verify.enclose.enclosed_values import (
+from soter.verify.enclose.enclosure_emitter import (
+    FAULT,
     AggregateParts,
+    EnclosureError,
     FloatRange,
     Form,
     Item,
@@ -28,6 +29,7 @@ from soter.verify.enclose.enclosed_values import (
     KnownTruth,
     Sequence,
     at_most,
+    float_literal,
 )
 from soter.verify.enclose.enclosure_inputs import EnclosureInputs, key, parts
 
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Bound, Component, Module, System
     from soter.language.model.typed import TypedExpr
     from soter.language.model.types import Type
-    from soter.verify.enclose.c_emitter import Emitter
+    from soter.verify.enclose.enclosure_emitter import Emitter
     from soter.verify.problem.problem import Leaf, Quantities
 
 FLOAT_MAX = sys.float_info.max

@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.printer import print_file
 from soter.language.evaluate.predicates import PARTS_MAX, conjuncts
-from soter.verify.enclose.c_emitter import (
+from soter.verify.enclose.enclosed_operations import EnclosureOperations
+from soter.verify.enclose.enclosed_steps import Enclosed
+from soter.verify.enclose.enclosure_emitter import (
     Emitter,
     EnclosureError,
     framed,
     given,
     names_in,
 )
-from soter.verify.enclose.enclosed_operations import EnclosureOperations
-from soter.verify.enclose.enclosed_steps import Enclosed
 from soter.verify.problem.supported_constructs import ttf_of_states
 
 if TYPE_CHECKING:

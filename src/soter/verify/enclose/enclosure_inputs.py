@@ -23,9 +23,8 @@ from soter.language.model.types import (
     default_value,
     leaves,
 )
-from soter.verify.enclose.c_emitter import address, whole_literal
 from soter.verify.enclose.enclosed_operations import UNKNOWN
-from soter.verify.enclose.enclosed_values import (
+from soter.verify.enclose.enclosure_emitter import (
     AggregateParts,
     Constant,
     EmittedInts,
@@ -33,6 +32,8 @@ from soter.verify.enclose.enclosed_values import (
     Form,
     Item,
     Sequence,
+    address,
+    whole_literal,
 )
 
 if TYPE_CHECKING:

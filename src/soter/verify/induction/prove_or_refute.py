@@ -42,7 +42,7 @@ from soter.workers.solvers import ctrl_c_waits
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Bound, System
     from soter.language.model.types import Type, Value
     from soter.verify.induction.problem import InductionProblem

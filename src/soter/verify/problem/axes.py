@@ -19,8 +19,7 @@ from soter.verify.problem.problem import Axis, Group, Interval
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.model.system import Component
     from soter.verify.problem.inputs import Inputs
     from soter.verify.problem.verification_system import VerificationSystem

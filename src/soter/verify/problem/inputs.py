@@ -21,8 +21,7 @@ from soter.verify.time.problem_times import read_by_dm
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.model import typed
     from soter.language.model.system import Component
     from soter.language.model.types import Type, Value

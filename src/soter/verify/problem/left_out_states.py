@@ -24,9 +24,9 @@ from soter.language.model import typed
 from soter.language.model.system import tower_of
 from soter.language.model.tree_walk import children, nodes
 from soter.language.model.types import IntType
-from soter.verify.enclose.c_emitter import EnclosureError
 from soter.verify.enclose.compiled_enclosures import hint_of
 from soter.verify.enclose.enclosure_code import generate_enclosures
+from soter.verify.enclose.enclosure_emitter import EnclosureError
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.problem import Interval
 

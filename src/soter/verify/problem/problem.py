@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.core.core import CoreSystem
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.elaborate.views_for_proofs import Influence
     from soter.language.model.system import Module, System
     from soter.verify.problem.assumption import Assumption

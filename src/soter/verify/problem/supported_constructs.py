@@ -23,8 +23,7 @@ from soter.language.model.types import BOOL, BoolType, EnumType, FloatType, IntT
 from soter.verify.problem.assumption import Assumption
 
 if TYPE_CHECKING:
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import TypedExpr
     from soter.language.model.types import Type

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.model.typed import FunSymbol, TypedExpr
     from soter.language.model.types import Type, Value
     from soter.verify.problem.problem import Group, Problem

@@ -38,12 +38,10 @@ from soter.verify.time.time_checks import check_times, of_map
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
-    from soter.timing.response_times import ScheduledStep
-    from soter.timing.trusted_thread import Timing
+    from soter.timing.trusted_thread import ScheduledStep, Timing
     from soter.verify.problem.problem import ProblemKind
     from soter.verify.problem.verification_system import VerificationSystem
     from soter.verify.time.cause_effect_chains import CauseEffectChain

@@ -13,8 +13,7 @@ from soter.language.model.durations import show_ns
 from soter.verify.time.schedule import ActuationPath, Releases, Schedule, SensorPath
 
 if TYPE_CHECKING:
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.model.system import Component
     from soter.language.model.typed import ModuleSymbol
     from soter.verify.problem.problem import ProblemKind, Times

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from generators.file_listing import files_below
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics
-from soter.diagnostics.source import Source, Span
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Source, Span
 from soter.language.syntax.parser import parse
 
 if TYPE_CHECKING:

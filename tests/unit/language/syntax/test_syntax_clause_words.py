@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, applied
-from soter.diagnostics.source import Source
-from soter.language.syntax import clause_words
-from soter.language.syntax.clause_words import places
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Source, applied
+from soter.language.syntax import words as clause_words
 from soter.language.syntax.parser import parse
 from soter.language.syntax.parsing import faults, functions_and_plants, nodes, systems, verification
-from soter.language.syntax.word_tables import word_table
+from soter.language.syntax.words import places, word_table
 from tables import all_rows
 
 if TYPE_CHECKING:

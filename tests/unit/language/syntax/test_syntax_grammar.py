@@ -18,8 +18,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.syntax.parser import parse
 from soter.language.syntax.printer import format_source
 from soter.language.syntax.tokens import EOF, RESERVED, lex

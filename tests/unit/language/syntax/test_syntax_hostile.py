@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.diagnostics.render import render_all, to_json
-from soter.diagnostics.source import Source
 from soter.language.syntax.parser import parse
 from work import work_of
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.diagnostics.source import Source, Span
+from soter.diagnostics.diagnostic import Source, Span
 from soter.language.syntax import tree
 from tables import all_rows
 from work import work_of

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from soter.diagnostics.diagnostic import Diagnostics, applied
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Diagnostics, Source, applied
 from soter.language.syntax.parser import parse
 from tables import all_rows
 

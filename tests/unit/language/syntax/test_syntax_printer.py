@@ -6,8 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Diagnostics, Source
 from soter.language.syntax import tree
 from soter.language.syntax.printer import WIDTH_MAX, format_source, print_expr
 from soter.language.syntax.tokens import lex

@@ -8,12 +8,12 @@ import pytest
 
 from generators.file_listing import files_below
 from soter.language.front_end import check_file
-from soter.language.syntax import clause_words, foreign_phrases, foreign_rewrites, word_tables
+from soter.language.syntax import foreign_phrases, foreign_rewrites, words
 
 ROOT = Path(__file__).resolve().parents[4]
 SOTER = ROOT / "src" / "soter"
 CACHES = (
-    word_tables.word_table, word_tables._meanings, foreign_phrases.forms, clause_words.places
+    words.word_table, words._meanings, foreign_phrases.forms, words.places
 )  # fmt: skip
 
 
@@ -22,7 +22,7 @@ def test_a_right_program_reads_no_table(file: str) -> None:
     for cache in CACHES:
         cache.cache_clear()
     assert not check_file(str(ROOT / "examples" / file)).diagnostics.items
-    assert word_tables.word_table.cache_info().misses == 0
+    assert words.word_table.cache_info().misses == 0
 
 
 def test_a_wrong_program_reads_tables(tmp_path: Path) -> None:
@@ -31,7 +31,7 @@ def test_a_wrong_program_reads_tables(tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.soter"
     wrong.write_text("soter 1;\nconst float A = 3.0;\n", encoding="utf-8")
     assert check_file(str(wrong)).diagnostics.items
-    assert word_tables.word_table.cache_info().misses > 0
+    assert words.word_table.cache_info().misses > 0
 
 
 def test_every_phrase_has_its_groups_and_says_something() -> None:
@@ -50,7 +50,7 @@ def test_what_the_phrases_name_is_there_and_nothing_else_is() -> None:
 
 
 def test_all_that_lies_beside_the_code_is_installed() -> None:
-    toml = word_tables.toml_of((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    toml = words.toml_of((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     patterns = toml["tool"]["setuptools"]["package-data"]["soter"]
     installed = {p for pattern in patterns for p in SOTER.glob(pattern)}
     beside = {p for p in files_below(SOTER, "*") if p.is_file() and p.suffix != ".py"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.source import Source
+from soter.diagnostics.diagnostic import Source
 from soter.language.syntax.tokens import EOF, SOFT, lex, string_value, visible
 from tables import all_rows
 

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.file_listing import files_below
-from soter.diagnostics.diagnostic import Diagnostics
-from soter.diagnostics.source import Source, Span
+from soter.diagnostics.diagnostic import Diagnostics, Source, Span
 from soter.language.syntax.parser import parse_tokens
 from soter.language.syntax.tokens import NAME
 from unit.language.syntax.test_syntax_grammar import GRAMMAR, rules, texts_of

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import soter
-from soter.diagnostics.source import Source, Span
+from soter.diagnostics.diagnostic import Source, Span
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file, system_of

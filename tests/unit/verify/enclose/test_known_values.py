@@ -9,9 +9,16 @@ import pytest
 
 from generators.python_enclosures import seeded
 from soter.codegen.c import tree as c
-from soter.verify.enclose.c_emitter import Emitter, Op
 from soter.verify.enclose.enclosed_operations import EnclosureOperations
-from soter.verify.enclose.enclosed_values import FloatRange, Form, compared, span_binary, span_unary
+from soter.verify.enclose.enclosure_emitter import (
+    Emitter,
+    FloatRange,
+    Form,
+    Op,
+    compared,
+    span_binary,
+    span_unary,
+)
 
 COUNT = 400
 NUMBERS = (0.0, 1.0, -1.0, 0.1, 3.0, 1e-320, 5e-324, 1e300, -1e308, 1.0 / 3.0)

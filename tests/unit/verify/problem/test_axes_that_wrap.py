@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from generators.turning_systems import Drawn
-from soter.diagnostics.source import Source, Span
+from soter.diagnostics.diagnostic import Source, Span
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file, system_of

@@ -19,8 +19,7 @@ from soter.language.syntax import tree
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.diagnostics.diagnostic import Help
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Help, Span
     from soter.language.check.checker_interface import Context
     from soter.language.model.types import Type
 

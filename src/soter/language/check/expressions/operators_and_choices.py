@@ -10,8 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import replace, texts
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Span, replace, texts
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import (
     ExprBase,

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Help
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Help, Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
 

@@ -23,8 +23,7 @@ from soter.language.model.values import VALUE_MAX
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
     from soter.language.syntax import tree

@@ -29,7 +29,7 @@ from soter.language.model.types import (
 from soter.language.syntax.schemes import DEFAULT_SCHEME
 
 if TYPE_CHECKING:
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
     from soter.language.model.types import Type

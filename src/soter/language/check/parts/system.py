@@ -30,7 +30,7 @@ from soter.language.syntax.printer import print_expr
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
 

@@ -22,8 +22,7 @@ from soter.language.syntax import tree
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from soter.diagnostics.diagnostic import Help
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Help, Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
     from soter.language.model.types import Type

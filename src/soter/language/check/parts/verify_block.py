@@ -19,7 +19,7 @@ from soter.language.model.types import BOOL, DURATION, FLOAT, INT, FloatType
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
     from soter.language.model.types import Type

@@ -12,8 +12,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.diagnostics.diagnostic import exchange, replace
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Span, exchange, replace
 from soter.language.evaluate.range_evaluation import (
     RangeEvaluator,
     TooHardError,

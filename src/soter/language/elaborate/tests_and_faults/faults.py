@@ -21,8 +21,7 @@ from soter.language.model.types import FloatType, IntType, has_list, leaves
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.elaborate.topics import Topics
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System, Topic

@@ -7,7 +7,7 @@ others one of each between which somebody can tell. Stated values become a condi
 part is judged in each test in which it runs as it is; those of `assumes` are told as an assumption
 where no test asks for them.
 Non-goals: where a stand-in stands (`instantiate.py`), whether what it stands for keeps its contract
-(tests), which values can be told apart (`distinguishable_values.py`).
+(tests), which values can be told apart (`distinguishable_values_and_times.py`).
 """
 
 from __future__ import annotations
@@ -15,9 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.source import Source, Span
+from soter.diagnostics.diagnostic import Source, Span
 from soter.language.check.expressions.operators_and_choices import MAX_CHOICES
-from soter.language.elaborate.tests_and_faults.distinguishable_values import representatives
+from soter.language.elaborate.tests_and_faults.distinguishable_values_and_times import (
+    representatives,
+)
 from soter.language.model import typed
 from soter.language.model.system import StandIn
 from soter.language.model.tree_walk import mode_reads, nodes, rewritten, topic_reads
@@ -38,7 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.elaborate.tests_and_faults.distinguishable_values import (
+    from soter.language.elaborate.tests_and_faults.distinguishable_values_and_times import (
         Path,
         Readers,
         ReadTopic,

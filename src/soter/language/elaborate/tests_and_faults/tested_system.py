@@ -16,7 +16,7 @@ from soter.language.elaborate import derived_systems
 from soter.language.elaborate.deployed_systems import from_outside
 from soter.language.elaborate.elaborator import Elaborator
 from soter.language.elaborate.instantiate import expressions_of
-from soter.language.elaborate.tests_and_faults.distinguishable_values import Readers
+from soter.language.elaborate.tests_and_faults.distinguishable_values_and_times import Readers
 from soter.language.elaborate.tests_and_faults.faults import named, nobody
 from soter.language.elaborate.tests_and_faults.stand_ins import (
     StatedValues,
@@ -37,9 +37,9 @@ from soter.language.model.types import RecordType
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.elaborate.instantiate import SubSystem
-    from soter.language.elaborate.tests_and_faults.distinguishable_values import Path
+    from soter.language.elaborate.tests_and_faults.distinguishable_values_and_times import Path
     from soter.language.model.system import Component, Metric, Module, Scope, StandIn, System
     from soter.language.model.types import Value
 

@@ -10,10 +10,8 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import Edit, Fix, append, remove, replace
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Edit, Fix, Span, append, remove, replace
 from soter.language.syntax import tree
-from soter.language.syntax.clause_words import NODE, body_of
 from soter.language.syntax.parsing.expression_elements import unclosed
 from soter.language.syntax.parsing.items import Parts, clauses, time
 from soter.language.syntax.parsing.misplaced_words import (
@@ -28,7 +26,7 @@ from soter.language.syntax.parsing.statements import PLACE_FOLLOWS, StatementPar
 from soter.language.syntax.parsing.token_cursor import BODY_WORDS, STATEMENT_WORDS, Panic
 from soter.language.syntax.parsing.types import type_expression
 from soter.language.syntax.tokens import EOF, NAME, STRING, string_value, visible
-from soter.language.syntax.word_tables import meaning
+from soter.language.syntax.words import NODE, body_of, meaning
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,8 +14,7 @@ from dataclasses import fields
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Edit, Fix, made, replace
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Edit, Fix, Span, made, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, RESERVED, STRING, UNIT_NS

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import replace
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Span, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.expression_elements import (
     ANY,

@@ -17,7 +17,7 @@ from soter.language.syntax.tokens import RESERVED
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.syntax.parsing.token_cursor import Cursor
 
     Step = Callable[[Any], Any]

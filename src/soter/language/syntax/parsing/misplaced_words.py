@@ -2,7 +2,7 @@
 
 Purpose: clauses in the wrong order, clauses of a topic behind its name in a node, items in another
 body. Whatever is offered as an edit was parsed before.
-Non-goals: where words belong (`clause_words.py`); phrases of other languages
+Non-goals: where words belong (`words.py`); phrases of other languages
 (`foreign_phrases.py`).
 """
 
@@ -11,9 +11,9 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Edit, Fix, Label, applied, made, replace
-from soter.diagnostics.source import Source, Span
-from soter.language.syntax.clause_words import (
+from soter.diagnostics.diagnostic import Edit, Fix, Label, Source, Span, applied, made, replace
+from soter.language.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, STRING, lex
+from soter.language.syntax.words import (
     PLANT,
     SYSTEM,
     TEST,
@@ -22,7 +22,6 @@ from soter.language.syntax.clause_words import (
     misplaced,
     places,
 )
-from soter.language.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, STRING, lex
 
 if TYPE_CHECKING:
     from soter.diagnostics.codes import Code

@@ -40,8 +40,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.diagnostics.codes import Code
-    from soter.diagnostics.diagnostic import Help
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Help, Span
     from soter.language.syntax.parsing.bodies import BodyParser
 
 

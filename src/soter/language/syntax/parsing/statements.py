@@ -32,7 +32,7 @@ from soter.language.syntax.tokens import (
     string_value,
     visible,
 )
-from soter.language.syntax.word_tables import meaning
+from soter.language.syntax.words import meaning
 
 #: Statement blocks may nest so deep.
 BLOCKS_MAX = 64

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import exchange, replace
-from soter.diagnostics.source import Span
+from soter.diagnostics.diagnostic import Span, exchange, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import LEADERLESS
@@ -42,7 +41,7 @@ from soter.language.syntax.parsing.items import (
 from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.tokens import EOF, NAME, visible
-from soter.language.syntax.word_tables import meaning
+from soter.language.syntax.words import meaning
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

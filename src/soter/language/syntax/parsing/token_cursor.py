@@ -10,9 +10,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Label, append, made, replace
+from soter.diagnostics.diagnostic import Label, Span, append, made, replace
 from soter.diagnostics.similar_names import closest
-from soter.diagnostics.source import Span
 from soter.language.syntax.foreign_phrases import find, place_of
 from soter.language.syntax.tokens import (
     DURATION,

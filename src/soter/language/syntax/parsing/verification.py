@@ -35,7 +35,7 @@ from soter.language.syntax.parsing.items import (
 from soter.language.syntax.tokens import NAME
 
 if TYPE_CHECKING:
-    from soter.diagnostics.source import Span
+    from soter.diagnostics.diagnostic import Span
     from soter.language.syntax.parsing.bodies import BodyParser
 
     Expr = tree.SyntaxExpr | None

@@ -14,7 +14,7 @@ import zlib
 from fractions import Fraction
 from typing import IO, TYPE_CHECKING, BinaryIO
 
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import reason
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.load.bounded_read import opened
 from soter.monitor.logs.files.log_columns import (

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, BinaryIO
 
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import reason
 from soter.language.load.bounded_read import opened
 from soter.mapping.mavlink import require_mavlink_package
 from soter.monitor.logs.files.log_columns import Writers, damaged, unusable

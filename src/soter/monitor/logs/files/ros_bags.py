@@ -2,7 +2,7 @@
 
 Purpose: what kind of bag it is, and that its files are ordinary ones; a bag of ROS 2 is read file
 by file, its metadata only for what these are.
-Non-goals: the files (`bounded_rosbag_reader.py`, `mcap_messages.py`).
+Non-goals: the files (`bag_files.py`, `mcap_messages.py`).
 """
 
 from __future__ import annotations
@@ -14,8 +14,7 @@ from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import SoterError
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import SoterError, reason
 from soter.language.load.bounded_read import opened, read_bytes
 from soter.mapping.message_types import require_ros_package
 from soter.monitor.logs.files.log_columns import REINDEX, damaged, remedies, unusable
@@ -78,8 +77,11 @@ def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Ite
     channels, and knows the others. SoterError D016, D007.
     """
     require_ros_package()
-    from soter.monitor.logs.files.bounded_rosbag_reader import ros1_messages  # noqa: PLC0415 - an extra
-    from soter.monitor.logs.files.whole_bags import REMEDY1, ContradictionError  # noqa: PLC0415 - the same
+    from soter.monitor.logs.files.bag_files import (  # noqa: PLC0415 - an extra
+        REMEDY1,
+        ContradictionError,
+        ros1_messages,
+    )
 
     try:
         if path.suffix.lower() == ".bag" and not path.is_dir():
@@ -165,8 +167,11 @@ def _says_why(error: Exception) -> bool:
 
 
 def _of_folder(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
-    from soter.monitor.logs.files.bounded_rosbag_reader import sqlite_messages  # noqa: PLC0415 - an extra
-    from soter.monitor.logs.files.whole_bags import require_counts, require_no_journal  # noqa: PLC0415
+    from soter.monitor.logs.files.bag_files import (  # noqa: PLC0415 - an extra
+        require_counts,
+        require_no_journal,
+        sqlite_messages,
+    )
 
     for file in bag.files:
         with TemporaryDirectory() as folder:
@@ -190,7 +195,7 @@ def _bag2(path: Path) -> _Bag2:
     from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
 
-    from soter.monitor.logs.files.whole_bags import counts_of  # noqa: PLC0415 - an extra
+    from soter.monitor.logs.files.bag_files import counts_of  # noqa: PLC0415 - an extra
 
     file = path / METADATA
     try:

@@ -13,7 +13,7 @@ import struct
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from soter.diagnostics.os_error_text import reason
+from soter.diagnostics.diagnostic import reason
 from soter.language.load.bounded_read import opened
 from soter.monitor.logs.files.log_columns import damaged, remedies, unusable
 

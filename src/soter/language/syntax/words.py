@@ -1,8 +1,11 @@
-"""Words of items and clauses: where each of them belongs, and what it looks like there.
+"""Words of Soter, where each belongs, and words of other languages, from `words.toml`.
 
-Purpose: the answer to a word of Soter in a wrong place, in another body, behind another item, or
-too late in its own, from the tables of `words.toml`. Nothing is looked up before an error.
-Non-goals: words of other languages (`foreign_words.py`); how the parser goes on
+Purpose: One reader of what Soter says of mistakes; a right program asks for none of it. The answer
+to a word of Soter in a wrong place, in another body, behind another item, or too late in its own,
+from the tables of `words.toml`. Nothing is looked up before an error. Types with a range,
+quantities with a unit and rates, which need more than a look into the tables of `words.toml`.
+Parser and checker ask where a word is unknown, never before.
+Non-goals: What a phrase is (`foreign_phrases.py`). how the parser goes on
 (`parsing/token_cursor.py`).
 """
 
@@ -11,12 +14,47 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
-
-from soter.language.syntax.word_tables import meaning, word_table
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
+
+
+_FOLDER = Path(__file__).parent
+
+
+def toml_of(text: str) -> dict[str, Any]:
+    """What a text in TOML says. Python 3.10 has no reader of its own."""
+    toml = import_module("tomllib" if find_spec("tomllib") else "tomli")
+    read: dict[str, Any] = toml.loads(text)
+    return read
+
+
+@cache
+def word_table(name: str) -> dict[str, Any]:
+    """The table of this name, in the order of its file."""
+    return toml_of((_FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def meaning(sort: str, word: str, body: str = "") -> str | None:
+    """What a table of `words.toml` has for a word, in this body if it is about bodies."""
+    return _meanings(sort, body).get(word)
+
+
+@cache
+def _meanings(sort: str, body: str) -> dict[str, str]:
+    table = word_table("words")[sort]
+    tables = [rows for bodies, rows in table.items() if body in bodies.split()] if body else [table]
+    pairs = [
+        (said, words) if isinstance(words, str) else words
+        for rows in tables
+        for said, words in rows.items()
+    ]
+    return {word: said for said, words in pairs for word in words.split()}
+
 
 NODE, STEP, RTA, VERIFY, PLANT = "node", "step", "rta", "verify", "plant"
 SYSTEM, TEST, FAULTS, FUNCTION, TOP = "system", "test", "faults", "function", "top"
@@ -135,3 +173,50 @@ def _shown_forms(word: str, homes: Iterable[Home], line: str) -> list[str]:
         for home in homes
     ]
     return [f"`{form}`" for form in dict.fromkeys(forms)]
+
+
+_SIZED = re.compile(r"(u?)(?:int|i)(8|16|32)(?:_t)?|u(8|16|32)")
+
+LIBRARIES = frozenset(
+    ["math", "np", "numpy", "cmath", "std", "Math", "torch", "jnp", "jax", "scipy", "tf", "libm"]
+)
+"""What the prelude stands in for."""
+
+
+def type_meant(word: str) -> str | None:
+    """The type of Soter for a type of another language: `int in [0, 255]` for `uint8_t`."""
+    small = word.lower()
+    match = _SIZED.fullmatch(small)
+    if match is None:
+        return meaning("type", small)
+    bits = int(match[2] or match[3])
+    unsigned = bool(match[1]) or match[3] is not None
+    low, high = (0, 2**bits - 1) if unsigned else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    return f"int in [{low}, {high}]"
+
+
+def type_advice(word: str) -> str | None:
+    """What to do without a type that Soter has nothing for."""
+    return meaning("no_text", word.lower()) or meaning("no_type", word)
+
+
+def in_si(number: str, unit: str) -> str | None:
+    """A quantity with a unit as the bare number of SI that it stands for."""
+    scale = meaning("unit", unit)
+    if scale is None or scale == "1.0":
+        return scale and number
+    return repr(float(f"{float(number.replace('_', '')) * float(scale):.12g}"))
+
+
+def period_of(rate: str) -> str | None:
+    """The period of a rate in Hz where it is a whole number of nanoseconds: `20ms` for `50`."""
+    value = float(rate.replace("_", ""))
+    if not 1e-3 < value <= 1e9:
+        return None
+    period_ns = round(1e9 / value)
+    if abs(period_ns * value - 1e9) > 1e-3:
+        return None
+    for unit, size in (("s", 1_000_000_000), ("ms", 1_000_000), ("us", 1_000)):
+        if period_ns % size == 0:
+            return f"{period_ns // size}{unit}"
+    return f"{period_ns}ns"

@@ -1,10 +1,13 @@
-"""Draws that somebody chooses: at the bounds, to do harm, or one alternative at a time.
+"""Random draws by counters, keyed by seed, stream and index, and draws that somebody chooses.
 
-Purpose: the adversary is the twin of `native/c/soter_adversary.h`, so that the reference
-interpreter can repeat a run that was found natively, draw by draw; `Recorded` has draws that are
-written down. Answered draws are for a driver that decides itself what a step leaves open
-(docs/testing.md, Choices), such as one that enumerates or replays executions.
-Non-goals: which seeds or alternatives are worth trying (`verify/attack/refute.py`, `explore/`).
+Purpose: No draw depends on another, so arms of an experiment and edits of a program do not shift
+each other. The arithmetic is that of docs/semantics.md, section Random draws. The adversary is the
+twin of `native/c/soter_adversary.h`, so that the reference interpreter can repeat a run that was
+found natively, draw by draw; `Recorded` has draws that are written down. Answered draws are for a
+driver that decides itself what a step leaves open (docs/testing.md, Choices), such as one that
+enumerates or replays executions.
+Non-goals: When something is drawn (`environment.py`, `interpreter.py`). Which seeds or alternatives
+are worth trying (`verify/attack/refute.py`, `explore/`).
 """
 
 from __future__ import annotations
@@ -12,15 +15,146 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from itertools import count
+from typing import TYPE_CHECKING, Protocol
 
-from soter.language.model.types import BoolType, EnumType, FloatType, IntType
-from soter.semantics.random_draws import SeededDraws, fnv, mix
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    leaves,
+)
 
 if TYPE_CHECKING:
-    from soter.language.model.system import Bound, System
+    from collections.abc import Iterator, Sequence
+
+    from soter.language.model.system import Bound, Component, System
     from soter.language.model.types import Type, Value
-    from soter.semantics.random_draws import Draws
+
+
+_MASK = 2**64 - 1
+GOLDEN = 0x9E3779B97F4A7C15
+
+
+def mix(z: int) -> int:
+    """The finaliser of SplitMix64 on an unsigned 64-bit number."""
+    z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) & _MASK
+    z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) & _MASK
+    return z ^ (z >> 31)
+
+
+def fnv(text: str) -> int:
+    """FNV-1a of the UTF-8 bytes of a text, 64 bits."""
+    h = 0xCBF29CE484222325
+    for byte in text.encode():
+        h = ((h ^ byte) * 0x100000001B3) & _MASK
+    return h
+
+
+@lru_cache(maxsize=4096)
+def stream_key(seed: int, stream: str) -> int:
+    """The key of one stream under one seed."""
+    return mix(mix((seed + GOLDEN) & _MASK) ^ fnv(stream))
+
+
+def draw_bits(seed: int, stream: str, index: int) -> int:
+    """64 random bits."""
+    return mix((stream_key(seed, stream) + (index + 1) * GOLDEN) & _MASK)
+
+
+def draw_float(seed: int, stream: str, index: int, low: float, high: float) -> float:
+    """A uniform float of [low, high]; rounding never leads outside."""
+    u = float(draw_bits(seed, stream, index) >> 11) * 2.0**-53
+    return min(low + (high - low) * u, high)
+
+
+class Draws(Protocol):
+    """Who chooses what the environment is free to choose: by default chance (`SeededDraws`)."""
+
+    def uniform(self, stream: str, index: int, low: float, high: float) -> float:
+        """A float of [low, high]."""
+
+    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """A value of a scalar type within its bound."""
+
+    def choice(self, stream: str, index: int, count: int) -> int:
+        """Which of `count` alternatives, count >= 1."""
+
+
+CHOICES_A_STEP = 4096
+"""Indices of the stream of a component's choices that belong to one release."""
+
+
+@dataclass(frozen=True)
+class SeededDraws:
+    """The draws of docs/semantics.md."""
+
+    seed: int
+
+    def uniform(self, stream: str, index: int, low: float, high: float) -> float:
+        """A uniform float."""
+        return draw_float(self.seed, stream, index, low, high)
+
+    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """A uniform value."""
+        return _draw_leaf(t, bound, self.seed, stream, index)
+
+    def choice(self, stream: str, index: int, count: int) -> int:
+        """A uniform choice."""
+        return draw_bits(self.seed, stream, index) % count
+
+
+def chooser(draws: Draws, component: Component, ct: int) -> Callable[[int], int]:
+    """Who answers the `choose`s of one step at `ct`: `draws`, one index after the other."""
+    stream = f"{component.name}.choose"
+    indices = count((ct - component.phase_ns) // component.period_ns * CHOICES_A_STEP)
+    return lambda alternatives: draws.choice(stream, next(indices), alternatives)
+
+
+def chosen_value(
+    t: Type, bounds: Sequence[Bound | None], draws: Draws, base: str, index: int
+) -> Value:
+    """A value whose leaves `draws` chooses, each from a stream of its own.
+
+    `bounds` in the order of `leaves(t)`; a list has no fixed leaves and cannot be drawn.
+    """
+    drawn = (
+        draws.leaf(leaf, bound, leaf_name(base, path), index)
+        for (path, leaf), bound in zip(leaves(t), bounds, strict=True)
+    )
+    return assemble(t, drawn)
+
+
+def leaf_name(base: str, path: tuple[str, ...]) -> str:
+    """The stream of one leaf: `base.x` for a field, `base.[0]` for an element."""
+    return ".".join((base, *path))
+
+
+def _draw_leaf(t: Type, bound: Bound | None, seed: int, stream: str, index: int) -> Value:
+    if isinstance(t, FloatType):
+        assert bound is not None, f"{stream} is not bounded"
+        return draw_float(seed, stream, index, bound.low, bound.high)
+    bits = draw_bits(seed, stream, index)
+    if isinstance(t, BoolType):
+        return bool(bits >> 63)
+    if isinstance(t, EnumType):
+        return bits % len(t.members)
+    assert isinstance(t, IntType), t
+    low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
+    return low + bits % (high - low + 1)
+
+
+def assemble(t: Type, leaf_values: Iterator[Value]) -> Value:
+    """The value of type `t` with these leaves, in the order of `leaves(t)`; no lists."""
+    if isinstance(t, RecordType):
+        return tuple([assemble(f, leaf_values) for _, f in t.fields])
+    if isinstance(t, ArrayType):
+        return tuple([assemble(t.element, leaf_values) for _ in range(t.size)])
+    return next(leaf_values)
 
 
 Answer = Callable[[str, int], int]
@@ -113,7 +247,6 @@ def _drawn_by_chance(system: System) -> Iterable[str]:
             yield f"{component.name}.choose"
 
 
-_MASK = 2**64 - 1
 _GOLDEN = 0x9E3779B97F4A7C15
 
 CHANCE, CORNER, TURN, HOLDS, TOGETHER, MIXED = range(6)

@@ -1,18 +1,19 @@
-"""A traced run, or a log, as recorded values.
+"""What a run left behind as values: times, topics, true states; of a trace, or of a log.
 
-Purpose: what `monitor/model_membership.py` reads: topics and true states after every instant.
-Non-goals: modes and decisions; logs that `soter run --log` did not write.
+Purpose: The common form of a traced run and of a log, for those who judge it afterwards. What
+`monitor/model_membership.py` reads: topics and true states after every instant.
+Non-goals: Modes and decisions; logs that `soter run --log` did not write.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.core.layout import decode_from
 from soter.language.model.types import RecordType
 from soter.language.model.values import ValueShapeError, from_json
 from soter.report.mcap_reading import messages, require_log_package, unreadable
-from soter.report.recorded_values import RecordedRun
 from soter.simulate.outputs.run_fields import truth_value
 
 if TYPE_CHECKING:
@@ -22,6 +23,20 @@ if TYPE_CHECKING:
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Type
     from soter.simulate.result import Run
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """After each instant: every topic by full name, every plant's true state by full name.
+
+    `published`: the topics that were published at each instant.
+    """
+
+    times_ns: list[int]
+    topics: list[dict[str, Any]]
+    truths: list[dict[str, Any]]
+    published: list[set[str]]
+
 
 MISSED = ("late", "skip", "wait", "overrun", "silent")
 """Faults with which a component may publish nothing when it is released."""
