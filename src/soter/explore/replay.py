@@ -80,6 +80,8 @@ class ReplayedStep:
     violated: tuple[ViolationId, ...]
     topics: Mapping[str, object]
     modes: Mapping[str, str]
+    truth: Mapping[str, object]
+    """The states of the plants, by full name."""
     reasons: tuple[str, ...] = ()
     """For each of `violated`, what failed, a clause; empty where it says itself."""
     dropped: tuple[DroppedMessage, ...] = ()
@@ -365,6 +367,7 @@ class _TraceRun:
                 violated=tuple(broken),
                 topics=self._topics(),
                 modes={m.name: MODES[self.c.L[m.dm]] for m in self.system.modules},
+                truth=self._truth(),
                 reasons=tuple([event.reasons.get(b, "") for b in broken]),
                 dropped=tuple(event.dropped),
                 matters=step.matters,
@@ -386,6 +389,16 @@ class _TraceRun:
 
     def _topics(self) -> dict[str, object]:
         return {t.name: to_json(t.type, self.c.Topics[t.index]) for t in self.system.topics}
+
+    def _truth(self) -> dict[str, object]:
+        return {
+            x.name: {
+                s.name: to_json(s.type, v)
+                for s, v in zip(x.plant.states, self.c.L[x.index], strict=True)
+            }
+            for x in self.system.components
+            if x.plant is not None
+        }
 
 
 def violation_id_of(system: System, what: str, index: int) -> ViolationId | None:

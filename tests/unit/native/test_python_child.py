@@ -86,7 +86,10 @@ def told(pattern: re.Pattern[str]) -> set[str]:
 
 
 def test_nothing_else_in_soter_starts_python() -> None:
-    assert told(PYTHON) == {"native/compiler.py"}
+    assert told(PYTHON) == {
+        "native/compiler.py",
+        "version.py",  # which prints it, in the line that installs
+    }
 
 
 def test_every_way_to_start_a_process_is_known() -> None:
