@@ -76,8 +76,8 @@ class Found:
     excused: str = ""
 
 
-class TooLongError(Exception):
-    """The time of one module is over."""
+class TooLongError(BaseException):
+    """The time of one module is over. The re-checker reports any `Exception` in it, not this."""
 
 
 # ---------------------------------------------------------------- programs
