@@ -60,7 +60,7 @@ says it read; those that are not confirmed are named, and so is each one that is
 
 exit codes: 0 accepted: safety and the return of AC (P2b) are established (with `recover never`:
             safety; with `rest`: all that what a DM decides in flight rests on),
-            3 rejected: something in it is false,
+            3 rejected: something in it is false, or a witness shows less than it has to,
             4 accepted in part: what is claimed holds, and it is not all of that,
             5 not re-checked: it may be right, but is beyond this checker,
             1 no certificate there or python-flint missing, 2 usage
@@ -73,6 +73,11 @@ with --log: 0 every verdict is confirmed as well, 3 a log contradicts itself or 
 ENDING = "-recheck.html"
 SHOWN = 20
 """Lines about a flight; the document has all."""
+COARSE = (
+    "a right proof may fail here, too: these bounds are coarser than those of `soter verify`, and"
+    " smaller cells may help"
+)
+"""Of a witness that is not confirmed nobody can tell whether it is right."""
 IN_FLIGHT = (
     "decided in flight: P3, ttf and safer, by the check of its DM, which is tested; "
     "`soter recheck DIR --log LOG` asks single verdicts"
@@ -238,6 +243,8 @@ def _say(report: Report, folder: str, console: Console) -> None:
         console.say(f"{_headline(report, folder, console)}  {hash_}".rstrip())
         if report.verdict == REJECTED or not report.modules:
             console.say(f"  {visible(report.reason)}")
+            if "certainly" in report.reason:  # a witness, in intervals
+                console.say(console.paint("muted", f"  {COARSE}"))
             return
         for module in report.modules:
             where = f"{module.name} of system {module.system}: {module.verdict}"

@@ -303,6 +303,22 @@ def test_what_is_false_is_rejected(
     assert recheck(folder).verdict == REJECTED
 
 
+@pytest.mark.parametrize("reason", ["SC does not certainly come nearer to Q from [0, 1]", "no"])
+def test_of_a_witness_that_is_not_confirmed_it_is_said_that_a_right_one_may_fail(
+    reason: str,
+    three: Callable[..., Path],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise RejectedError(reason)
+
+    folder = three(right, right, right)
+    monkeypatch.setattr(rechecker, "_module", fails)
+    assert main(["recheck", str(folder)]) == 3
+    assert ("a right proof may fail here, too" in capsys.readouterr().out) == (reason != "no")
+
+
 def test_it_has_an_exit_code_a_word_and_a_json_value(
     three: Callable[..., Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
