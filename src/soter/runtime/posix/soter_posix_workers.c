@@ -327,11 +327,11 @@ void soter_posix_workers(soter_posix* d, const char* self) {
   }
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     if (!find_program(d, k, self)) {
-      soter_posix_note(d,
-                       "the worker of %s cannot be started: there is no program `%s`: its module "
-                       "stays with SC",
+      const char* file = soter_app_externs[k].file;
+      soter_posix_note(d, "the worker of %s cannot be started: %s `%s`: its module stays with SC",
                        APP_PROGRAM->component[soter_app_externs[k].component].name,
-                       soter_app_externs[k].file != NULL ? soter_app_externs[k].file : "--worker");
+                       file != NULL ? "there is no program" : "nobody gave a program, by",
+                       file != NULL ? file : "--worker NAME=COMMAND");
       d->workers[k].command[0] = '\0';
     }
   }

@@ -122,7 +122,10 @@ def _run_time(system: System) -> list[PackageFile]:
 
 def _note(name: str) -> str:
     """Of an extern node whose program is no part of the package."""
-    return f"{name} is Python: `soter run --real-time`, or --worker {name}=..."
+    return (
+        f"{name} is Python: `soter run --real-time` starts it; this program alone has SC,"
+        f" unless --worker {name}=COMMAND starts another worker"
+    )
 
 
 def nodes_of(system: System) -> list[Component]:
