@@ -60,6 +60,8 @@ def facts_with(folder: Path, *pairs: tuple[str, str]) -> None:
         ("float", "u", ""),
         ("float", "2.0 * u", "plant `p` publishes `echo` made of `u`"),
         ("float in [-1.0, 1.0]", "u", "plant `p` publishes `echo` made of `u`"),
+        # with an error as large as the set of a command the sum may be no number
+        ("float", "u; measured echo within 0.1", "plant `p` publishes `echo` made of `u`"),
     ],
 )
 def test_a_plant_that_publishes_a_command_may_copy_it_and_no_more(
@@ -74,6 +76,15 @@ def test_a_plant_that_publishes_a_command_may_copy_it_and_no_more(
     report = soter.recheck(tmp_path / "cert")
     assert why in report.reason
     assert (report.verdict == "accepted") is not bool(why)
+
+
+def test_an_error_with_which_a_sum_may_be_no_number_is_not_re_checked(tmp_path: Path) -> None:
+    """What is published ends the plant then, also where neither DM nor SC reads it."""
+    drives = ("drives x = p;", "drives x = p; drives big = 1e307 * p; measured big within {};")
+    topic = ("topic u:", "topic big: float;\ntopic u:")
+    facts_with(tmp_path, topic, (drives[0], drives[1].format("1e301")))
+    with pytest.raises(NotRecheckedError, match="`big` is measured, and the sum may be no number"):
+        facts_with(tmp_path, topic, (drives[0], drives[1].format("1.79e308")))
 
 
 def test_whoever_reads_the_copy_of_a_command_is_not_re_checked(tmp_path: Path) -> None:

@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
 PARAMETER_VALUES_MAX = 4096
+LARGEST_ERROR = 2.0**1000
+"""With a larger one a sum that nobody reads may be no number, and end the plant."""
 
 
 def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
@@ -188,8 +190,10 @@ def _read_topics(facts: Facts) -> None:
     for index in module.outputs:
         facts.controls += _leaves_of(facts, index, "control")
     for m in (m for c in facts.plants for m in c.measured):
+        topic = facts.system.topics[m.topic]
+        if m.bound > LARGEST_ERROR and topic.bounds[m.leaf] is None:
+            raise NotRecheckedError(f"`{topic.name}` is measured, and the sum may be no number")
         if m.topic in errors_of and m.bound > 0.0:
-            topic = facts.system.topics[m.topic]
             _, name, of = list(named(topic.name, topic.type))[m.leaf]
             unit = of.unit if isinstance(of, FloatType) else ""
             error = Input("error", name, m.topic, m.leaf, -m.bound, m.bound, unit=unit)
