@@ -6,8 +6,6 @@ Non-goals: versions of the language (`soter 1;`).
 
 from __future__ import annotations
 
-import shlex
-import shutil
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -34,6 +32,9 @@ def pip_install(extra: str) -> str:
     `pip` alone is said where it is this Python's own; pipx and uv keep Soter where no `pip` of the
     shell installs, and what uv makes has no pip at all.
     """
+    import shlex  # noqa: PLC0415 - whoever lacks nothing imports neither
+    import shutil  # noqa: PLC0415 - the same
+
     wanted, python = f"'{DISTRIBUTION}[{extra}]'", shlex.quote(sys.executable or "python")
     if find_spec("pip") is None:
         return f"uv pip install --python {python} {wanted}"

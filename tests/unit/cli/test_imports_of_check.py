@@ -75,6 +75,7 @@ ON_OTHER_INPUT = {
     "soter.cli.terminal.open_program": "`soter check -`",
     "soter.diagnostics.current_phase": "a check that takes seconds",
     "soter.language.evaluate.fair_choice": "a fair choice in a constant",
+    "soter.version": "VERSION in a document; its functions say what is missing",
 }
 
 

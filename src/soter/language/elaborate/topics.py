@@ -98,8 +98,8 @@ NEVER_HELD = -1.0e18
 
 NO_FLOATS = "is not made of floats"
 AS_FLOAT = (
-    "publish the number as a float; an agent still chooses, with masks: "
-    '`soter.gym` takes `action_space=Discrete(3), act=lambda a: {"push": a - 1.0}`'
+    "publish the number as a float; an agent still chooses, with masks: `action_space` and `act` of"
+    " soter.gym make commands of a Discrete space (docs/gym.md)"
 )
 
 
