@@ -372,6 +372,18 @@ def told(model: PointModel, trace: ModelTrace, pattern: Pattern, whose: str) -> 
     )
 
 
+def point_text(model: PointModel, x: Floats) -> str:
+    """States, (states,), by name, for people."""
+    return ", ".join(
+        f"{n} = {without_rounding(v):.5g}" for n, v in zip(model.names, x, strict=True)
+    )
+
+
+def without_rounding(value: float) -> float:
+    """A number that is 0 but for rounding, as 0."""
+    return 0.0 if abs(value) < 1e-9 else value
+
+
 def pattern_text(model: PointModel, pattern: Pattern) -> tuple[str, ...]:
     """What an adversary does, for people."""
     q = model.problem.quantities

@@ -24,8 +24,10 @@ from soter.verify.diagnosis.model_runs import (
     PointModel,
     pattern_text,
     patterns,
+    point_text,
     run,
     soonest,
+    without_rounding,
 )
 from soter.verify.diagnosis.sc_habits import habit
 from soter.verify.grid.claims import GridProof
@@ -214,7 +216,7 @@ class _WayBack:
             text = "there is no cell all of whose estimates satisfy `safer`"
             return Cause("no_target", text)
         start, whose = self._begin()
-        head = f"from {whose} ({_point(self.model, start)}) SC's run of the model"
+        head = f"from {whose} ({point_text(self.model, start)}) SC's run of the model"
         worst: _End | None = None
         followed = 0
         for pattern in patterns(self.model):
@@ -285,19 +287,12 @@ class _WayBack:
         model, low, high = self.model, end.low, end.high
         still = (high - low <= STILL * np.maximum(model.high - model.low, 1e-300)).all()
         every = zip(model.names, low, high, strict=True)
-        between = ", ".join(f"{n} = {_zero(a):.4g} and {_zero(b):.4g}" for n, a, b in every)
+        between = ", ".join(
+            f"{n} = {without_rounding(a):.4g} and {without_rounding(b):.4g}" for n, a, b in every
+        )
         at = f"stays between {between}" if not still else ""
-        at = at or f"comes to rest at {_point(model, end.trace.states[-1])}"
+        at = at or f"comes to rest at {point_text(model, end.trace.states[-1])}"
         chosen = ", ".join(pattern_text(model, end.pattern))
         against = f"with {chosen} " if chosen else ""
         text = f"{against}{at} after {end.trace.times[-1]:.4g} s: `safer` does not hold there"
         return text + " of every estimate" * end.pattern.any
-
-
-def _point(model: PointModel, x: Floats) -> str:
-    return ", ".join(f"{n} = {_zero(v):.5g}" for n, v in zip(model.names, x, strict=True))
-
-
-def _zero(value: float) -> float:
-    """A number that is 0 but for rounding, as 0."""
-    return 0.0 if abs(value) < 1e-9 else value

@@ -1,8 +1,8 @@
 """Where SC brings the plant when nobody disturbs it, and why that keeps no set: runs of the model.
 
 Purpose: `habit` of an SC whose K is empty: it comes to rest outside of C; it drives a state away
-from where it is; or it stops wherever it is, so that whatever pushes moves it out in the end. No
-other cells, ages or errors help against these, so that the advice is about SC.
+from where it is; or it leaves a state where that begins, so that whatever pushes moves it on. What
+the runs show lies with SC, so that the advice is about SC.
 Non-goals: verdicts, and SC that is merely too weak: then nothing is said here.
 """
 
@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.verify.diagnosis.model_runs import FALSE, NS, TRUE, pattern_text, patterns, run
+from soter.verify.diagnosis.model_runs import (
+    FALSE,
+    NS,
+    TRUE,
+    pattern_text,
+    patterns,
+    point_text,
+    run,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -53,7 +61,9 @@ def habit(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit 
     out = (rest < model.low) | (rest > model.high)
     out[model.turning] = False
     if out.any() or model.safe(rest) == FALSE:
-        text = f"without any disturbance SC comes to rest outside of C, at {_point(model, rest)}"
+        text = (
+            f"without any disturbance SC comes to rest outside of C, at {point_text(model, rest)}"
+        )
         return Habit(text, "an SC that comes to rest where `safe` holds")
     for axis in (i for i in range(len(rest)) if i not in model.turning):
         for side in (1.0, -1.0):
@@ -92,15 +102,19 @@ def _beside(
             return None
         speed = (pushed.states[-1][axis] - rest[axis]) / max(pushed.times[-1], NS)
         if abs(speed) * until_s > STILL * abs(step) and _ends_unsafe(model, rest, axis, speed):
-            return _drift(model, pattern, name, speed)
+            return _drift(model, pattern, name, (begin[axis], end[axis], speed))
     return None
 
 
-def _drift(model: PointModel, pattern: Pattern, name: str, speed: float) -> Habit:
+def _drift(
+    model: PointModel, pattern: Pattern, name: str, seen: tuple[float, float, float]
+) -> Habit:
+    """`seen`: where a state began, where SC left it, and how fast it is pushed from rest."""
+    begin, end, speed = seen
     by = ", ".join(pattern_text(model, pattern))
     text = (
-        f"SC comes to rest wherever {name} is, and does not bring it back: with {by} {name} "
-        f"moves on, {speed:.3g} a second, until it is outside of C"
+        f"SC leaves {name} at {end:.4g} where it begins at {begin:.4g}, and does not bring it back:"
+        f" with {by} {name} moves on, {speed:.3g} a second, toward where `safe` ends"
     )
     return Habit(text, f"an SC that brings {name} back to a place, and not to a stop alone")
 
@@ -122,7 +136,3 @@ def _rests(model: PointModel, trace: ModelTrace) -> bool:
     ]
     moved = np.max(late, axis=0) - np.min(late, axis=0)
     return bool((moved <= STILL * np.maximum(model.high - model.low, 1e-300)).all())
-
-
-def _point(model: PointModel, x: Floats) -> str:
-    return ", ".join(f"{n} = {v:.5g}" for n, v in zip(model.names, x, strict=True))

@@ -32,7 +32,11 @@ def problem_of(text: str) -> Problem:
 @pytest.mark.parametrize(
     ("changes", "said", "hint"),
     [
-        (STOPS, "SC comes to rest wherever t.h is, and does not bring it back", "to a place"),
+        (
+            STOPS,
+            "SC leaves t.h at 1.16 where it begins at 1.16, and does not bring it back",
+            "to a place",
+        ),
         (
             ((HOLD, "clamp(0.5 * (level - 1.0), -0.1, 0.1)"), WEAK[0]),
             "without any disturbance SC drives t.h away: from 1.16 it leaves C",
