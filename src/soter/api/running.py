@@ -1,9 +1,9 @@
 """A run of a system with its externs bound, what runs share, and what is told while one goes on.
 
-Purpose: `PreparedSystems` keeps, for the last few choices of system, parameters and bindings, all
-that does not depend on seed, end and Python objects; C files of externs are looked at before every
-run. Safe to ask from several threads; a copy or a pickle of it is empty. Find the engine, run until
-the end or a signal, keep the log.
+Purpose: find the engine, run until the end or a signal, keep the log. `PreparedSystems` keeps, for
+the last few choices of system, parameters and bindings, all that does not depend on seed, end and
+Python objects; C files of externs are looked at before every run. Safe to ask from several threads;
+a copy or a pickle of it is empty.
 Non-goals: files of the program, which were read when it was loaded.
 """
 

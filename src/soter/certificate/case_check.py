@@ -1,10 +1,10 @@
 """The claims about one combination of parameter values, and which claims there may be.
 
-Purpose: The names of the properties, and which verdicts count. What is asked of which groups, in
-which order, and to have it shown on all processors: `TaskProcesses` are some processes, among which
-tasks are dealt out, and which tell what came of each. They see what there was when they were
-forked; only answers come back. There is no thread: this process may fork again.
-Non-goals: Showing any of them. How a group shows it (`groups.py`), certificates (`rechecker.py`).
+Purpose: the names of the properties, and which verdicts count; what is asked of which groups, in
+which order. `TaskProcesses` has it shown on all processors: some processes, among which tasks are
+dealt out, and which tell what came of each. They see what there was when they were forked; only
+answers come back. There is no thread: this process may fork again.
+Non-goals: how a group shows it (`groups.py`), certificates (`rechecker.py`).
 
 The argument: a state of the module is one of each group. Each part of `safe` is the share of one
 group, and each group shows that SC keeps its K there; of `ttf` and `safer` each shows that they let

@@ -1,9 +1,8 @@
 """Lower typed expressions to Core, into the current block; types and vector values in Core.
 
-Purpose: What expressions and plants need to work on records and arrays leaf by leaf. Strict
-left-to-right order made explicit: whatever may fault becomes a statement, the rest stays a pure
-expression; names and blocks.
-Non-goals: Statements and functions (`lower_statements.py`).
+Purpose: the strict order from left to right made explicit: whatever may fault becomes a statement,
+the rest stays a pure expression; names and blocks; records and arrays leaf by leaf.
+Non-goals: statements and functions (`lower_statements.py`).
 """
 
 from __future__ import annotations

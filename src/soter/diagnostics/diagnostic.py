@@ -1,13 +1,12 @@
 """A diagnostic as data: code, labelled spans of a source file, notes, helps, edits; system errors.
 
-Purpose: `Source` turns character offsets into lines and columns for people; `Span` is the one
-immutable type for positions, which tokens, trees, Core and diagnostics share. Every room reports
-problems with these types, and nothing prints. A `Fix` says what to write where, for an editor to
-offer and a test to try; here are the few ways to make one, and its application to texts. The same
-few words wherever a file, a folder or a process cannot be had.
-Non-goals: Reading files, their encoding and errors (`language/load/loader.py`). Rendering
-(`render.py`), the text of the explain pages (`pages/`), which fix a problem has (whoever reports it
-says so), files on disk. Which file it was: whoever asked for it says.
+Purpose: every room reports problems with these types, and nothing prints. `Source` turns character
+offsets into lines and columns for people; `Span` is the one immutable type for positions, which
+tokens, trees, Core and diagnostics share. A `Fix` says what to write where, for an editor to offer
+and a test to try. What the system says of a file or process that cannot be had is put into words
+once.
+Non-goals: reading files (`language/load/loader.py`), rendering (`render.py`), the texts of the
+explain pages (`pages/`); which fix a problem has, and which file it was, whoever reports it says.
 """
 
 from __future__ import annotations

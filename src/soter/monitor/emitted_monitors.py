@@ -1,15 +1,14 @@
 """Model monitors as trusted Soter nodes in files: written, and whether one is still of its model.
 
-Purpose: The line of an emitted file that says what it was made of, and D022 for each file of a
-program of which the same command would now write another monitor; as a warning for each system
-whose `set` gives its module another model than that of the monitor in it. `write_monitor`: from the
-problem of a module to the source of its monitor, beside the program it imports. `monitor_source`:
-the membership recursion of `model_membership.py` on estimates as source text: one interval per
-state, bounded work, no heap; it publishes whether an alarm was raised at its last step. It is to be
-the last instance of a system, so that the command it sees is the one that acts until its next step.
-Non-goals: Edits of the emitted node: only what it was made of is compared. `--set` of a command.
-Plants that are not affine, lateness (a step is one period after the last one), composing it into a
-system: the user does that, and lets `ttf` read the alarm.
+Purpose: `write_monitor`: from the problem of a module to the source of its monitor, beside the
+program it imports. `monitor_source`: the membership recursion of `model_membership.py` on estimates
+as source text: one interval per state, bounded work, no heap; it publishes whether an alarm was
+raised at its last step. It is to be the last instance of a system, so that the command it sees is
+the one that acts until its next step. A line of it says what the file was made of; D022 for each
+file of a program of which the same command would now write another one, a warning for each system
+whose `set` gives its module another model.
+Non-goals: plants that are not affine; lateness (a step is one period after the last one); composing
+it into a system, which the user does, who lets `ttf` read the alarm; edits of the emitted node.
 """
 
 from __future__ import annotations

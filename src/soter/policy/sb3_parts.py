@@ -1,9 +1,9 @@
 """The parts of a zip that Stable-Baselines3 saved: settings, tensors, spaces of Gymnasium.
 
-Purpose: Bytes become plain values and arrays of NumPy, without torch; nothing is unpickled. What
-`preprocess_obs` of Stable-Baselines3 does to observations: numbers as they are, one number out of
-several as so many of which one is 1, observations by name one after the other.
-Non-goals: What they mean (`sb3_file.py`). Images.
+Purpose: bytes become plain values and arrays of NumPy, without torch; nothing is unpickled. And
+what `preprocess_obs` of Stable-Baselines3 does to observations: numbers as they are, one number out
+of several as so many of which one is 1, observations by name one after the other.
+Non-goals: what the parts mean together (`sb3_file.py`); images.
 """
 
 from __future__ import annotations

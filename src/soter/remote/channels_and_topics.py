@@ -1,10 +1,11 @@
 """The channels and topics of a robot from Python: which type, which set; values to bytes and back.
 
-Purpose: Open, write, read, wait, in words what is wrong; one handle may be used by many threads.
+Purpose: open, write, read, wait, in words what is wrong; one handle may be used by many threads.
 The C is that of the robot: the order of its stores and loads is what makes a value whole, and
-Python says nothing about that. Read `channels.json`, or make the same from a program; judge what is
-to be published as the gate would, in words, before anybody sees it.
-Non-goals: who may write: whoever may write into the folder.
+Python says nothing about that. What is to be published is judged as the gate would, before anybody
+sees it.
+Non-goals: who may write: whoever may write into the folder; topics of a program
+(`program_topics.py`).
 """
 
 from __future__ import annotations

@@ -1,12 +1,11 @@
 """Random draws by counters, keyed by seed, stream and index, and draws that somebody chooses.
 
-Purpose: No draw depends on another, so arms of an experiment and edits of a program do not shift
+Purpose: no draw depends on another, so arms of an experiment and edits of a program do not shift
 each other. The arithmetic is that of docs/semantics.md, section Random draws. The adversary is the
 twin of `native/c/soter_adversary.h`, so that the reference interpreter can repeat a run that was
-found natively, draw by draw; `Recorded` has draws that are written down. Answered draws are for a
-driver that decides itself what a step leaves open (docs/testing.md, Choices), such as one that
-enumerates or replays executions.
-Non-goals: When something is drawn (`environment.py`, `interpreter.py`). Which seeds or alternatives
+found natively, draw by draw; `Recorder` notes draws. Answered draws are for a driver that decides
+itself what a step leaves open (docs/testing.md, Choices).
+Non-goals: when something is drawn (`environment.py`, `interpreter.py`); which seeds or alternatives
 are worth trying (`verify/attack/refute.py`, `explore/`).
 """
 

@@ -1,8 +1,8 @@
 """What a run left behind as values: times, topics, true states; of a trace, or of a log.
 
-Purpose: The common form of a traced run and of a log, for those who judge it afterwards. What
-`monitor/model_membership.py` reads: topics and true states after every instant.
-Non-goals: Modes and decisions; logs that `soter run --log` did not write.
+Purpose: topics and true states after every instant, which `monitor/model_membership.py` reads: one
+form of a traced run and of a log, for those who judge it afterwards.
+Non-goals: modes and decisions; logs that `soter run --log` did not write.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
 """One virtual-time run of a system, on either engine, as fast as it can or against the wall clock.
 
-Purpose: Let no instant happen before its time on the clock, and know how late the worst was. Run,
-hash and keep what is asked for; the result is the final state plus, if wanted, the state after
-every instant, both as numpy records of the documented layout. A run that is stopped half-way is a
-run until there. `state_bytes`: the configuration of the interpreter as the bytes of the generated
-program's state, so that both engines give one trace.
-Non-goals: Guarantees. This is the virtual-time driver on an ordinary operating system; the
-real-time runtime has priorities and a driver of its own. Printing, logs, many runs at once
-(campaigns), finding externs (`bindings.py`).
+Purpose: run, hash and keep what is asked for; the result is the final state plus, if wanted, the
+state after every instant, both as numpy records of the documented layout. A run that is stopped
+half-way is a run until there. `state_bytes`: the configuration of the interpreter as the bytes of
+the generated program's state, so that both engines give one trace. `Pacer`: no instant happens
+before its time on the clock, and how late the worst was.
+Non-goals: guarantees of time (the real-time runtime has priorities and a driver of its own);
+printing, logs, many runs at once (campaigns), finding externs (`bindings.py`).
 """
 
 from __future__ import annotations

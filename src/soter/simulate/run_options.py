@@ -1,10 +1,10 @@
 """The options of a run, and what a person may set from outside: parameters, lengths of time.
 
-Purpose: Each option once, with its range, its default, its words and its flag. `--set K=3`,
+Purpose: each option once, with its range, its default, its words and its flag. `--set K=3`,
 `--until 30s` and their twins in Python become values of the program's types, or a diagnostic that
 says what would have been right (U001, U004).
-Non-goals: How options are read (`diagnostics/command_records.py`). Bounds of parameters
-(`language/elaborate/elaborator.py` knows them), bindings (`bindings.py`).
+Non-goals: how options are read (`diagnostics/command_records.py`), bounds of parameters
+(`language/elaborate/elaborator.py`), bindings (`bindings.py`).
 """
 
 from __future__ import annotations

@@ -1,14 +1,13 @@
 """What of a program in real time meets the world: channels, `channels.json`, leases, actuators.
 
-Purpose: Topic by topic the name of its file, the number of its layout, who writes it, how a value
-lies in memory and in which set it is: what `NAME_channels.h` says in C. `soter.remote` reads it.
-The tables by which the driver of `runtime/posix/` speaks with other programs: a channel for each
-external topic, and for each module with a fail-safe law one for its commands with their leases; the
-program of the actuators, `NAME_actuator`; and `NAME_channels.h` for who is on the other side of a
-topic.
-Non-goals: Channels of leases and of what the trusted part says of itself, which are the actuators'.
-The driver and the actuators themselves (`runtime/posix/`), laws (`leases_and_lateness.py`), the
-text of the tables (templates in `posix/`).
+Purpose: the tables by which the driver of `runtime/posix/` speaks with other programs: a channel
+for each external topic, and for each module with a fail-safe law one for its commands with their
+leases; the program of the actuators, `NAME_actuator`. Topic by topic the name of its file, the
+number of its layout, who writes it, how a value lies in memory and in which set it is: in C as
+`NAME_channels.h`, in `channels.json` for `soter.remote`.
+Non-goals: the driver and the actuators (`runtime/posix/`), laws (`leases_and_lateness.py`), the
+text of the tables (templates in `posix/`), channels of leases and of what the trusted part says of
+itself.
 """
 
 from __future__ import annotations

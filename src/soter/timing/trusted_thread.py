@@ -1,10 +1,10 @@
 """The thread of the trusted part of a system: whether it keeps its calendar, response times.
 
-Purpose: From who is released when, in which order, how late and for how long, the latest start and
-end of every step, over all executions; where a deadline is missed, an execution that misses it. Who
-runs in it, from a flat system; `timing_of`: the latest start and end of every step of theirs, or
-what is missing to say so; a deadline that is missed, as a diagnostic.
-Non-goals: none beside that.
+Purpose: who runs in the thread, from a flat system; from who is released when, in which order, how
+late and for how long, the latest start and end of every step over all executions (`timing_of`), or
+what is missing to say so; where a deadline is missed, a diagnostic with an execution that misses
+it.
+Non-goals: measured times (`measure/`); nodes in processes of their own.
 
 The thread works in order: all that is due at an instant, in the deployed order, then what is due
 at the next. A step that is released at t starts when everything before it has ended and its own

@@ -1,12 +1,12 @@
 """What was proved on this machine, known again by runs, and kept for the editor to show.
 
-Purpose: `store_verdicts` keeps verdicts in the cache; `stored_verdicts` finds them for a flat
-system. The key is all that a proof rests on: every byte of the program and its data, the system,
-the values of all parameters, the module, and every byte of Soter itself. One small file a program
-in the cache folder, with verdicts on the last few texts of it. A verdict is of one text, one set of
-data files and one Soter; whoever shows it compares the hash.
-Non-goals: Proofs of others (`soter.recheck`); the verdicts of a program that was changed. Proofs
-(`soter recheck` is for those), verdicts under other parameters than the defaults.
+Purpose: `store_verdicts` keeps verdicts in the cache folder; `stored_verdicts` finds them for a
+flat system. The key is all that a proof rests on: every byte of the program and its data, the
+system, the values of all parameters, the module, and every byte of Soter itself. For the editor one
+small file a program, with verdicts on the last few texts of it; whoever shows one compares the
+hash.
+Non-goals: proofs of others (`soter recheck`); the verdicts of a program that was changed, or under
+other parameters than the defaults in the editor.
 """
 
 from __future__ import annotations

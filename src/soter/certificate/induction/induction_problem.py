@@ -5,8 +5,7 @@ comparison with what the certificate says. A `TransitionSystem` runs the instant
 hyperperiods; at each, every component that is due makes its step, in an order that is left open.
 Topics carry the absolute times of their publications. What holds is recorded at the end of every
 instant. What is known stays a number or a truth of Python.
-Non-goals: What the nodes do (`solver_reading.py`), showing anything (`check_claims.py`). What a
-step does to its environment (`solver_reading.py`), induction (`check_claims.py`).
+Non-goals: what a step does (`solver_reading.py`), showing anything (`check_claims.py`).
 """
 
 from __future__ import annotations

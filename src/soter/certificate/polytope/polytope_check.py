@@ -1,18 +1,18 @@
 """The claims about one polytope group, and what plants publish of states kept on polytopes.
 
-Purpose: That a topic's declared set holds all of it: in K, where AC has control and where SC begins
-a hold, and at all times of such a hold (`docs/verification.md`, section 10); and of initial states.
-`PolytopeCheck`: K, R(H), predicates, the start, Q, the way to it.
-Non-goals: States on grids (`cells/predicates.py`); what is not affine in the states.
+Purpose: `PolytopeCheck`: K, R(H), predicates, the start, Q, the way to it. And that a topic's
+declared set holds what plants publish: in K, where AC has control and where SC begins a hold, at
+all times of such a hold (`docs/verification.md`, section 10), and of initial states.
+Non-goals: states on grids (`cells/predicates.py`); what is not affine in the states.
+
+K is a core (docs/proof-sets.md, "Polytopes"): from every state of K at a nominal time C holds for a
+period and K when it ends, whatever is outstanding from the period before and whatever of the next
+output acts early. The state is in K at a_0, which is the first nominal time.
 
 Of an affine leaf a x + r, r within what is no state of a polytope: a x(t) <= a' x(0) + loss for one
 of the instants (`half_space_images.py`), and a' x <= b on K by weak duality
 (`certificate_tables.py`). Multipliers are HiGHS's where it is installed; any are right, and without
 them only the box of K is counted with.
-
-K is a core (docs/proof-sets.md, "Polytopes"): from every state of K at a nominal time C holds for a
-period and K when it ends, whatever is outstanding from the period before and whatever of the next
-output acts early. The state is in K at a_0, which is the first nominal time.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The times of one module, read again off the program, and those that a manifest claims.
 
-Purpose: Declared delays, what DM and SC read and its `max_age`, the `TimingSetting` with the nodes
-on the way, and from it every time of the manifest. `compare_times`; their names.
-Non-goals: The derivation (`derived_times.py`), the nodes (`derived_times.py`).
+Purpose: declared delays, what DM and SC read and its `max_age`, the `TimingSetting` with the nodes
+on the way, and from it every time of the manifest, by name; `compare_times`.
+Non-goals: the derivation (`derived_times.py`), the nodes on the way (`node_paths.py`).
 """
 
 from __future__ import annotations

@@ -1,17 +1,16 @@
 """What continuous integration reads: SARIF, JUnit's XML, workflow commands of GitHub Actions.
 
-Purpose: Text that any XML may hold, a case by its name, the document as text. `sarif`: one run with
-a result for everything that is wrong or open, and a rule for every code with its page of `soter
-explain`; what is proved or clean is no result: viewers show each as an alert. `junit`: one
-`testsuite` a file, one `testcase` a finding: what is wrong is a failure, what is open an error,
-warnings stand in `system-out`; a file in which nothing was found is a case that passes. `github`: a
-line `::error file=...,line=...::message` for all that is wrong or open. One `testsuite` a program,
-one `testcase` a test: violated is a failure, a bound that was reached is an error (nothing is wrong
-that is known, nothing is shown either), what was not started is skipped. Where there is no report,
-every diagnostic is a `testcase` with an error.
-Non-goals: What counts as a failure: that is for whoever reports. other versions; fixes; attributes
-that only some readers know; GitHub's documentation, "Workflow commands for GitHub Actions". Traces
-in full; the file of a trace is named.
+Purpose: `sarif`: one run with a result for everything that is wrong or open, and a rule for every
+code with its page of `soter explain`; what is proved or clean is no result, as viewers show each as
+an alert. `junit`: one `testsuite` a file, one `testcase` a finding: what is wrong is a failure,
+what is open an error, warnings stand in `system-out`; a file in which nothing was found is a case
+that passes. `document_of_tests`: the same for `soter test`: a violated test is a failure, a bound
+that was reached an error, what was not started is skipped. `github`: a line `::error
+file=...,line=...::message` for all that is wrong or open.
+Non-goals: other versions; fixes; attributes that only some readers know; traces, whose files are
+named.
+Source: OASIS Standard "Static Analysis Results Interchange Format (SARIF) Version 2.1.0"; GitHub's
+documentation, "Workflow commands for GitHub Actions".
 """
 
 from __future__ import annotations

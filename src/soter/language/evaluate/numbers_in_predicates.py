@@ -1,13 +1,11 @@
 """Numbers in predicates: operands that may be NaN, and limits that they set to signals.
 
-Purpose: Decided once, from declared sets and types, for C, proofs and the re-checker: where no
-operand may be NaN nothing is looked at, and what is generated stays what it is without NaN. Sound:
-an operand that is not among them is a number in every step of the DM. `abs(motion.x) < WALL`, also
-inside of functions that only return it, as two levels of the signal `motion.x`, so that a report
-can draw them on its axis.
-Non-goals: What a NaN means (`predicates.py`); conditions on the way, which refine nothing. Limits
-of several signals together: what is no bound of one signal is left out, and so a report that shows
-no limit says nothing. Nothing is decided here.
+Purpose: which operands are numbers in every step of the DM is decided once, from declared sets and
+types, for C, proofs and the re-checker; where none may be NaN nothing is looked at. And for
+reports: `abs(motion.x) < WALL`, also inside of functions that only return it, as two levels of the
+signal `motion.x`.
+Non-goals: what a NaN means (`predicates.py`); conditions on the way, which refine nothing; limits
+of several signals together, so that a report without a limit says nothing.
 
 Topics hold finite numbers in their sets, as the gate refuses all else; of extern functions nothing
 is known. Functions of the prelude are told by the domains of `function_error_bounds.py`.

@@ -1,10 +1,10 @@
 """Text to tokens, comments kept aside; lines that begin with `#`, as other languages have them.
 
-Purpose: The lexer of `docs/grammar.ebnf`. It never fails: what is no token is reported once per run
+Purpose: the lexer of `docs/grammar.ebnf`. It never fails: what is no token is reported once per run
 of garbage, and either left out or replaced by the token that was most likely meant, so that the
 parser can go on. Places the lexer has complained about are remembered in `bad`, and the parser
-stays silent there. What is said of such a line, and the edit that makes Soter of it.
-Non-goals: The meaning of literals beyond their shape; which contextual words are keywords where
+stays silent there. Of a line that begins with `#` it says what Soter has instead.
+Non-goals: the meaning of literals beyond their shape; which contextual words are keywords where
 (the parser asks by text).
 """
 

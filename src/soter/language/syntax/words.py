@@ -1,11 +1,10 @@
 """Words of Soter, where each belongs, and words of other languages, from `words.toml`.
 
-Purpose: One reader of what Soter says of mistakes; a right program asks for none of it. The answer
-to a word of Soter in a wrong place, in another body, behind another item, or too late in its own,
-from the tables of `words.toml`. Nothing is looked up before an error. Types with a range,
-quantities with a unit and rates, which need more than a look into the tables of `words.toml`.
-Parser and checker ask where a word is unknown, never before.
-Non-goals: What a phrase is (`foreign_phrases.py`). how the parser goes on
+Purpose: the tables of `words.toml`, read at the first mistake and never for a right program. Of a
+word of Soter in a wrong place, in another body, behind another item or too late in its own: where
+it belongs. Of words of other languages: what Soter has instead, also for types with a range,
+quantities with a unit and rates. Parser and checker ask where a word is unknown.
+Non-goals: what a phrase is (`foreign_phrases.py`); how the parser goes on
 (`parsing/token_cursor.py`).
 """
 

@@ -1,14 +1,13 @@
 """The page of a safety case: verdict, argument as a picture in the GSN, every goal.
 
-Purpose: Goals as boxes, strategies as parallelograms, solutions as circles, assumptions and
-contexts beside the goal they are of; an undeveloped goal has the diamond. Solutions that point to
-the same thing are one circle. Where a case is too wide for one picture the top goes down to the
-modules, and each module has a picture of its own. One HTML file without scripts, to be handed to an
-assessor, in the order in which one asks: is it supported, by which argument, resting on what, on
-which evidence, and what is not covered; and what a board asks beside it: what is open, hazards and
-requirements, predicates in full, assumptions with who answers for them; versions, hashes and flags,
-which stand on every printed page.
-Non-goals: none beside that.
+Purpose: one HTML file without scripts, to be handed to an assessor, in the order in which one asks:
+is it supported, by which argument, resting on what, on which evidence, what is not covered; what is
+open, hazards and requirements, predicates in full, who answers for assumptions; versions, hashes
+and flags, on every printed page. In the picture goals are boxes, strategies parallelograms,
+solutions circles, assumptions and contexts beside the goal they are of; an undeveloped goal has the
+diamond. Where a case is too wide the top goes down to the modules, and each module has a picture of
+its own.
+Non-goals: the case as data (`safety_case.py`).
 """
 
 from __future__ import annotations

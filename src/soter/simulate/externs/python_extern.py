@@ -4,12 +4,11 @@ Purpose: `python:file.py:name` becomes an object whose `step` never raises anyth
 and whose file, name and construction errors are diagnostics (X002, X003). `hint`: where an author
 has taken the extern for something else (another number of parameters, `inputs["motion"]`, a name
 that is not there) the error as Python says it, and what this extern is called with and asked for,
-with types. As `clip=True` of `soter.remote`, for a node that is asked: what is too large becomes
-the largest that the topic takes, and no step fault. What is no finite number is refused as ever.
-Non-goals: Which extern it answers (`bindings.py`), what its answers mean
+with types. With `clip`, as in `soter.remote`, what is too large becomes the largest that the topic
+takes, and no step fault; what is no finite number is refused as ever.
+Non-goals: which extern it answers (`bindings.py`), what its answers mean
 (`language/model/values.py`), crashes of the process, code that never returns (`workers/`); mistakes
-inside of the extern, which Python's own words and line tell best. Shapes and names, which stay the
-extern's own mistakes.
+inside of the extern, which Python's own words and line tell best.
 """
 
 from __future__ import annotations

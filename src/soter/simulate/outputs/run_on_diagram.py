@@ -1,8 +1,8 @@
 """What the diagram of a system shows while a run is replayed, and the page that replays a log.
 
-Purpose: Rows of values, steps, modes and what decision modules saw, as `report/run/live_diagram.py`
+Purpose: rows of values, steps, modes and what decision modules saw, as `report/run/live_diagram.py`
 has them, read off a trace. `log_page`: what `soter show FILE --log LOG` writes.
-Non-goals: the page. Logs that `soter run --log` did not write; time lines (`soter run --report`). A
+Non-goals: the page; logs that `soter run --log` did not write; time lines (`soter run --report`). A
 log does not tell when a component latched: it goes on lighting up by its calendar.
 """
 

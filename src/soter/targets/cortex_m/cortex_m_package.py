@@ -1,9 +1,10 @@
 """Target `cortex-m`: a package for a board, and its time-triggered loop as C.
 
-Purpose: Header and source: the tick, extern nodes and their budgets, modules and leases. A folder
-of which `make` makes an image with arm-none-eabi-gcc, and `make run` runs it in QEMU where that
-emulates the board: the run of `soter run`, whose `trace_sha256` it has to have.
-Non-goals: The loop (`runtime/cortex_m/soter_loop.c`). Boards (`board.py`), making the image here
+Purpose: a folder of which `make` makes an image with arm-none-eabi-gcc, and `make run` runs it in
+QEMU where that emulates the board: the run of `soter run`, whose `trace_sha256` it has to have.
+Header and source of the loop's tables: the tick, extern nodes and their budgets, modules and
+leases.
+Non-goals: the loop (`runtime/cortex_m/soter_loop.c`), boards (`board.py`), making the image here
 (`image.py`).
 """
 

@@ -1,11 +1,11 @@
 """Target `dds`: the package, how it is compiled, and which message is which topic.
 
-Purpose: A table of what comes in and one of what goes out, and the functions that they name. Types
-of messages follow ROS 2's middleware: `nav_msgs/Odometry` is `nav_msgs::msg::dds_::Odometry_`, its
-members end in `_`, an empty message has one byte, and every record is final. The package of target
-`posix` in a folder of its own, and beside it the bridge to DDS with what `idlc` makes of the IDL; a
-Makefile, and the same for CMake.
-Non-goals: What is done with them (`runtime/dds/soter_dds_bridge.h`); constants of messages,
+Purpose: the package of target `posix` in a folder of its own, and beside it the bridge to DDS with
+what `idlc` makes of the IDL; a Makefile, and the same for CMake. The bridge is a table of what
+comes in, one of what goes out, and the functions that they name. Types of messages follow ROS 2's
+middleware: `nav_msgs/Odometry` is `nav_msgs::msg::dds_::Odometry_`, its members end in `_`, an
+empty message has one byte, and every record is final.
+Non-goals: what is done with them (`runtime/dds/soter_dds_bridge.h`); constants of messages,
 services, wide strings (D015).
 """
 

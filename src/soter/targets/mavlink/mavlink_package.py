@@ -1,11 +1,11 @@
 """Target `mavlink`: the package, the C of the dialect, and which message is which topic.
 
-Purpose: A table of what comes in and one of what goes out, and the functions that they name. The
-package of target `posix` in a folder of its own, and beside it the bridge to MAVLink, the headers
-of the messages that are used, and one of our own with the checksums of the whole dialect. A
-set-point must say `type_mask` and `coordinate_frame`, and its mask ignores exactly what the mapping
-does not fill: any other field would be a command of 0.
-Non-goals: What is done with them (`runtime/mavlink/soter_mavlink_bridge.h`). What a mapping may say
+Purpose: the package of target `posix` in a folder of its own, and beside it the bridge to MAVLink,
+the headers of the messages that are used, and one of our own with the checksums of the whole
+dialect. The bridge is a table of what comes in, one of what goes out, and the functions that they
+name. A set-point must say `type_mask` and `coordinate_frame`, and its mask ignores exactly what the
+mapping does not fill: any other field would be a command of 0.
+Non-goals: what is done with them (`runtime/mavlink/soter_mavlink_bridge.h`), what a mapping may say
 (`soter.mapping`), compiling, which masks an autopilot supports.
 """
 

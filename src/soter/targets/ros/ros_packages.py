@@ -1,14 +1,13 @@
 """Targets `ros1` and `ros2`: the packages, their files for catkin and ament, and their tests.
 
-Purpose: The text around the nodes: manifest, CMake, launch files, parameters, a test that starts
-them. With catkin it builds in a workspace, and with plain CMake where ROS comes from the
-distribution (pkg-config), as on Debian. A launch file for rostest, a node that stands in for the
-sensors and listens, and what it says and expects: `test/stand_ins.json`, the person's to change, as
-the values are of no robot. The package of target `posix` in a folder of its own, and around it the
-bridge and what catkin or ament wants; and the simulation under /clock. Which topics may be bridged
-is decided here: those that meet the world, each mapped.
-Non-goals: The robot, AC: its topics stay silent. What a mapping may say (`soter.mapping`),
-compiling.
+Purpose: the package of target `posix` in a folder of its own, and around it the bridge and what
+catkin or ament wants: manifest, CMake, launch files, parameters; and the simulation under /clock.
+With catkin it builds in a workspace, and with plain CMake where ROS comes from the distribution
+(pkg-config), as on Debian. A test starts the nodes beside one that stands in for the sensors:
+`test/stand_ins.json` is the person's to change, as its values are of no robot. Only topics that
+meet the world are bridged, each mapped.
+Non-goals: the robot; AC, whose topics stay silent in the test; what a mapping may say
+(`soter.mapping`); compiling.
 """
 
 from __future__ import annotations

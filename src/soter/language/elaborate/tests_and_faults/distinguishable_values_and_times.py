@@ -1,12 +1,12 @@
 """As a test is elaborated: which values, and which comparisons of times, it can tell apart.
 
-Purpose: Of what a stand-in publishes, values between which no step, predicate, contract or property
+Purpose: of what a stand-in publishes, values between which no step, predicate, contract or property
 can tell do the same, so one of them stands for all (docs/testing.md, "Values that nobody can tell
 apart"): of a part that nobody reads any value; of a number that is only compared with constants one
-at each constant, one between two that follow each other, one beyond them. Into how many parts the
-grid of a test is cut (`elaborate/time_grid.py`, docs/testing.md).
-Non-goals: Which values are published (`stand_ins.py`). Whatever is put into a local, an argument or
-a calculation counts as told apart. Thresholds and the greatest common divisor
+at each constant, one between two that follow each other, one beyond them. Of times: into how many
+parts the grid of a test is cut.
+Non-goals: which values are published (`stand_ins.py`), what is put into a local, an argument or a
+calculation, which counts as told apart; thresholds and the greatest common divisor
 (`elaborate/time_grid.py`).
 
 Times of steps are the nodes of a graph, time zero one of them: what cannot be late stands with it.

@@ -1,11 +1,11 @@
 """The files of bags of ROS: read within bounds, and whether their parts make a whole bag.
 
-Purpose: Of a bag of ROS 1 its chunks, read in the order of the file, against its index; of a bag of
-ROS 2 its databases against SQLite's own checks, what lies beside them, and the counts of metadata.
-One file of ROS 1, one SQLite file of ROS 2. Records that point to one another in circles, chunks
-that unpack to gigabytes and databases that compute their rows end with an error.
-Non-goals: Values: neither kind has checksums, so one that was changed in its place is not seen.
-Imports the extra `logs`. Folders (`ros_bags.py`). Imports the extra `logs`.
+Purpose: one file of ROS 1 and one SQLite file of ROS 2, read within bounds: records that point to
+one another in circles, chunks that unpack to gigabytes and databases that compute their rows end
+with an error. Whether a bag is whole: of ROS 1 its chunks against its index; of ROS 2 its databases
+against SQLite's own checks, what lies beside them, and the counts of metadata.
+Non-goals: values (neither kind has checksums, so one that was changed in its place is not seen);
+folders (`ros_bags.py`). Imports the extra `logs`.
 """
 
 from __future__ import annotations
