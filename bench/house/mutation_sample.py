@@ -5,7 +5,7 @@
 
 Purpose: mutants at lines that stand once in either checkout, in whichever file (a comparison, an
 operation, a truth or a whole number is another), drawn by seed; each in a copy of this tree, and
-of the other where it lives in this one, judged by quick tests: of those that name the mutated
+of the other where it lives in this one, judged by tests of CI: of those that name the mutated
 module, else of its room, the `FILES_MAX` with the fewest bytes. Killed: one of them fails, or they
 take longer than `CPU_S`. What is done is written to `--keep`, and not done again.
 Non-goals: mutants that only longer tests or tests of other rooms see; C.
