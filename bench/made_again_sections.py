@@ -61,7 +61,6 @@ CLOCK = "times of this machine"
 SCHEDULER = "when this machine schedules whom"
 BETAFLIGHT = "needs Betaflight's sources"
 BEFORE = "needs a checkout of an older commit"
-PEER = "needs run-time-assurance in an environment of its own"
 PEERS = "needs the libraries of others in environments of their own"
 ROS = "needs ROS 1"
 MINUTES = "nothing smaller than the whole, which takes minutes; tests of its own hold it"
@@ -85,7 +84,6 @@ SMALL = {
     "The drone's plans": Small("--plans 240", flights=20),
     "Coverage of the C that ships": Small(apart=MINUTES),
     "The C that ships under Frama-C's EVA": Small(apart="needs Frama-C"),
-    "A decision and its gate, against run-time-assurance": Small(machine=CLOCK, apart=PEER),
     "Filters of others on the same flights": Small(apart=PEERS),
     "Policies of every kind against their libraries": Small(apart=PEERS),
     "Logs of strangers": Small(apart="needs a folder of public logs"),

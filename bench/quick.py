@@ -61,8 +61,7 @@ system Bare default {{ car: cliff.MountainCar; node Driver; until 999s; }}
 """
 NODES = 1000
 ELSEWHERE = """measured elsewhere, in minutes: `verify` and `recheck` of the examples
-(bench/recheck/beside_verify.py), AFRL's filter (bench/running/simplex_peer.py), bytes of an install
-(bench/newcomers/from_wheel.py)"""
+(bench/recheck/beside_verify.py), bytes of an install (bench/newcomers/from_wheel.py)"""
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(ROOT))
 
 from bench.headlines import headlines, targets  # noqa: E402 - needs the path
 
@@ -111,10 +110,6 @@ BENCHMARKS = (
         last="nothing found|under ASan",
     ),
     Benchmark("The C that ships under Frama-C's EVA", "bench/c_code/static_analysis.py"),
-    Benchmark(
-        "A decision and its gate, against run-time-assurance",
-        "bench/running/simplex_peer.py --peer peer/bin/python",
-    ),
     Benchmark(
         "Filters of others on the same flights",
         "bench/peers/beside_peers.py --rta rta/bin/python --hj hj/bin/python"

@@ -1,6 +1,6 @@
 """A closed-loop adversary against modules that `soter verify` calls proved.
 
-    .venv/bin/python bench/adversary/against_proofs.py [--modules N] [--steps N] [--json FILE]
+    .venv/bin/python bench/adversary/against_proofs.py [--modules N] [--steps N]
     .venv/bin/python bench/adversary/against_proofs.py --holes
 
 Purpose: random modules are written as programs and proved; those that are proved are simulated from
@@ -18,26 +18,22 @@ A step is one plant integration step of a run, a millisecond of a flow or one st
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 ROOT = Path(__file__).resolve().parents[2]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(ROOT))
 
 import numpy as np  # noqa: E402 - needs the path
 from bench.adversary.module_families import module, retimed  # noqa: E402
-from bench.adversary.policy_search import Attack, Run, attack  # noqa: E402
+from bench.adversary.policy_search import Attack, attack  # noqa: E402
 from bench.adversary.proofs import Proof, armed, prove, widened, written  # noqa: E402
 from bench.adversary.prover_holes import HOLES, Hole  # noqa: E402
-from bench.adversary.random_modules import of_json  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -72,8 +68,8 @@ class Row:
     share: float
     """Of the grid's volume on which AC may have control."""
     violations: int
-    run: dict[str, Any] = field(default_factory=dict)
-    """The run that leaves C, with its module: `--replay` shows its schedule."""
+    again: str = ""
+    """The module and the run that leaves C, as Python has them."""
 
 
 @dataclass
@@ -141,36 +137,8 @@ def _attacked(proof: Proof, steps: int, seed: int) -> Row:
         told.closest_sc,
         float(proof.result.shares.get("lets_ac", 0.0)),
         told.violations,
-        _run(proof.module, told),
+        f"{proof.module!r}\n{told.found!r}" if told.violations else "",
     )
-
-
-def _run(drawn: Module, told: Attack) -> dict[str, Any]:
-    if told.found is None or told.outcome is None:
-        return {}
-    seen = {"left_at_tick": told.outcome.at, "x": list(told.outcome.x)}
-    return {
-        **told.found.as_json(),
-        **seen,
-        "declared_start": told.declared,
-        "module": asdict(drawn),
-    }
-
-
-def replay(path: Path) -> None:
-    """The schedules of all violations that a JSON file of ours holds."""
-    told = json.loads(path.read_text())
-    names = [h.name for h in HOLES]
-    rows = [r for b in told for r in b.get("rows", [b]) if r["run"]]
-    for row in rows:
-        hole = HOLES[names.index(row["hole"])] if "hole" in row else None
-        with hole.open() if hole else nullcontext():
-            proof = prove(of_json(row["run"]["module"]))
-        seen = Run.of_json(row["run"]).again(armed(proof), log=True)
-        print(f"{row.get('hole', row.get('family'))}: {proof.verdict}, outside: {seen.left}")
-        for tick, what, value in seen.log[-40:]:
-            print(f"  {tick:8} {what:20} {value:g}")
-        print(f"  {seen.at:8} x = {seen.x}")
 
 
 def _seeds(first: int) -> Iterator[int]:
@@ -179,7 +147,7 @@ def _seeds(first: int) -> Iterator[int]:
         first += 1
 
 
-def run(wanted: int, steps: int, first: int, family: str, kept: Path | None) -> list[Batch]:
+def run(wanted: int, steps: int, first: int, family: str) -> list[Batch]:
     """Seeds in their order until so many modules are proved; the same whatever the processes."""
     each = max(1, -(-steps // max(1, wanted)))
     batches: list[Batch] = []
@@ -196,12 +164,10 @@ def run(wanted: int, steps: int, first: int, family: str, kept: Path | None) -> 
             spent += sum(r.steps for r in batch.rows)
             for row in batch.rows:
                 if row.violations:
-                    print(f"\nVIOLATION {row.family} seed {row.seed}\n{row.text}\n{row.run}")
+                    print(f"\nVIOLATION {row.family} seed {row.seed}\n{row.text}\n{row.again}")
             seconds = time.perf_counter() - began
             told = f"{proved}/{wanted} proved of {len(batches)} seeds, {spent:,} steps"
             print(f"\r{told}, {seconds:.0f} s ", end="", flush=True)
-            if kept is not None:
-                kept.write_text(json.dumps([asdict(b) for b in batches], indent=1) + "\n")
         for waiting in running:
             waiting.cancel()
     print()
@@ -246,8 +212,8 @@ class Found:
     declared: bool = False
     without: str = ""
     """What the prover says without the hole."""
-    text: str = ""
-    run: dict[str, Any] = field(default_factory=dict)
+    module: Module | None = None
+    attack: Attack | None = None
 
 
 def through(hole: Hole, number: int, steps: int = HOLE_STEPS) -> Found:
@@ -272,8 +238,8 @@ def through(hole: Hole, number: int, steps: int = HOLE_STEPS) -> Found:
         if honest.safe:
             continue  # the violation would be one of the prover as it is
         finding.found, finding.declared = True, told.declared
-        finding.run = _run(proof.module, told)
-        finding.without, finding.text = f"{honest.verdict}: {honest.why}", proof.module.text
+        finding.module, finding.attack = proof.module, told
+        finding.without = f"{honest.verdict}: {honest.why}"
         break
     return finding
 
@@ -313,21 +279,14 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--family", default="", help="only this one")
     parser.add_argument("--holes", action="store_true")
-    parser.add_argument("--json", type=Path)
-    parser.add_argument("--replay", type=Path, help="show the violations of such a file")
     arguments = parser.parse_args()
-    if arguments.replay:
-        replay(arguments.replay)
-        return 0
     if arguments.holes:
         told = holes()
         seen = sum(f.found for f in told)
         print(f"{seen} of {len(told)} holes found")
-        if arguments.json:
-            arguments.json.write_text(json.dumps([asdict(f) for f in told], indent=1) + "\n")
         return 0 if seen == len(told) else 1
     a = arguments
-    batches = run(a.modules, a.steps, a.first, a.family, a.json)
+    batches = run(a.modules, a.steps, a.first, a.family)
     table(batches)
     return 1 if any(r.violations for b in batches for r in b.rows) else 0
 

@@ -9,7 +9,7 @@ Non-goals: proofs.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from bench.adversary.closed_loop import POLICY
@@ -46,7 +46,7 @@ CHOICES: dict[str, tuple[int, ...]] = {
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """All that is needed to have a run again."""
+    """All that is needed to have a run again, as its `repr` is."""
 
     policy: Ints
     seed: int
@@ -64,21 +64,6 @@ class Run:
         held = None if self.held is None else np.array(self.held)
         told = (self.policy, self.seed, self.ticks, np.array(self.x0))
         return machine.run(*told, t0=self.t0, shown=shown, held=held, log=log)
-
-    @classmethod
-    def of_json(cls, told: dict[str, Any]) -> Run:
-        """What `as_json` wrote."""
-        policy = np.array([told["policy"][n] for n in POLICY], dtype=np.int32)
-        shown, held = (None if told[n] is None else tuple(told[n]) for n in ("shown", "held"))
-        return cls(policy, told["seed"], told["ticks"], tuple(told["x0"]), told["t0"], shown, held)
-
-    def as_json(self) -> dict[str, object]:
-        """Plain numbers."""
-        policy = {n: int(v) for n, v in zip(POLICY, self.policy, strict=True)}
-        start = {"x0": list(self.x0), "t0": self.t0}
-        shown, held = (None if v is None else list(v) for v in (self.shown, self.held))
-        start |= {"shown": shown, "held": held}
-        return {"policy": policy, "seed": self.seed, "ticks": self.ticks, **start}
 
 
 @dataclass

@@ -8,7 +8,7 @@ Non-goals: which numbers (`module_families.py`), verdicts (`against_proofs.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from bench.adversary.closed_loop import AXES, Machine, N, U
@@ -465,16 +465,3 @@ def with_rows(module: Module, machine: Machine, outer: Array, inner: Array) -> N
 def declared(module: Module, start: tuple[float, ...]) -> Module:
     """The module with another start."""
     return replace(module, start=start)
-
-
-def of_json(told: dict[str, Any]) -> Module:
-    """A module that `dataclasses.asdict` and JSON went over."""
-    parts: dict[str, Any] = {k: _tuples(v) for k, v in told.items()}
-    parts["times"] = Times(**told["times"])
-    for name, kind in (("ttf", Face), ("safer", Face), ("nodes", PathNode), ("drivers", PathNode)):
-        parts[name] = tuple(kind(**{k: _tuples(v) for k, v in p.items()}) for p in told[name])
-    return Module(**parts)
-
-
-def _tuples(value: Any) -> Any:  # noqa: ANN401 - JSON
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value

@@ -4,7 +4,7 @@ Purpose: `Wrong` (texts that become others, what has to be verified, where it is
 and `refuted`. A refutation is a flight of the changed program, found by the compiled program and
 flown again from its seed by the reference interpreter: the same property is violated at the same
 time, and the states up to then have the same hash.
-Non-goals: which stacks are wrong (`wrong_slow.py`, `wrong_fast.py`), tables (`wrong_stacks.py`).
+Non-goals: which stacks are wrong (`wrong_rows.py`), tables (`wrong_stacks.py`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from bench.rows import edited
 
 from soter import SoterError
 from soter.api import load
@@ -48,7 +50,7 @@ AGAIN_S = 90.0
 
 @dataclass(frozen=True)
 class Edit:
-    """`old` occurs in the file (below `examples/drone/`) and becomes `new`, everywhere."""
+    """`old` occurs in the file (below `examples/drone/`) and becomes `new`, wherever it stands."""
 
     file: str
     old: str
@@ -142,10 +144,13 @@ def laid_out(folder: Path, edits: Iterable[Edit]) -> Tree:
         shutil.copy(ROOT / "bench" / "drone" / f"{name}.soter", folder / "bench" / "drone")
     for edit in edits:
         path = folder / DRONE / edit.file
-        text = path.read_text(encoding="utf-8")
-        assert edit.old in text, f"{edit.file} has no {edit.old!r}"
-        path.write_text(text.replace(edit.old, edit.new), encoding="utf-8")
+        path.write_text(changed(path.read_text(encoding="utf-8"), edit), encoding="utf-8")
     return Tree(folder)
+
+
+def changed(text: str, edit: Edit) -> str:
+    """The text of a file after an edit of it."""
+    return edited(text, ((edit.old, edit.new),), most=math.inf)
 
 
 # ---------------------------------------------------------------- the verifier
@@ -265,12 +270,3 @@ def refuted(folder: Path, edits: tuple[Edit, ...], worlds: Iterable[World]) -> R
         if again:
             return best
     return best
-
-
-def known(wrongs: Iterable[Wrong]) -> tuple[Wrong, ...]:
-    """All of them; AssertionError where two of a kind have the same name."""
-    table: dict[tuple[str, str], Wrong] = {}
-    for wrong in wrongs:
-        assert (wrong.kind, wrong.name) not in table, wrong.name
-        table[wrong.kind, wrong.name] = wrong
-    return tuple(table.values())

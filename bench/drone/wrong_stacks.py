@@ -2,7 +2,7 @@
 
     .venv/bin/python bench/drone/wrong_stacks.py [--kind K] [--only NAME] [--quick]
 
-Purpose: every change of `wrong_slow.py` and `wrong_fast.py` is made in a copy of
+Purpose: every change of `wrong_rows.py` is made in a copy of
 `examples/drone/`, and what it touches is verified: it has to be undecided, refuted or refused. The
 changed program is flown in an admissible world until a property is violated on true states, and
 the reference interpreter flies the same seed: same property, same time, same hash of all states.
@@ -24,30 +24,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 ROOT = Path(__file__).resolve().parents[2]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(ROOT))
 
 from bench.drone.wrong_base import (  # noqa: E402 - needs the path
     Refutation,
     Verdict,
     flown,
-    known,
     laid_out,
     refuted,
     verdict,
 )
-from bench.drone.wrong_fast import ASSUMED as TOLD  # noqa: E402 - the same
-from bench.drone.wrong_fast import FAST  # noqa: E402 - the same
-from bench.drone.wrong_slow import SLOW, TAKEN  # noqa: E402 - the same
+from bench.drone.wrong_rows import ASSUMED, WRONG  # noqa: E402 - the same
 
 from soter.report.terminal_tables import table  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from bench.drone.wrong_base import Edit, Tree, World, Wrong
 
-KINDS = ("battery", "timing", "composition", "motion", "follower", "planner")
-WRONG = known(w for kind in KINDS for w in (*SLOW, *FAST) if w.kind == kind)
-ASSUMED = known((*TAKEN, *TOLD))
 CHANGES, REFUTED_LEAST = 40, 25
 """The targets of issue 12."""
 QUICK = ("no reserve", "adopts, then looks", "SC lets go", "next box unseen")

@@ -28,8 +28,7 @@ from random import Random
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(ROOT))
 
 from bench.hostile.bad_input_commands import LIMIT_S, Forked, Tried  # noqa: E402 - needs the path
 from bench.hostile.bad_input_mutants import placed  # noqa: E402

@@ -34,8 +34,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(ROOT))
 
 from bench.hostile import bad_input_commands  # noqa: E402 - needs the path
 from bench.hostile.bad_input_commands import Forked, Tried  # noqa: E402

@@ -123,13 +123,11 @@ def answered(name: str, text: str, recheck_below_s: float) -> dict[str, Any]:
 
 
 def kept(
-    folder: Path, about: tuple[str, ...], make: Callable[[], dict[str, Any]] | None
+    folder: Path, about: tuple[str, ...], make: Callable[[], dict[str, Any]]
 ) -> dict[str, Any]:
-    """What `make` says, from the file of an earlier call where there is one; {} without both."""
+    """What `make` says, from the file of an earlier call where there is one."""
     file = folder / hashlib.sha256("\n".join(about).encode()).hexdigest()[:16]
     if not file.exists():
-        if make is None:
-            return {}
         folder.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(make()))
     said_then: dict[str, Any] = json.loads(file.read_text())

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).parent
 OWN = ("newcomer_cart.soter", "newcomer_lib.soter", "newcomer_tests.soter")
-THIRD_SET = tuple(f"third_set/{p.name}" for p in sorted((HERE / "third_set").glob("*.soter")))
-FILES = (*(p.name for p in sorted(HERE.glob("*.soter"))), *THIRD_SET)
+FILES = tuple(p.name for p in sorted(HERE.glob("*.soter")))
 STRANGERS = "THIRD SET, PEOPLE WHO HAD READ ONLY THE README"
 LEAST = 104
 FOURTH = "FOURTH SET, WRITTEN BEFORE IT WAS ASKED"
@@ -161,7 +160,6 @@ def main() -> int:
     asked: list[tuple[Slip, Answer]] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "third_set").mkdir()
         for file in FILES:
             (folder / file).write_text((HERE / file).read_text(encoding="utf-8"), encoding="utf-8")
         for slip in slips():

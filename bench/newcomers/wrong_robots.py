@@ -1,16 +1,14 @@
 """Six wrong variants of each robot of a folder: none may be proved in full.
 
     .venv/bin/python bench/newcomers/wrong_robots.py [--folder ../shared/robots]
-        [--simulate] [--refute] [--cpu-s S] [--kept .soter/newcomers] [NAME ...]
+        [--kept .soter/newcomers] [NAME ...]
 
 Purpose: a variant changes one thing of a robot's program: SC, an error, a disturbance, a time, a
 set, an equation. That it is wrong is shown first, by flights that know nothing of Soter:
 from *every* state of a lattice of `safe` some flight of SC, or of AC until the DM may act and SC
 then, leaves `safe`; of a variant with sets of its own, from some state that leaves AC in control.
-Then the proof of `soter verify` is asked, without its advice, and, but with `--refute`, without its
-search for a run that violates. `--simulate`: only the first half. Answers are kept, by program and
-the tool's sources: the next call goes on. `--cpu-s`: nothing more is begun after so many CPU
-seconds, and rows say so.
+Then the proof of `soter verify` is asked, without its advice and without its search for a run that
+violates. Answers are kept, by program and the tool's sources: the next call goes on.
 Non-goals: the robots as they stand (`first_attempt.py`); other wrong modules
 (`bench/wrong_modules`).
 """
@@ -18,7 +16,6 @@ Non-goals: the robots as they stand (`first_attempt.py`); other wrong modules
 from __future__ import annotations
 
 import argparse
-import math
 import resource
 import sys
 import tempfile
@@ -33,8 +30,7 @@ from soter.verify.claims.results import UNDECIDED
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(ROOT))
 
 from bench.newcomers.equations import robot_of  # noqa: E402 - needs the path
 from bench.newcomers.first_attempt import kept, tool  # noqa: E402
@@ -67,14 +63,14 @@ def flown(name: str, text: str, wrong: Wrong) -> dict[str, int]:
     return {"left": left, "starts": starts}
 
 
-def answered(name: str, text: str, refute: bool) -> dict[str, Any]:
+def answered(name: str, text: str) -> dict[str, Any]:
     """What `verify` says of a program, and its CPU seconds."""
     began = cpu_now_s()
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / f"{name}.soter"
         program.write_text(text)
         try:
-            (module,) = soter.load(program).verify(refute=refute, explain=False).modules
+            (module,) = soter.load(program).verify(refute=False, explain=False).modules
         except SoterError as error:
             return {"verdict": f"error {error.diagnostics[0].code}", "cpu_s": cpu_now_s() - began}
     open_ = [claim for claim, f in module.findings.items() if f.verdict == UNDECIDED]
@@ -89,33 +85,18 @@ def cpu_now_s() -> float:
     return sum(use.ru_utime + use.ru_stime for use in uses)
 
 
-def flights_of(options: argparse.Namespace, name: str, text: str, wrong: Wrong) -> dict[str, Any]:
-    """How it flies, {} where there is no time left."""
+def flights_of(folder: Path, name: str, text: str, wrong: Wrong) -> dict[str, Any]:
+    """How it flies."""
     reader = "".join((HERE / f"{file}.py").read_text() for file in READERS)
     about = text, reader, f"{FLOWN_S[name]} {STARTS.get(name)} {wrong}"
-    goes_on = cpu_now_s() < options.cpu_s
-    return kept(options.kept, about, partial(flown, name, text, wrong) if goes_on else None)
-
-
-def answer_of(options: argparse.Namespace, name: str, text: str) -> dict[str, Any]:
-    """What `verify` says, {} where it is not to be asked, or there is no time left."""
-    if options.simulate:
-        return {}
-    asked = name, text, tool(), str(options.refute)
-    goes_on = cpu_now_s() < options.cpu_s
-    return kept(
-        options.kept, asked, partial(answered, name, text, options.refute) if goes_on else None
-    )
+    return kept(folder, about, partial(flown, name, text, wrong))
 
 
 def main(argv: list[str]) -> int:
     """0; 3 where one is proved, or flights show something else."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=ROOT.parent / "shared" / "robots")
-    parser.add_argument("--simulate", action="store_true")
-    parser.add_argument("--refute", action="store_true")
     parser.add_argument("--kept", type=Path, default=ROOT / ".soter" / "newcomers")
-    parser.add_argument("--cpu-s", type=float, default=math.inf)
     parser.add_argument("names", nargs="*")
     options = parser.parse_args(argv)
     names = options.names or list(VARIANTS)
@@ -127,16 +108,15 @@ def main(argv: list[str]) -> int:
         for wrong in (nothing, *VARIANTS[name]):
             text = edited(stands, nothing)
             text = text if wrong is nothing else edited(text, wrong)
-            of = flights_of(options, name, text, wrong)
-            answer = {} if wrong is nothing else answer_of(options, name, text)
-            leaving, verdict, cpu_s = "not flown yet", "-", "-"
-            if of:
-                leaving = f"{of['left']} of {of['starts']}"
-                told["right robots fly"] += wrong is nothing and of["left"] < of["starts"]
-                shown = of["left"] >= (1 if wrong.left else of["starts"])
-                told["shown to be wrong"] += wrong is not nothing and shown
-                told["flown and not so"] += shown == (wrong is nothing)
-            if answer:
+            of = flights_of(options.kept, name, text, wrong)
+            leaving, verdict, cpu_s = f"{of['left']} of {of['starts']}", "-", "-"
+            told["right robots fly"] += wrong is nothing and of["left"] < of["starts"]
+            shown = of["left"] >= (1 if wrong.left else of["starts"])
+            told["shown to be wrong"] += wrong is not nothing and shown
+            told["flown and not so"] += shown == (wrong is nothing)
+            if wrong is not nothing:
+                asked = name, text, tool()
+                answer = kept(options.kept, asked, partial(answered, name, text))
                 verdict, cpu_s = answer["verdict"], f"{answer['cpu_s']:.0f}"
                 told[verdict.partition(":")[0]] += 1
                 told["asked"] += 1

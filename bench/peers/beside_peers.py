@@ -11,8 +11,8 @@ how many the property was violated, and for what share of the time the wish acte
 `exact`: no error of a sensor, no disturbance; `as declared`: those that the Soter program declares.
 Nav2's and PX4's programs are not run: what stands there is *the documented rule*, some lines of
 ours after their documents and sources, on our plant. A peer that is not given is skipped, in words.
-Non-goals: which is faster (bench/running/simplex_peer.py); tuning a peer for disturbances that it
-does not claim to cover: the rows `exact` are its own ground.
+Non-goals: which is faster; tuning a peer for disturbances that it does not claim to cover: the rows
+`exact` are its own ground.
 """
 
 from __future__ import annotations
@@ -29,8 +29,7 @@ import gymnasium
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(ROOT))
 
 from bench.peers.worlds import LEAST, Cart, Copter, Docking, Filter, Rover, World, fly  # noqa: E402
 

@@ -10,7 +10,7 @@ certificate (what is claimed, times, assumptions), where a forged one is accepte
 or where one of the quick tests of its folder fails. Certificates are made once, without a
 mutant. What changes no verdict stands in `core_mutants_harmless.txt`, each with its reason, and is
 counted apart. What is done is written to `--keep`. Exit code 1 where fewer than 95 % are killed.
-Non-goals: mutants of the whole tool (`bench/house/mutation_sample.py`); long tests.
+Non-goals: mutants of the whole tool; long tests.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ Non-goals: bytes changed without new hashes (tests/unit/certificate).
 from __future__ import annotations
 
 import argparse
-import hashlib
+import contextlib
 import json
 import multiprocessing
 import shutil
@@ -28,12 +28,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(ROOT))
 
 from bench.recheck.models import Attack, Cart, Tables  # noqa: E402 - needs the path
+from bench.recheck.sealing import fit, seal, write  # noqa: E402 - the same
 
-from soter.certificate.format.folder import FORMAT, canonical  # noqa: E402
+from soter.certificate.format.folder import FORMAT  # noqa: E402
 from soter.certificate.reading.module_facts import DiffersError  # noqa: E402
 from soter.certificate.reading.problem import read_facts  # noqa: E402
 from soter.certificate.rechecker import recheck  # noqa: E402
@@ -97,37 +97,20 @@ class Sealed:
             files[group[name]] = data
         for axis, edges in zip(group["axes"], self.edges, strict=True):
             files[axis["edges"]] = edges.astype("<f8").tobytes()
-        for name, data in files.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(data)
+        write(folder, files)
         checked = check_file(str(folder / "program" / self.main))
         if self.adapt and checked.ok:
-            self._adapt(checked)
+            with contextlib.suppress(DiffersError):
+                fit(self.entry, read_facts(system_of(checked, "Track"), "SafeCart"))
         manifest = {
             "schema": FORMAT,
-            "files": {n: hashlib.sha256(d).hexdigest() for n, d in files.items()},
             "main": self.main,
             "params": {},
             "program_sha256": checked.program.sha256 if checked.program else "",
             "modules": [self.entry],
             **self.extra,
         }
-        raw = canonical(manifest)
-        (folder / "manifest.json").write_bytes(raw)
-        (folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
-
-    def _adapt(self, checked: Any) -> None:  # noqa: ANN401
-        try:
-            facts = read_facts(system_of(checked, "Track"), "SafeCart")
-        except DiffersError:
-            return
-        self.entry["times"] = {k: facts.times[k] for k in TIME_KEYS}
-        own = [*facts.controls, *facts.disturbances, *facts.errors, *facts.others]
-        given = self.entry["inputs"][: len(facts.states)]
-        given += [
-            {"name": x.name, "kind": x.kind, "low": x.low.hex(), "high": x.high.hex()} for x in own
-        ]
-        self.entry["inputs"] = given
+        seal(folder, manifest, files)
 
 
 def read(folder: Path, cart: Cart) -> Sealed:

@@ -36,9 +36,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 ROOT = Path(__file__).resolve().parents[2]
-for where in (ROOT, ROOT / "tests"):
-    if str(where) not in sys.path:
-        sys.path.insert(0, str(where))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from bench.pieces import Pieces  # noqa: E402 - needs the path
 from bench.recheck.forged_programs import OPEN, PROGRAMS  # noqa: E402

@@ -8,7 +8,6 @@ Non-goals: checking, judging, counting (`forged.py`).
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import os
 import random
@@ -21,10 +20,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from bench.recheck.forged_programs import DRIVEN, EDITS, FACTS, HIDDEN, OPEN, PROGRAMS
 from bench.recheck.late_forgeries import LATE_KINDS, fits
+from bench.recheck.sealing import fit, read, seal
 
 import soter
 from soter.certificate.format.errors import RejectedError
-from soter.certificate.format.folder import canonical
 from soter.certificate.induction.induction_problem import read_induction
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
@@ -86,15 +85,7 @@ class Forged:
 
     def seal(self) -> None:
         """Every file written, every hash right."""
-        for name, data in self.contents.items():
-            path = self.folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
-        hashes = {n: hashlib.sha256(d).hexdigest() for n, d in self.contents.items()}
-        self.manifest["files"] = hashes
-        raw = canonical(self.manifest)
-        (self.folder / "manifest.json").write_bytes(raw)
-        (self.folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
+        seal(self.folder, self.manifest, self.contents)
 
 
 def certificate_of(name: str, family: str, text: str) -> Base | None:
@@ -106,8 +97,7 @@ def certificate_of(name: str, family: str, text: str) -> Base | None:
             report = soter.load(path).verify(cert=Path(at) / "cert", refute=False)
         except SoterError:
             return None
-        manifest = json.loads((Path(at) / "cert" / "manifest.json").read_text())
-        contents = {n: (Path(at) / "cert" / n).read_bytes() for n in manifest["files"]}
+        manifest, contents = read(Path(at) / "cert")
     return Base(name, family, text, manifest, contents, report.verdict == "proved")
 
 
@@ -271,16 +261,9 @@ def _adapted(entry: dict[str, Any], flat: Any) -> None:  # noqa: ANN401 - a syst
         entry["induction"]["lemmas"] = lemmas
         return
     facts = read_facts(flat, entry["module"])
-    entry["times"].update({k: facts.times[k] for k in entry["times"]})
+    fit(entry, facts)
     if facts.symbol.verify.stays is not None or facts.symbol.verify.recover is None:
         entry["recover_ns"] = None
-    inputs = entry["inputs"][: len(facts.states)]
-    for i, extent in facts.axes.items():
-        inputs[i] |= {"low": extent[0].hex(), "high": extent[1].hex()}
-    others = [*facts.controls, *facts.disturbances, *facts.errors, *facts.others]
-    entry["inputs"] = inputs + [
-        {"name": x.name, "kind": x.kind, "low": x.low.hex(), "high": x.high.hex()} for x in others
-    ]
 
 
 def _system_of_another(made: Forged, dice: Dice) -> None:

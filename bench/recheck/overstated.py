@@ -14,7 +14,6 @@ Non-goals: enlarged sets of one program by single cells (`corruptions.py`).
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import multiprocessing
 import random
@@ -28,11 +27,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 ROOT = Path(__file__).resolve().parents[2]
-for where in (ROOT, ROOT / "tests"):
-    if str(where) not in sys.path:
-        sys.path.insert(0, str(where))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-from bench.recheck.small_modules import (  # noqa: E402 - needs the path
+from bench.recheck.sealing import fit, read, seal, write  # noqa: E402 - needs the path
+from bench.recheck.small_modules import (  # noqa: E402 - the same
     PROGRAMS,
     REACHED,
     Edit,
@@ -44,7 +42,6 @@ from bench.recheck.small_modules import (  # noqa: E402 - needs the path
 import soter  # noqa: E402
 from generators.every_schedule_of_module import EverySchedule  # noqa: E402 - needs the path
 from generators.schedule_systems import scaled  # noqa: E402 - needs the path
-from soter.certificate.format.folder import canonical  # noqa: E402
 from soter.certificate.reading.module_facts import DiffersError  # noqa: E402
 from soter.certificate.reading.problem import read_facts  # noqa: E402
 from soter.certificate.rechecker import recheck  # noqa: E402
@@ -122,8 +119,7 @@ def base_of(name: str) -> Base:
         folder = Path(at) / "cert"
         report = recheck(folder, workers=1)
         assert report.accepted, (name, report.reason)
-        manifest = json.loads((folder / "manifest.json").read_text())
-        contents = {n: (folder / n).read_bytes() for n in manifest["files"]}
+        manifest, contents = read(folder)
     said = tuple(a.key for a in report.said)
     confirmed = tuple(report.modules[0].confirmed)
     reached = reached_by(proof.modules[0].problem.times.schedule)
@@ -154,17 +150,12 @@ def sealed(folder: Path, base: Base, edit: Edit) -> None:
         contents[f"program/{MAIN}"] = edit.text.encode()
     if edit.tables is not None:
         edit.tables(contents, manifest)
-    for name, data in contents.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(data)
+    write(folder, contents)
     if edit.text is not None:
         _adapt(folder, manifest)
     if edit.manifest is not None:
         edit.manifest(manifest)
-    manifest["files"] = {n: hashlib.sha256(d).hexdigest() for n, d in contents.items()}
-    raw = canonical(manifest)
-    (folder / "manifest.json").write_bytes(raw)
-    (folder / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
+    seal(folder, manifest, contents)
 
 
 def _adapt(folder: Path, manifest: dict[str, Any]) -> None:
@@ -179,22 +170,12 @@ def _adapt(folder: Path, manifest: dict[str, Any]) -> None:
         facts = read_facts(system_of(checked, entry["system"]), entry["module"])
     except (SoterError, DiffersError, NotRecheckedError):
         return
-    entry["times"].update({k: facts.times[k] for k in entry["times"]})
+    fit(entry, facts)
     recover = facts.symbol.verify.recover
     if recover is None:
         entry["recover_ns"] = None
     elif entry["claims"].get("P2b") == "proved":
         entry["recover_ns"] = int(getattr(recover, "value", 0)) or entry["recover_ns"]
-    others = [*facts.controls, *facts.disturbances, *facts.errors, *facts.others]
-    extents = [(i, facts.axes.get(i)) for i in range(len(facts.states))]
-    inputs = entry["inputs"][: len(facts.states)]
-    for i, extent in extents:
-        if extent is not None and i < len(inputs):
-            inputs[i] |= {"low": extent[0].hex(), "high": extent[1].hex()}
-    inputs += [
-        {"name": x.name, "kind": x.kind, "low": x.low.hex(), "high": x.high.hex()} for x in others
-    ]
-    entry["inputs"] = inputs
 
 
 # ---------------------------------------------------------------- judging

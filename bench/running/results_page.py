@@ -30,8 +30,7 @@ from soter.campaign.tables import an_hour, bound, guilt, interval, listed, verdi
 from soter.campaign.tables import faults as faults_table
 
 ROOT = Path(__file__).resolve().parents[2]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(ROOT))
 
 from bench.run_all import BENCHMARKS, results  # noqa: E402 - needs the path
 

@@ -24,8 +24,7 @@ from typing import Any
 import cffi
 
 ROOT = Path(__file__).resolve().parents[2]
-if str(ROOT) not in sys.path:
-    sys.path.append(str(ROOT))
+sys.path.append(str(ROOT))
 
 import soter  # noqa: E402 - needs the path
 from soter.api.deploying import image_of, stack_bound  # noqa: E402

@@ -30,9 +30,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 ROOT = Path(__file__).resolve().parents[2]
-for folder in (ROOT, ROOT / "tests"):
-    if str(folder) not in sys.path:
-        sys.path.append(str(folder))
+sys.path += [str(ROOT), str(ROOT / "tests")]
 
 from bench.adversary.module_families import module  # noqa: E402 - as above
 

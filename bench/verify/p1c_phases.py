@@ -27,9 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 ROOT = Path(__file__).resolve().parents[2]
-for folder in (ROOT, ROOT / "tests"):
-    if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from generators.switch_threads import TICK_NS, Case, drawn, longest, program  # noqa: E402 - as above
 from soter.language.front_end import check_file, system_to_prove  # noqa: E402 - needs the path

@@ -22,9 +22,7 @@ from dataclasses import replace
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-for folder in (ROOT, ROOT / "tests"):
-    if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from generators.simulated_thread import Job, at_worst, busy, drawn, simulate, turn  # noqa: E402 - as above
 from soter.timing.trusted_thread import Analysis, Task, analyse  # noqa: E402 - needs the path

@@ -25,9 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 ROOT = Path(__file__).resolve().parents[2]
-for folder in (ROOT, ROOT / "tests"):
-    if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from generators.every_schedule import QUANTITIES  # noqa: E402 - needs the path
 from generators.schedule_systems import (  # noqa: E402 - needs the path

@@ -26,9 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-for folder in (ROOT, ROOT / "tests"):
-    if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from bench.newcomers.first_attempt import kept as kept_answer  # noqa: E402 - needs the path
 from bench.newcomers.first_attempt import tool  # noqa: E402

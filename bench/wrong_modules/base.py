@@ -1,8 +1,8 @@
 """What a wrong module is, and the handful of right ones that it is made from.
 
-Purpose: `Wrong`, `Base`, `edited`; the control arms: small programs that are proved on coarse
+Purpose: `Wrong`, `Base`; the control arms: small programs that are proved on coarse
 grids, and rightly so. A wrong module is one of them with a few lines changed.
-Non-goals: the wrong modules themselves (`timing.py` and its neighbours), running anything
+Non-goals: the wrong modules themselves (`all_modules.py`, `timing.py`), running anything
 (`verdicts.py`).
 """
 
@@ -11,10 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from bench.rows import edited
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-Edit = tuple[str, str]
+    from bench.rows import Edit
 
 
 @dataclass(frozen=True)
@@ -64,23 +66,6 @@ class Wrong:
     def text(self) -> str:
         """The program."""
         return edited(self.base.text, self.edits)
-
-
-def edited(text: str, edits: tuple[Edit, ...]) -> str:
-    """`text` with every edit made; each must fit exactly once."""
-    for old, new in edits:
-        assert text.count(old) == 1, (text.count(old), old)
-        text = text.replace(old, new)
-    return text
-
-
-RUN = Shown(("run",))
-"""`soter run` as it is violates."""
-
-
-def under(*edits: Edit) -> Shown:
-    """`soter run` violates after these edits."""
-    return Shown(("run",), edits)
 
 
 # ---------------------------------------------------------------- control arms

@@ -2,21 +2,23 @@
 
 Purpose: `TIMING`, each with a simulation of its own (`loop.py`): lateness does not show in a
 run in virtual time.
-Non-goals: ages along paths (`paths.py`).
+Non-goals: ages along paths (`paths.txt`).
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from bench.wrong_modules.base import LINE, MAP, RING, Edit, Shown, Wrong
-from bench.wrong_modules.controllers import one
+from bench.wrong_modules.base import LINE, MAP, RING, Shown, Wrong
 from bench.wrong_modules.loop import Loop, line, mode, variants
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from bench.rows import Edit
 
 
 @dataclass(frozen=True)
@@ -115,196 +117,130 @@ def _first(loop: Loop, *times: int) -> float | None:
     return None
 
 
-def timed(name: str, why: str, times: Times, *more: Edit, codes: tuple[str, ...] = ()) -> Wrong:
-    """An entry about LINE."""
-    return Wrong(
-        "timing", name, LINE, (*times.edits, *more), why, Shown(loop=times.leaves), codes=codes
-    )
+def timed(why: str, rows: str, usual: Times | None = None) -> list[Wrong]:
+    """Entries about LINE: a row has a name, what is not usual of its times, and codes.
+
+    A line that is indented belongs to the one before.
+    """
+    entries = []
+    for row in re.sub(r"\n +", " ", rows.strip()).splitlines():
+        name, told, *codes = row.split(" | ")
+        pairs = [pair.split() for pair in told.split(", ")]
+        given: dict[str, Any] = {k: float(v) if "." in v else int(v) for k, v in pairs}
+        times = replace(usual or Times(0.0), **given)
+        shown = Shown(loop=times.leaves)
+        entries.append(Wrong("timing", name, LINE, times.edits, why, shown, codes=tuple(codes)))
+    return entries
 
 
-BOLD = "`ttf` looks ahead a little less than it takes from the read to SC's first command"
-
-AHEAD = (
-    timed("SC starts 20 ms late", BOLD, Times(0.96, late_sc=20)),
-    timed("SC takes 25 ms", BOLD, Times(0.955, response_sc=25)),
-    timed("the DM starts 40 ms late", BOLD, Times(0.94, late_dm=40)),
-    timed("the DM takes 40 ms", BOLD, Times(0.94, response_dm=40)),
-    timed("the DM starts late and takes long", BOLD, Times(0.94, late_dm=20, response_dm=20)),
-    timed("commands act 25 ms later", BOLD, Times(0.955, acts=25)),
-    timed("SC has a phase of 30 ms", BOLD, Times(0.95, phase=30)),
-    timed("SC has a phase of one ms less than its period", BOLD, Times(0.93, phase=49)),
-    timed(
-        "periods of 100 and 70 ms: SC's next release is up to 60 ms away",
-        BOLD,
-        Times(0.87, dm=100, sc=70),
-    ),
-    timed("periods of 100 and 30 ms", BOLD, Times(0.91, dm=100, sc=30)),
-    timed("periods of 90 and 60 ms, a phase of 20", BOLD, Times(0.89, dm=90, sc=60, phase=20)),
-    timed("periods of 100 and 100 ms, a phase of 60", BOLD, Times(0.87, dm=100, sc=100, phase=60)),
-    timed("periods of 70 and 50 ms, a phase of 10", BOLD, Times(0.92, dm=70, sc=50, phase=10)),
-    timed("periods of 60 and 40 ms, a late DM", BOLD, Times(0.925, dm=60, sc=40, late_dm=45)),
-    timed(
-        "the DM starts 40 ms late, both every 100 ms", BOLD, Times(0.89, dm=100, sc=100, late_dm=40)
-    ),
-    timed(
-        "the DM takes 45 ms, both every 100 ms", BOLD, Times(0.885, dm=100, sc=100, response_dm=45)
-    ),
-    timed(
-        "the DM is late and SC takes its time, both every 200 ms",
-        BOLD,
-        Times(0.73, dm=200, sc=200, late_dm=70, response_sc=25),
-    ),
-    timed("a DM every 300 ms", BOLD, Times(0.73, dm=300)),
-    timed(
-        "a little of everything",
-        BOLD,
-        Times(
-            0.89,
-            dm=100,
-            sc=50,
-            phase=20,
-            late_dm=10,
-            response_dm=15,
-            late_sc=5,
-            response_sc=5,
-            acts=10,
-        ),
-    ),
-    timed("a sensor every 40 ms", BOLD, Times(0.95, sensor=40, max_age=40)),
-    timed(
-        "`safer` gives control back too near to the wall",
-        "one period later AC is through it",
-        Times(0.99, near=0.97),
-    ),
+untimed = partial(Wrong, "timing")
+AHEAD = timed(
+    "`ttf` looks ahead a little less than it takes from the read to SC's first command",
+    """
+SC starts 20 ms late | far 0.96, late_sc 20
+SC takes 25 ms | far 0.955, response_sc 25
+the DM starts 40 ms late | far 0.94, late_dm 40
+the DM takes 40 ms | far 0.94, response_dm 40
+the DM starts late and takes long | far 0.94, late_dm 20, response_dm 20
+commands act 25 ms later | far 0.955, acts 25
+SC has a phase of 30 ms | far 0.95, phase 30
+SC has a phase of one ms less than its period | far 0.93, phase 49
+periods of 100 and 70 ms: SC's next release is up to 60 ms away | far 0.87, dm 100, sc 70
+periods of 100 and 30 ms | far 0.91, dm 100, sc 30
+periods of 90 and 60 ms, a phase of 20 | far 0.89, dm 90, sc 60, phase 20
+periods of 100 and 100 ms, a phase of 60 | far 0.87, dm 100, sc 100, phase 60
+periods of 70 and 50 ms, a phase of 10 | far 0.92, dm 70, phase 10
+periods of 60 and 40 ms, a late DM | far 0.925, dm 60, sc 40, late_dm 45
+the DM starts 40 ms late, both every 100 ms | far 0.89, dm 100, sc 100, late_dm 40
+the DM takes 45 ms, both every 100 ms | far 0.885, dm 100, sc 100, response_dm 45
+the DM is late and SC takes its time, both every 200 ms | far 0.73, dm 200, sc 200, late_dm 70,
+    response_sc 25
+a DM every 300 ms | far 0.73, dm 300
+a little of everything | far 0.89, dm 100, phase 20, late_dm 10, late_sc 5, response_dm 15,
+    response_sc 5, acts 10
+a sensor every 40 ms | far 0.95, sensor 40, max_age 40
+""",
 )
-
-SHORT = "the horizon is shorter than H*: AC acts for longer than the sets look ahead"
-
-HORIZONS = (
-    timed("a horizon of 40 ms", SHORT, Times(0.958, horizon=40)),
-    timed("a horizon of nothing", SHORT, Times(0.99, horizon=0), codes=("C001",)),
-    timed("a horizon of a millisecond", SHORT, Times(0.99, horizon=1)),
-    timed("a horizon without SC's response", SHORT, Times(0.955, horizon=70, response_sc=25)),
-    timed("a horizon without the DM's lateness", SHORT, Times(0.94, horizon=70, late_dm=40)),
-    timed("a horizon without the phase", SHORT, Times(0.95, horizon=70, phase=30)),
-    timed("a horizon of 1 ms less", SHORT, Times(0.98, horizon=69)),
+NEAR = timed(
+    "one period later AC is through it",
+    "`safer` gives control back too near to the wall | far 0.99, near 0.97",
 )
-
-BUSY = "a DM that takes longer than its period is never done in time: decisions pile up"
-
-of_timing = partial(one, "timing")
-OVERLOAD = (
-    timed("the DM takes 400 ms, every 50 ms", BUSY, Times(0.5, response_dm=400)),
-    timed("the DM takes 100 ms, every 50 ms", BUSY, Times(0.82, response_dm=100)),
-    timed("the DM takes 150 ms, every 50 ms", BUSY, Times(0.74, response_dm=150)),
-    timed("the DM starts 30 ms late and takes 120", BUSY, Times(0.79, late_dm=30, response_dm=120)),
-    of_timing(
+HORIZONS = timed(
+    "the horizon is shorter than H*: AC acts for longer than the sets look ahead",
+    """
+a horizon of 40 ms | far 0.958, horizon 40
+a horizon of nothing | far 0.99, horizon 0 | C001
+a horizon of a millisecond | far 0.99, horizon 1
+a horizon without SC's response | far 0.955, response_sc 25, horizon 70
+a horizon without the DM's lateness | far 0.94, late_dm 40, horizon 70
+a horizon without the phase | far 0.95, phase 30, horizon 70
+a horizon of 1 ms less | far 0.98, horizon 69
+""",
+)
+OVERLOAD = timed(
+    "a DM that takes longer than its period is never done in time: decisions pile up",
+    """
+the DM takes 400 ms, every 50 ms | far 0.5, response_dm 400
+the DM takes 100 ms, every 50 ms | far 0.82, response_dm 100
+the DM takes 150 ms, every 50 ms | far 0.74, response_dm 150
+the DM starts 30 ms late and takes 120 | far 0.79, late_dm 30, response_dm 120
+""",
+)
+UNTIMED = (
+    untimed(
         "SC is slower than the DM",
-        "P1a: SC comes half a second after the decision",
+        LINE,
         (
             ("node Careful period 50ms", "node Careful period 500ms"),
             ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.9"),
         ),
-        None,
+        "P1a: SC comes half a second after the decision",
     ),
-    of_timing(
+    untimed(
         "SC takes longer than its period",
-        "SC is never done before its next release",
+        LINE,
         (("response dm 0ms, sc 0ms", "response dm 0ms, sc 200ms"),),
-        None,
+        "SC is never done before its next release",
     ),
-    of_timing(
+    untimed(
         "a map: the DM is later than a step of the plant",
-        "its verdict belongs to the step before: AC has a step more",
+        MAP,
         (("verify { grid", "verify { late dm 60ms, sc 0ms; grid"),),
-        None,
-        MAP,
+        "its verdict belongs to the step before: AC has a step more",
     ),
-    of_timing(
+    untimed(
         "a map: commands act after the next step",
-        "SC's command acts a step later than the sets say",
-        (("verify { grid", "verify { acts within 70ms; grid"),),
-        None,
         MAP,
+        (("verify { grid", "verify { acts within 70ms; grid"),),
+        "SC's command acts a step later than the sets say",
     ),
 )
-
-WAIT = (
+STARTS = timed(
     "SC waits for the DM, so its first command acts later than its own times say; until then the "
-    "output's default acts"
+    "output's default acts",
+    """
+start: the DM is 300 ms late | dm 400, late_dm 300, start 1.75
+start: the DM takes 300 ms | dm 400, response_dm 300, start 1.75
+start: the DM is 150 ms late and takes 150 ms | dm 400, late_dm 150, response_dm 150, start 1.75
+start: the DM is late, SC has a phase | dm 400, phase 40, late_dm 300, start 1.75
+start: the DM is late, SC responds late, too | dm 400, late_dm 250, response_sc 20, start 1.75
+start: the DM is late, commands act late | dm 400, late_dm 250, acts 20, start 1.75
+start: both every 400 ms, the DM 350 ms late | far 0.5, near 0.3, dm 400, sc 400, late_dm 350, start
+    1.7
+start: both every 800 ms, the DM 300 ms late | far 0.7, near 0.4, dm 800, sc 800, late_dm 300, start
+    1.75, gain 1.0
+start: both every 800 ms, the DM takes 300 ms | far 0.7, near 0.4, dm 800, sc 800, response_dm 300,
+    start 1.75, gain 1.0
+start: both every 800 ms, the DM late, SC slow | far 0.7, near 0.4, dm 800, sc 800, late_dm 200,
+    response_sc 100, start 1.75, gain 1.0
+start: SC itself is late | dm 100, sc 100, late_sc 45, acts 5, start 1.96
+""",
+    Times(0.9, 0.7, wall=2.0, first=1.0),
 )
+"""Near the border at the start, with a default that pushes out."""
 
 
-def begun(name: str, **given: object) -> Wrong:
-    """Near the border at the start, with a default that pushes out."""
-    times = replace(Times(0.9, 0.7, wall=2.0, first=1.0), **given)  # type: ignore[arg-type]
-    return timed(name, WAIT, times)
-
-
-STARTS = (
-    begun("start: the DM is 300 ms late", dm=400, late_dm=300, start=1.75),
-    begun("start: the DM takes 300 ms", dm=400, response_dm=300, start=1.75),
-    begun(
-        "start: the DM is 150 ms late and takes 150 ms",
-        dm=400,
-        late_dm=150,
-        response_dm=150,
-        start=1.75,
-    ),
-    begun("start: the DM is late, SC has a phase", dm=400, late_dm=300, phase=40, start=1.75),
-    begun(
-        "start: the DM is late, SC responds late, too",
-        dm=400,
-        late_dm=250,
-        response_sc=20,
-        start=1.75,
-    ),
-    begun("start: the DM is late, commands act late", dm=400, late_dm=250, acts=20, start=1.75),
-    begun(
-        "start: both every 400 ms, the DM 350 ms late",
-        dm=400,
-        sc=400,
-        late_dm=350,
-        start=1.7,
-        far=0.5,
-        near=0.3,
-    ),
-    begun(
-        "start: both every 800 ms, the DM 300 ms late",
-        dm=800,
-        sc=800,
-        late_dm=300,
-        far=0.7,
-        near=0.4,
-        start=1.75,
-        gain=1.0,
-    ),
-    begun(
-        "start: both every 800 ms, the DM takes 300 ms",
-        dm=800,
-        sc=800,
-        response_dm=300,
-        far=0.7,
-        near=0.4,
-        start=1.75,
-        gain=1.0,
-    ),
-    begun(
-        "start: both every 800 ms, the DM late, SC slow",
-        dm=800,
-        sc=800,
-        late_dm=200,
-        response_sc=100,
-        far=0.7,
-        near=0.4,
-        start=1.75,
-        gain=1.0,
-    ),
-    begun("start: SC itself is late", sc=100, dm=100, late_sc=45, acts=5, start=1.96),
-)
-
-
-def ring(name: str, *more: Edit, late: int = 0, response: int = 0, dm: int = 100) -> Wrong:
+def ring(name: str, late: int = 0, response: int = 0, dm: int = 100) -> Wrong:
     """A mode of 30 rad/s, undamped, that SC only just damps."""
 
     def leaves() -> float | None:
@@ -326,7 +262,7 @@ def ring(name: str, *more: Edit, late: int = 0, response: int = 0, dm: int = 100
         )
         return _first(loop, late, response, 0, 0, 0)
 
-    edits: list[Edit] = list(more)
+    edits: list[Edit] = []
     if late:
         edits.append(("late dm 0ms", f"late dm {late}ms"))
     if response:
@@ -347,4 +283,4 @@ RINGS = (
     ring("a mode of 30 rad/s, the DM takes 24 ms", response=24),
 )
 
-TIMING = (*AHEAD, *HORIZONS, *OVERLOAD, *STARTS, *RINGS)
+TIMING = (*AHEAD, *NEAR, *HORIZONS, *OVERLOAD, *UNTIMED, *STARTS, *RINGS)

@@ -1,14 +1,12 @@
 """Wrong modules of many kinds: none may be called proved without a word about what is wrong.
 
     .venv/bin/python bench/wrong_modules/verdicts.py [--kind K] [--only NAME] [--demos]
-        [--refute]
 
-Purpose: run `soter verify FILE` on every module of `wrong_*.py`, and count: it
+Purpose: run `soter verify FILE --no-refute` on every module of `all_modules.py`, and count: it
 is *refused* with a code, *undecided*, *refuted*, proved with the reason *named* in what is printed
 (what is not covered, or assumed), or *proved*, which must not happen. The right modules that the
 wrong ones are made from must be proved (control arms). With `--demos` every demonstration is run,
 too: a violation in the interpreter's own run, in `soter test`, or in a simulation of its own.
-Without `--refute` no counterexample is looked for, which turns *undecided* into *refuted* at best.
 Non-goals: mutants of laws and predicates (`tests/generators/changed_modules.py`), of certificates.
 """
 
@@ -28,11 +26,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 ROOT = Path(__file__).resolve().parents[2]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
+sys.path.insert(0, str(ROOT))
 
-from bench.wrong_modules.all_modules import WRONG  # noqa: E402 - needs the path
-from bench.wrong_modules.base import BASES, edited  # noqa: E402
+from bench.rows import edited  # noqa: E402 - needs the path
+from bench.wrong_modules.all_modules import WRONG  # noqa: E402
+from bench.wrong_modules.base import BASES  # noqa: E402
 
 from soter.cli.main import main as soter  # noqa: E402
 
@@ -102,9 +100,9 @@ def _inside(folder: str) -> Iterator[None]:
         os.chdir(before)
 
 
-def judged(wrong: Wrong, *, refute: bool = False) -> tuple[str, str, str]:
+def judged(wrong: Wrong) -> tuple[str, str, str]:
     """The answer of `soter verify`, what it rests on, and all that was printed."""
-    said = call(wrong.text, ("verify", *wrong.options, *(() if refute else ("--no-refute",))))
+    said = call(wrong.text, ("verify", *wrong.options, "--no-refute"))
     if said.exit not in ANSWERS:
         fine = said.codes and all(c[0] in "RP" or c in wrong.codes for c in said.codes)
         return (REFUSED if fine else BROKEN), " ".join(said.codes), said.text
@@ -127,13 +125,11 @@ def demonstrated(shown: Shown | None, text: str) -> str:
     return SHOWN if said.exit == 3 else NOT_SHOWN
 
 
-def examine(wrong: Wrong, *, demos: bool, refute: bool = False) -> tuple[Row, str]:
+def examine(wrong: Wrong, *, demos: bool) -> tuple[Row, str]:
     """Judge, and demonstrate."""
     began = time.process_time()
-    answer, detail, printed = judged(wrong, refute=refute)
+    answer, detail, printed = judged(wrong)
     demonstration = demonstrated(wrong.shown, wrong.text) if demos else ""
-    if demos and answer == REFUTED and demonstration == NOTHING_SHOWN:
-        demonstration = SHOWN  # the run that refutes was replayed by the reference interpreter
     seconds = time.process_time() - began
     return Row(wrong.kind, wrong.name, answer, detail, demonstration, seconds), printed
 
@@ -144,8 +140,6 @@ def main() -> int:
     parser.add_argument("--kind", help="only this kind")
     parser.add_argument("--only", help="only modules with this in their name")
     parser.add_argument("--demos", action="store_true", help="run the demonstrations, too")
-    parser.add_argument("--refute", action="store_true", help="look for refutations, too: slow")
-    parser.add_argument("--verbose", action="store_true", help="print what was printed")
     arguments = parser.parse_args()
     chosen = [
         w
@@ -155,7 +149,7 @@ def main() -> int:
     arms = {} if arguments.kind or arguments.only else _control_arms()
     rows = []
     for wrong in chosen:
-        row, printed = examine(wrong, demos=arguments.demos, refute=arguments.refute)
+        row, printed = examine(wrong, demos=arguments.demos)
         rows.append(row)
         bad = "  <== PROVED" if row.answer == PROVED else ""
         print(
@@ -163,7 +157,7 @@ def main() -> int:
             f"{row.demonstration:9} {row.seconds:5.1f}{bad}",
             flush=True,
         )
-        if arguments.verbose or row.answer == BROKEN:
+        if row.answer == BROKEN:
             print(printed)
     print()
     _table(rows)

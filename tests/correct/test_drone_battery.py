@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from bench.drone.wrong_base import Edit, laid_out, verdict
-from bench.drone.wrong_slow import BATTERIES
+from bench.drone.wrong_rows import WRONG
 
 import soter
 from examples_changed import changed
@@ -51,7 +51,10 @@ NOT_BY_THE_MODEL = (
 
 @pytest.mark.parametrize(
     "edits",
-    [*(w.edits for w in BATTERIES if w.name in IN_THE_BENCH), *((e,) for e in NOT_BY_THE_MODEL)],
+    [
+        *(w.edits for w in WRONG if w.kind == "battery" and w.name in IN_THE_BENCH),
+        *((e,) for e in NOT_BY_THE_MODEL),
+    ],
     ids=lambda edits: edits[0].new[:30],
 )
 def test_a_battery_without_reserve_is_not_proved(tmp_path: Path, edits: tuple[Edit, ...]) -> None:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 from bench.drone.wrong_base import flown, flown_again, laid_out, refuted, verdict
-from bench.drone.wrong_stacks import ASSUMED, CHANGES, WRONG, examine
+from bench.drone.wrong_rows import ASSUMED, WRONG
+from bench.drone.wrong_stacks import CHANGES, examine
 
 if TYPE_CHECKING:
     from pathlib import Path

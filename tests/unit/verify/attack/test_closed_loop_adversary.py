@@ -8,7 +8,6 @@ Non-goals: the figures of the benchmark.
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -17,10 +16,10 @@ import pytest
 from bench.adversary.against_proofs import through
 from bench.adversary.closed_loop import POLICY, Machine
 from bench.adversary.module_families import FAMILIES, module
-from bench.adversary.policy_search import Run, attack
+from bench.adversary.policy_search import attack
 from bench.adversary.proofs import armed, prove
 from bench.adversary.prover_holes import HOLES
-from bench.adversary.random_modules import Face, Module, PathNode, Times, of_json
+from bench.adversary.random_modules import Face, Module, PathNode, Times
 
 import soter
 from soter.language.front_end import check_file
@@ -148,11 +147,13 @@ def test_a_hole_put_back_is_found(name: str) -> None:
     number = next(i for i, h in enumerate(HOLES) if h.name == name)
     finding = through(HOLES[number], number, 20_000_000)
     assert finding.found, finding
-    told = json.loads(json.dumps(finding.run))
-    assert of_json(told["module"]).text == finding.text
+    assert finding.module is not None
+    assert finding.attack is not None
+    assert finding.attack.found is not None
+    assert finding.attack.outcome is not None
     with HOLES[number].open():
-        machine = armed(prove(of_json(told["module"]), whole=False))
-    again = Run.of_json(told).again(machine, log=True)
+        machine = armed(prove(finding.module, whole=False))
+    again = finding.attack.found.again(machine, log=True)
     assert again.left
-    assert again.at == finding.run["left_at_tick"]
+    assert again.at == finding.attack.outcome.at
     assert again.log[0][1] == "DM reads, verdict"  # it reads at 0, before SC

@@ -9,10 +9,9 @@ from __future__ import annotations
 import re
 
 import pytest
+from bench.rows import edited
 from bench.wrong_modules.all_modules import WRONG
-from bench.wrong_modules.base import BASES, RING, Base, edited
-from bench.wrong_modules.ranges import SAYS_IDLE
-from bench.wrong_modules.systems import NAMES_OTHER
+from bench.wrong_modules.base import BASES, RING, Base
 from bench.wrong_modules.verdicts import (
     NAMED,
     PROVED,
@@ -67,7 +66,10 @@ def test_the_right_modules_that_they_are_made_from_are_proved(base: Base) -> Non
     said = call(base.text, ("verify", "--no-refute"))
     assert said.exit == 0, said.text
     # on `ring` AC has control on a third of a percent: rightly said
-    patterns = (*NAMES_OTHER, *(() if base is RING else SAYS_IDLE))
+    patterns = (
+        *BY_NAME["forced to AC"].named,
+        *(() if base is RING else BY_NAME["`ttf true`"].named),
+    )
     assert not any(re.search(p, said.report) for p in patterns), said.report
     assert call(base.text, ("run",)).exit == 0
 
