@@ -24,11 +24,11 @@ import soter
 from soter.api.deploying import image_of, stack_bound
 from soter.diagnostics.diagnostic import SoterError
 from soter.report.terminal_tables import table
-from soter.targets.cortex_m.board import read_board
-from soter.targets.cortex_m.image import missing_tools
+from soter.targets.cortex_m_board import read_board
+from soter.targets.cortex_m_package import missing_tools
 
 if TYPE_CHECKING:
-    from soter.targets.cortex_m.image import Image
+    from soter.targets.cortex_m_package import Image
     from soter.targets.package import Package
 
 ROOT = Path(__file__).resolve().parents[2]

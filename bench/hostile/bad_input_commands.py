@@ -192,7 +192,7 @@ def _command(words: list[str], folder: Path, said: Path, stdin: str, memory: int
         sys.stdin = open(0, encoding="utf-8", errors="surrogateescape", closefd=False)  # noqa: SIM115
         resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        from soter.cli.terminal import crash_report  # noqa: PLC0415 - the same
+        from soter.cli import main as crash_report  # noqa: PLC0415 - the same
 
         crash_report.apologise = _apologise  # type: ignore[assignment] # what failed, in full
         code = _exit_of(words)

@@ -129,7 +129,7 @@ def _channels(file: str) -> int:
 
 def _played(file: str) -> int:
     """What a page asks of the playground about a text that somebody sent."""
-    from soter.language.load.bounded_read import read_bytes  # noqa: PLC0415 - only then
+    from soter.language.load.named_files import read_bytes  # noqa: PLC0415 - only then
     from soter.playground import session  # noqa: PLC0415 - the same
 
     text = read_bytes(Path(file), 2**22).decode("utf-8", "replace")

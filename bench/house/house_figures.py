@@ -2,7 +2,7 @@
 
     .venv/bin/python bench/house/house_figures.py
 
-Purpose: counts over src/ as the tests assert them, and the files that commands enter.
+Purpose: counts over src/ as the tests assert them, and the files of Python that commands enter.
 Non-goals: judging; the counting itself (tests/unit/test_house_figures.py, test_c_figures.py).
 """
 
@@ -31,7 +31,8 @@ entered = set()
 def see(frame, event, _):
     code = frame.f_code
     function = code.co_flags & inspect.CO_OPTIMIZED and not code.co_name.startswith("<")
-    if event == "call" and function and "/soter/" in code.co_filename:
+    ours = "/soter/" in code.co_filename and code.co_filename.endswith(".py")
+    if event == "call" and function and ours:
         entered.add(code.co_filename)
 sys.setprofile(see)
 from soter.cli.main import main
@@ -39,7 +40,7 @@ main(sys.argv[1:])
 sys.setprofile(None)
 print("entered", len(entered), file=sys.stderr)
 """
-"""A command line that counts the files of which a function is called."""
+"""A command line that counts the files of Python of which a function is called: no template."""
 
 
 def counts() -> dict[str, object]:
@@ -85,7 +86,10 @@ def counts() -> dict[str, object]:
 
 
 def entered(*words: str) -> int:
-    """Of how many files of Soter a command calls a function of, threads aside."""
+    """Of how many files of Python of Soter a command calls a function, threads aside.
+
+    Templates (`*.j2`), which run as functions of Jinja, are no files of Python.
+    """
     with tempfile.TemporaryDirectory() as at:
         given = [at if word == "DIR" else word for word in words]
         done = subprocess.run(

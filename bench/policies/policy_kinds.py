@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.model.binding_text import binding_of
+from soter.language.load.named_files import binding_of
 from soter.language.model.types import ArrayType, FloatType, IntType
 from soter.policy.policy_extern import load_policy
 

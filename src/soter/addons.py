@@ -33,9 +33,10 @@ ADD_ONS = {
             "soter.cli.terminal.log_judgement",
             "soter.targets.bridge_base",
             "soter.targets.message_conversion",
-            "soter.targets.ros",
-            "soter.targets.dds",
-            "soter.targets.mavlink",
+            "soter.targets.ros_packages",
+            "soter.targets.ros_sources",
+            "soter.targets.dds_package",
+            "soter.targets.mavlink_package",
         )
     ),
     "learn": AddOn(("soter.gym", "soter.policy", "soter.cli.policy"), needs=("campaign",)),

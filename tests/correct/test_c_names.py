@@ -12,7 +12,7 @@ import processes
 import soter
 from generators.c_packages import package
 from long_tests import examples
-from soter.codegen.c.names import file_level_name, no_linked_name
+from soter.codegen.c_names import file_level_name, no_linked_name
 from soter.codegen.unit import generate
 from soter.language.syntax.tokens import RESERVED
 from soter.native.compiler import STANDARD, WARNINGS, find

@@ -20,7 +20,8 @@ from long_tests import examples
 from soter.core.steps import lower
 from soter.language.front_end import check_file, system_of
 from soter.simulate.run import NativeProgram
-from soter.targets.cortex_m.cortex_m_package import Replay, cortex_m_package
+from soter.targets.cortex_m_board import Replay
+from soter.targets.cortex_m_package import cortex_m_package
 from soter.targets.leases_and_lateness import takeovers
 from tables import all_rows
 

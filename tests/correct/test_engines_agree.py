@@ -131,7 +131,7 @@ def test_engines_agree_on_every_byte(chunk: int) -> None:
 def test_engines_agree_where_every_struct_is_large(
     chunk: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("soter.codegen.c.types.LARGE", 0)
+    monkeypatch.setattr("soter.codegen.c_types.LARGE", 0)
     batch = {n: make(n) for n in range(40_000 + chunk, 40_000 + 4 * BATCH, 4)}
     failure = complaint_of_any(list(batch.values()))
     if failure is not None:

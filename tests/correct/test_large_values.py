@@ -44,7 +44,7 @@ def flat_of(folder: Path, faults: str = "") -> System:
 def test_both_engines_have_the_same_bytes(
     large: int, faults: str, optimise: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("soter.codegen.c.types.LARGE", large)
+    monkeypatch.setattr("soter.codegen.c_types.LARGE", large)
     flat = flat_of(tmp_path, faults)
     native = NativeProgram(flat, optimise).run(UNTIL_NS, 5, hash_trace=True)
     interpreted = run_interpreted(flat, UNTIL_NS, 5)

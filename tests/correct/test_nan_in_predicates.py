@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from generators.explorer_agreement import compared, enumerated
 from soter.api.program import load
 from soter.core.steps import lower
-from soter.language.evaluate.numbers_in_predicates import TOTAL, maybe_nan
+from soter.language.evaluate.predicates import TOTAL, maybe_nan
 from soter.language.front_end import check_file, system_of
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.simulate.run import NativeProgram, run_interpreted

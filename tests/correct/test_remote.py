@@ -26,7 +26,7 @@ from generators.outside_input_driver import some_value
 from generators.random_names import Namer
 from generators.random_types import TypeMaker, text_of
 from generators.seeded_choices import Seeded
-from soter.codegen.c.names import field_name
+from soter.codegen.c_names import field_name
 from soter.core.layout import encode_into, size_of
 from soter.language.model.types import FLOAT, INT_MIN, ArrayType, FloatType, ListType, RecordType
 from soter.language.model.values import to_python

@@ -15,7 +15,7 @@ from generators.brute_force import TooLargeError
 from generators.explorer_agreement import enumerated
 from generators.reader_programs import readers
 from long_tests import examples, seeds
-from soter.language.elaborate.tests_and_faults import distinguishable_values_and_times, stand_ins
+from soter.language.elaborate import distinguished, stand_ins
 from soter.language.model import typed
 from soter.language.model.tree_walk import children
 from soter.language.model.types import RecordType
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from generators.brute_force import Found
-    from soter.language.elaborate.tests_and_faults.stand_ins import _Values
+    from soter.language.elaborate.stand_ins import _Values
     from soter.language.model.system import Module, Scope, StandIn
 
 CHUNKS = 4
@@ -94,7 +94,7 @@ def _overlooks(is_one: Callable[[object], bool]) -> Patch:
     def fewer(node: object) -> list[object]:
         return [] if is_one(node) else whole(node)
 
-    return lambda m: m.setattr(distinguishable_values_and_times, "children", fewer)
+    return lambda m: m.setattr(distinguished, "children", fewer)
 
 
 def _arithmetic(node: object) -> bool:
@@ -111,7 +111,7 @@ def _between_topics(node: object) -> bool:
 
 def _forgets(op: str) -> Patch:
     """Comparisons by one operator count as none, unless nothing else is left."""
-    whole = distinguishable_values_and_times.representatives
+    whole = distinguished.representatives
 
     def fewer(asked: set[tuple[str, float]], *about: Any) -> list[float]:
         return whole({(o, c) for o, c in asked if o != op} or asked, *about)
@@ -120,37 +120,37 @@ def _forgets(op: str) -> Patch:
 
 
 def _not_between(m: pytest.MonkeyPatch) -> None:
-    m.setattr(distinguishable_values_and_times, "_between", lambda *ends: ends[0])
+    m.setattr(distinguished, "_between", lambda *ends: ends[0])
 
 
 def _not_turned(m: pytest.MonkeyPatch) -> None:
     m.setattr(
-        distinguishable_values_and_times,
+        distinguished,
         "_TURNED",
-        {o: o for o in distinguishable_values_and_times._TURNED},
+        {o: o for o in distinguished._TURNED},
     )
 
 
 def _no_modules(m: pytest.MonkeyPatch) -> None:
-    def heard(readers: distinguishable_values_and_times.Readers, module: Module) -> None:
+    def heard(readers: distinguished.Readers, module: Module) -> None:
         readers.heard |= set(module.reads)
 
-    m.setattr(distinguishable_values_and_times.Readers, "_module", heard)
+    m.setattr(distinguished.Readers, "_module", heard)
 
 
 def _no_contracts(m: pytest.MonkeyPatch) -> None:
-    m.setattr(distinguishable_values_and_times.Readers, "_contracts", lambda *_: None)
+    m.setattr(distinguished.Readers, "_contracts", lambda *_: None)
 
 
 def _first_field(m: pytest.MonkeyPatch) -> None:
-    place = distinguishable_values_and_times.Readers._place
+    place = distinguished.Readers._place
 
-    def first(readers: distinguishable_values_and_times.Readers, e: object, scope: Scope) -> object:
+    def first(readers: distinguished.Readers, e: object, scope: Scope) -> object:
         found = place(readers, e, scope)
         record = isinstance(e, typed.TopicRead) and isinstance(e.type, RecordType)
         return (found[0], (0,)) if found is not None and record else found
 
-    m.setattr(distinguishable_values_and_times.Readers, "_place", first)
+    m.setattr(distinguished.Readers, "_place", first)
 
 
 MISTAKES: dict[str, Patch] = {

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import cffi
 
 from generators.engine_comparison import call_compiler
-from soter.codegen.c import tree as c
-from soter.codegen.c.printer import print_file
+from soter.codegen import c_tree as c
+from soter.codegen.c_printer import print_file
 from soter.language.model.types import (
     BOOL,
     ArrayType,

@@ -44,7 +44,7 @@ USES = {
 }
 """Commands of each add-on."""
 IMPORTED = {
-    "robots": "import soter.remote, soter.targets.ros.ros_packages, soter.targets.mavlink",
+    "robots": "import soter.remote, soter.targets.ros_packages, soter.targets.mavlink_package",
     "learn": "import soter.gym, soter.policy.policy_extern",
     "editor": "import soter.editor.server, soter.playground.session",
 }

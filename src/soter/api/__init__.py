@@ -29,8 +29,7 @@ from soter.diagnostics.diagnostic import SoterError
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from soter.api.rechecking import recheck
-    from soter.api.replaying import ReplayReport, replay
+    from soter.api.rechecking import ReplayReport, recheck, replay
     from soter.simulate.result import Run
     from soter.simulate.run_options import ENGINES
 
@@ -57,7 +56,7 @@ __all__ = [
 
 
 LATER = {
-    **dict.fromkeys(("ReplayReport", "replay"), "soter.api.replaying"),
+    **dict.fromkeys(("ReplayReport", "replay"), "soter.api.rechecking"),
     "recheck": "soter.api.rechecking",
     "Run": "soter.simulate.result",
     "ENGINES": "soter.simulate.run_options",

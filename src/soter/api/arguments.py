@@ -58,7 +58,7 @@ def time_ns(what: str, given: float | str | None) -> int | None:
     """A length of time from outside in ns; `SoterError` U001."""
     if given is None:
         return None
-    from soter.language.model.durations import WrongTextError, duration_ns  # noqa: PLC0415 - see `soter.api`
+    from soter.language.model.types import WrongTextError, duration_ns  # noqa: PLC0415 - see `soter.api`
 
     try:
         return duration_ns(given)

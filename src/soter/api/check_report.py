@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Severity, mistake
 from soter.language.elaborate.system_numbers import MAX_PERIOD_NS
-from soter.language.load.bounded_read import read_json_text
+from soter.language.load.named_files import read_json_text
 from soter.version import other_format
 
 if TYPE_CHECKING:

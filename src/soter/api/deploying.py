@@ -24,16 +24,14 @@ from soter.certificate.format.errors import REJECTED
 from soter.certificate.format.folder import MANIFEST_MAX, PROGRAM_MAX
 from soter.core.layout import size_of
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
-from soter.language.load.bounded_read import read_bytes
 from soter.language.load.loader import load
-from soter.language.model.binding_text import binding_of
+from soter.language.load.named_files import binding_of, read_bytes
 from soter.language.model.system import environment_topics
 from soter.simulate.externs.bindings import require_files
 from soter.simulate.outputs.result_assumptions import unproved
-from soter.targets.cortex_m.board import read_board
-from soter.targets.cortex_m.cortex_m_package import Replay, replayed_until
-from soter.targets.package import PackageFile
-from soter.targets.target_table import TARGETS, build_package, require_options
+from soter.targets.cortex_m_board import Replay, read_board
+from soter.targets.cortex_m_package import replayed_until
+from soter.targets.package import TARGETS, PackageFile, build_package, require_options
 from soter.verify.proof_cache import stored_verdicts
 
 if TYPE_CHECKING:
@@ -47,7 +45,7 @@ if TYPE_CHECKING:
     from soter.native.stack_bound import StackBound
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.run import NativeProgram
-    from soter.targets.cortex_m.image import Image
+    from soter.targets.cortex_m_package import Image
     from soter.targets.package import Package
     from soter.verify.deploy.missing_predicates import Known
     from soter.verify.deploy.proof_transfer import TransferredProof
@@ -307,7 +305,7 @@ def image_of(package: Package, board: str | None, stack: StackBound) -> Image | 
 
     `stack`: the bound of the package; SoterError X015 where the board gives less.
     """
-    from soter.targets.cortex_m.image import build_image, require_stack  # noqa: PLC0415 - compiles
+    from soter.targets.cortex_m_package import build_image, require_stack  # noqa: PLC0415 - compiles
 
     if board is None:
         return None
@@ -324,7 +322,7 @@ def stack_bound(package: Package, board: str | None = None) -> StackBound:
     Neither externs nor the virtual-time command are part of it, nor plants.
     """
     from soter.native.stack_bound import stack_of  # noqa: PLC0415 - runs a compiler
-    from soter.targets.cortex_m.image import cross_compiler  # noqa: PLC0415 - the same
+    from soter.targets.cortex_m_package import cross_compiler  # noqa: PLC0415 - the same
 
     own = {
         PurePath(f.path).name: f.text

@@ -100,7 +100,7 @@ def measure_on_board(
     image can be made or run here.
     """
     from soter.api.deploying import image_of, stack_bound  # noqa: PLC0415 - of this function alone
-    from soter.targets.cortex_m.board import read_board  # noqa: PLC0415 - the same
+    from soter.targets.cortex_m_board import read_board  # noqa: PLC0415 - the same
 
     _require_margin(margin)
     instruction_ns = time_ns("instruction", instruction)

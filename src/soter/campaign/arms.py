@@ -19,8 +19,8 @@ from soter.campaign.store import measured_lateness
 from soter.campaign.tables import listed
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.elaborate.derived_systems import forced, with_faults
-from soter.language.model.durations import show_ns
 from soter.language.model.system import Fault
+from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -24,7 +24,7 @@ from soter.campaign.store import FlightOutcome, MetricSample
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
-from soter.language.model.binding_text import POLICIES
+from soter.language.load.named_files import POLICIES
 from soter.native.cache import cached, digest
 from soter.native.compiler import FAST, compile_with, find, vector_flags
 from soter.native.extern_memory import unknown_of

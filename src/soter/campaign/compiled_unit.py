@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from soter.codegen import c_tree as c
 from soter.codegen import decisions
-from soter.codegen.branch_free import branch_free
-from soter.codegen.c import tree as c
-from soter.codegen.c.types import float_number, int_number
+from soter.codegen.c_tree import branch_free
+from soter.codegen.c_types import float_number, int_number
 from soter.codegen.function_context import S
 from soter.codegen.unit import UnitBuilder
 from soter.codegen.value_locations import MADE

@@ -16,7 +16,7 @@ from dataclasses import asdict, astuple, dataclass
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.load.bounded_read import read_bytes
+from soter.language.load.named_files import read_bytes
 from soter.native.compiler import python_child
 from soter.report.atomic_write import own_place
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.campaign.store import FlightOutcome
-    from soter.core.arrays import Words
+    from soter.core.layout import Words
     from soter.language.model.system import Component, Fault, System
 
 

@@ -22,7 +22,7 @@ from typing import IO, TYPE_CHECKING
 from zlib import crc32
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
-from soter.language.load.bounded_read import read_bytes
+from soter.language.load.named_files import read_bytes
 from soter.report.atomic_write import require_no_links
 from soter.version import other_format, pip_install
 

@@ -19,9 +19,8 @@ from soter.certificate.reading.supported_constructs import equations, parts_of
 from soter.certificate.report import RecheckAssumption
 from soter.certificate.time import node_paths
 from soter.certificate.time.module_times import DELAYS
-from soter.language.model.durations import show_ns
 from soter.language.model.typed import FunSymbol
-from soter.language.model.types import FloatType, leaf_name, leaves
+from soter.language.model.types import FloatType, leaf_name, leaves, show_ns
 from soter.language.prelude.function_error_bounds import BOUNDS
 
 if TYPE_CHECKING:

@@ -29,8 +29,8 @@ from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.view_predicates import said_of
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import Clock, releases
-from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above
+from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -13,9 +13,8 @@ from soter.certificate.reading.module_facts import Facts
 from soter.certificate.report import RecheckAssumption
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import system_to_prove
-from soter.language.model.durations import show_ns
 from soter.language.model.system import holder_of
-from soter.language.model.types import DurationType
+from soter.language.model.types import DurationType, show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -18,9 +18,9 @@ from soter.certificate.cells.predicates import AdmitCheck
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.terms import NotRecheckedError
+from soter.language.elaborate.step_times import fresh_ages_ns
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
-from soter.language.model.least_ages import fresh_ages_ns
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
 from soter.language.model.types import leaves

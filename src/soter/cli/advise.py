@@ -12,11 +12,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import MODULE, SET, CommandOutcome, UsageError, file_option
-from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.progress import ProgressBar
+from soter.cli.terminal.command_line import (
+    MODULE,
+    SET,
+    CommandOutcome,
+    UsageError,
+    file_option,
+    loaded,
+)
+from soter.cli.terminal.console import ProgressBar
 from soter.diagnostics.command_records import SWITCH, JsonObject, option
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
     import argparse

@@ -22,9 +22,9 @@ from soter.cli.terminal.command_line import (
     CommandOutcome,
     file_option,
     given,
+    loaded,
 )
-from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.progress import ProgressBar
+from soter.cli.terminal.console import ProgressBar
 from soter.diagnostics.command_records import SWITCH, Kind, option
 from soter.report.printable_text import visible
 

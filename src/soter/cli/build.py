@@ -17,12 +17,13 @@ from soter.cli.terminal.command_line import (
     SYSTEM,
     CommandOutcome,
     file_option,
+    loaded,
+    warned_of_files,
 )
-from soter.cli.terminal.open_program import loaded, warned_of_files
-from soter.cli.terminal.progress import ProgressBar
+from soter.cli.terminal.console import ProgressBar
 from soter.diagnostics.command_records import option
 from soter.native.stack_bound import OPTIMISE
-from soter.targets.target_table import TARGETS
+from soter.targets.package import TARGETS
 
 if TYPE_CHECKING:
     import argparse
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from soter.cli.terminal.command_line import Pairs
     from soter.cli.terminal.console import Console
     from soter.native.stack_bound import StackBound
-    from soter.targets.cortex_m.image import Image
+    from soter.targets.cortex_m_package import Image
     from soter.targets.package import Package
 
 PAGES = ", ".join(dict.fromkeys(t.page for t in TARGETS.values() if t.page))

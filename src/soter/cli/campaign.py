@@ -21,9 +21,9 @@ from soter.cli.terminal.command_line import (
     CommandOutcome,
     at_least_one,
     file_option,
+    loaded,
 )
-from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.progress import ProgressBar
+from soter.cli.terminal.console import ProgressBar
 from soter.diagnostics.command_records import (
     SWITCH,
     JsonObject,

@@ -17,17 +17,18 @@ from soter.cli.terminal.command_line import (
     FINE,
     FORMAT,
     SET,
+    STDIN,
     CommandOutcome,
     UsageError,
     exit_of,
     failed,
     file_option,
+    standard_input,
 )
-from soter.cli.terminal.open_program import STDIN, standard_input
-from soter.cli.terminal.progress import LineOfProgress
+from soter.cli.terminal.console import LineOfProgress
 from soter.diagnostics.command_records import JsonObject, one_of, option
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 from soter.report.printable_text import visible
 
 if TYPE_CHECKING:

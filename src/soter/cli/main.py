@@ -1,15 +1,17 @@
 """`soter`: choose the command, run it, and end with the right code whatever happens.
 
-Purpose: the command table, the top-level help, and the one place where every way to end is
-turned into an exit code and, with `--json`, exactly one document.
-Non-goals: the commands (one file each). Nothing heavy is imported here: `soter check` is as
-fast as the checker.
+Purpose: the command table, the top-level help, and the one place where every way to end is turned
+into an exit code and, with `--json`, exactly one document. Of a defect of soter itself nobody is
+shown a traceback: a short apology, and a file for whoever repairs it.
+Non-goals: the commands (one file each). Nothing heavy is imported here: `soter check` is as fast as
+the checker.
 """
 
 from __future__ import annotations
 
 import os
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.cli.terminal.command_line import Command
+
 
 COMMANDS = {
     "check": "parse, types, well-formedness, composition, timing",
@@ -80,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             code = _told(name, arguments, console, wanted)
             console.hand_over(code)
         except ChildResult as done:
-            console.from_child(done.text)
+            console.write(done.text)
             code = done.exit
         console.flush()
         return _after_output(code, console)
@@ -95,7 +98,7 @@ def _told(
     outcome = _guarded(name, arguments, console)
     console.diagnostics(outcome.diagnostics)
     if format_ is not None and name is not None and "help" not in outcome.fields:
-        from soter.cli.ci.sarif_junit_github import written  # noqa: PLC0415 - only then
+        from soter.cli.terminal.ci_formats import written  # noqa: PLC0415 - only then
 
         text = written(format_, name, outcome)
         if text:
@@ -128,8 +131,6 @@ def _guarded(name: str | None, arguments: list[str], console: Console) -> Comman
     except OSError as error:
         return CommandOutcome(DIAGNOSTICS, (_os_problem(error),))
     except Exception as error:  # noqa: BLE001 - a defect: apologise, keep the details
-        from soter.cli.terminal.crash_report import apologise  # noqa: PLC0415 - only then
-
         return CommandOutcome(INTERNAL, (apologise(error, arguments),))
 
 
@@ -270,6 +271,34 @@ def _os_problem(error: OSError) -> Diagnostic:
     why = reason(error)
     where = f" `{error.filename}`" if error.filename else ""
     return Diagnostic("D006", f"the system refused{where}: {why}")
+
+
+def apologise(error: Exception, arguments: list[str]) -> Diagnostic:
+    """A diagnostic I001; the details are written to `.soter/crash-....txt`."""
+    import platform  # noqa: PLC0415 - only for a defect
+    import traceback  # noqa: PLC0415 - the same
+
+    details = [
+        f"soter {__version__}, Python {sys.version.split()[0]}, {platform.platform()}",
+        f"arguments: {arguments!r}",
+        "",
+        "".join(traceback.format_exception(error)),
+    ]
+    kind, folder = type(error).__name__, Path(".soter")
+    path = folder / f"crash-{time.strftime('%Y%m%d-%H%M%S')}.txt"
+    try:
+        folder.mkdir(exist_ok=True)
+        path.write_text("\n".join(details), encoding="utf-8", errors="replace")
+        where = f"the details are in `{path}`: please send it with the program"
+    except OSError:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{kind} in {Path(last.filename).name}, line {last.lineno}: {error}"
+    return Diagnostic(
+        "I001",
+        f"soter has a defect, sorry ({kind})",
+        notes=(where,),
+        helps=("the mistake is ours, not the program's",),
+    )
 
 
 if __name__ == "__main__":

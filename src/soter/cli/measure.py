@@ -18,11 +18,11 @@ from soter.cli.terminal.command_line import (
     CommandOutcome,
     UsageError,
     file_option,
+    loaded,
 )
-from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.progress import ProgressBar
+from soter.cli.terminal.console import ProgressBar
 from soter.diagnostics.command_records import Kind, option, read_by
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 from soter.measure import MARGIN, SAMPLES
 
 if TYPE_CHECKING:

@@ -27,12 +27,16 @@ from soter.cli.terminal.command_line import (
     VIOLATED,
     CiFinding,
     CommandOutcome,
+    bound,
     exit_of_kinds,
     file_option,
+    loaded,
+    opened,
     report_option,
     report_path,
     seed,
 )
+from soter.cli.terminal.console import ProgressBar
 from soter.cli.terminal.log_judgement import (
     DAMAGE,
     FOREIGN_LOG,
@@ -45,8 +49,6 @@ from soter.cli.terminal.log_judgement import (
     unheard,
     verdict_of,
 )
-from soter.cli.terminal.open_program import bound, loaded, opened
-from soter.cli.terminal.progress import ProgressBar
 from soter.diagnostics.command_records import SEVERAL, SWITCH, JsonObject, one_of, option, read_by
 from soter.diagnostics.diagnostic import mistake
 from soter.report.plain_page import PageSection

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from soter.addons import by_name
 from soter.api.arguments import require_utf8
 from soter.cli.terminal.command_line import CommandOutcome, file_option
-from soter.codegen.c.names import program_prefix
+from soter.codegen.c_names import program_prefix
 from soter.diagnostics.command_records import SEVERAL, SWITCH, option
 from soter.diagnostics.diagnostic import mistake, reason
 from soter.diagnostics.render import safe

@@ -28,7 +28,7 @@ from soter.cli.terminal.command_line import (
     report_option,
     report_path,
 )
-from soter.cli.terminal.progress import ProgressBar
+from soter.cli.terminal.console import ProgressBar
 from soter.diagnostics.command_records import SEVERAL, JsonObject, one_of, option
 from soter.diagnostics.diagnostic import mistake
 from soter.report.plain_page import PageSection

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.api import replay
-from soter.api.replaying import table_of
+from soter.api.rechecking import table_of
 from soter.cli.terminal.command_line import (
     FINE,
     VIOLATED,
@@ -139,7 +139,7 @@ STEPS = JsonObject(
     steps=(STEP, {"$ref": "instant.json"}),
 )
 DOCUMENT = JsonObject(
-    "soter.api.replaying.ReplayReport",
+    "soter.api.rechecking.ReplayReport",
     "kind program program_sha256 reproduced outcome",
     beside={"trace": str, "html?": str, "mcap?": str},
     also=STEPS,

@@ -28,18 +28,18 @@ from soter.cli.terminal.command_line import (
     VIOLATED,
     CommandOutcome,
     UsageError,
+    bound,
     file_option,
     given,
+    opened,
 )
-from soter.cli.terminal.open_program import bound, opened
-from soter.cli.terminal.progress import ProgressBar
+from soter.cli.terminal.console import ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.simulate.run_options import RunOptions
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.api import Program
     from soter.cli.terminal.console import Console
     from soter.language.model.system import System
     from soter.simulate.outputs.to_log import RunLog

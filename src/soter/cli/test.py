@@ -4,7 +4,7 @@ Purpose: the verdict on every test with what was covered and what was not, and f
 its least trace, step by step; the same as JSON, and as findings for continuous integration: one for
 each test, at its `test` block; a test that was not started is open. The file of `--junit` holds the
 verdicts, or why there are none: whatever ends a command that was understood, nothing old stays.
-Non-goals: searching (`explore/`), the XML (`cli/ci/sarif_junit_github.py`).
+Non-goals: searching (`explore/`), the XML (`cli/terminal/ci_formats.py`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.ci.sarif_junit_github import document_of_tests
+from soter.cli.terminal.ci_formats import document_of_tests
 from soter.cli.terminal.command_line import (
     FORMAT,
     INTERRUPTED,
@@ -22,10 +22,9 @@ from soter.cli.terminal.command_line import (
     exit_of_kinds,
     file_option,
     given,
+    loaded,
 )
-from soter.cli.terminal.console import rounded, size
-from soter.cli.terminal.open_program import loaded
-from soter.cli.terminal.progress import LineOfProgress
+from soter.cli.terminal.console import LineOfProgress, rounded, size
 from soter.diagnostics.command_records import JsonObject, one_of, option, options_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.explore.engine.coverage import Coverage, CoverageKind
@@ -43,7 +42,7 @@ from soter.explore.results import (
     wholes,
 )
 from soter.explore.search_options import REDUCTIONS, SAMPLING, STORAGES, STRATEGIES, SearchOptions
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
     import argparse
@@ -78,7 +77,7 @@ def of_tests(report: ExploreReport) -> tuple[CiFinding, ...]:
 
 def report_as_junit(report: ExploreReport, path: str, console: Console) -> None:
     """Write the verdicts; `SoterError` D006."""
-    from soter.cli.ci.sarif_junit_github import write  # noqa: PLC0415 - only then
+    from soter.cli.terminal.ci_formats import write  # noqa: PLC0415 - only then
     from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
 
     try:
@@ -93,7 +92,7 @@ def problems_as_junit(
     file: str, why: SoterError, path: str, warnings: tuple[Diagnostic, ...]
 ) -> None:
     """Write why no test was explored; `SoterError`, with a D006 more, where that could not be."""
-    from soter.cli.ci.sarif_junit_github import write_problems  # noqa: PLC0415 - only then
+    from soter.cli.terminal.ci_formats import write_problems  # noqa: PLC0415 - only then
     from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
 
     try:

@@ -19,11 +19,12 @@ from soter.cli.terminal.command_line import (
     CommandOutcome,
     exit_of_kinds,
     file_option,
+    loaded,
     report_option,
     report_path,
+    warned_of_files,
 )
-from soter.cli.terminal.open_program import loaded, warned_of_files
-from soter.cli.terminal.progress import ProgressBar
+from soter.cli.terminal.console import ProgressBar
 from soter.cli.terminal.stored_outcome import Printout, StoredOutcome, store_outcome, stored_outcome
 from soter.diagnostics.command_records import SWITCH, JsonObject, one_of, option
 

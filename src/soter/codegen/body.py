@@ -9,9 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
-from soter.codegen.c.names import field_name
-from soter.codegen.c.types import FAULT, int_number
+from soter.codegen import c_tree as c
+from soter.codegen.c_names import field_name
+from soter.codegen.c_types import FAULT, int_number
 from soter.codegen.storage_plan import RESULT, has_address, is_still_here
 from soter.codegen.value_locations import LOGICAL, MADE, Places, compared_twice, is_foregone
 from soter.core import core
@@ -32,7 +32,7 @@ from soter.semantics.draws import fnv
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.codegen.c.types import TypeTable
+    from soter.codegen.c_types import TypeTable
     from soter.diagnostics.diagnostic import Span
     from soter.language.model.types import Type
 

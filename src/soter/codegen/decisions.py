@@ -9,8 +9,8 @@ from __future__ import annotations
 from math import nan
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
-from soter.codegen.c.types import float_number, int_number
+from soter.codegen import c_tree as c
+from soter.codegen.c_types import float_number, int_number
 from soter.codegen.function_context import CT, OK, S, where
 from soter.codegen.storage_plan import PlannedBody
 from soter.core import core

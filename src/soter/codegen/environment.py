@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.codegen import c_tree as c
 from soter.codegen.body import BranchChoices, stream_key
-from soter.codegen.c import tree as c
-from soter.codegen.c.names import field_name
-from soter.codegen.c.types import float_number, int_number
+from soter.codegen.c_names import field_name
+from soter.codegen.c_types import float_number, int_number
 from soter.codegen.externs import received, to_ends
 from soter.codegen.faults import disturb, leaf_of, scaled
 from soter.codegen.function_context import CT, HEADER, OK, STEP_PARAMETERS, S, enabled, where
@@ -33,7 +33,7 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.codegen.c.types import TypeTable
+    from soter.codegen.c_types import TypeTable
     from soter.codegen.function_context import Frame
     from soter.language.model.system import Bound, Component, InputDrive, System, Topic
     from soter.language.model.types import Type

@@ -5,7 +5,7 @@ An enum, int or length that its type does not have is the step fault `extern`; b
 unused tails and padding become zero, so that a state is still its bytes; the float32 of an end of a
 topic's set becomes that end.
 Non-goals: how steps use them (`nodes.py`, `environment.py`), who answers (drivers), value sets of
-topics (`c/types.py`): they come after.
+topics (`codegen/c_types.py`): they come after.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from __future__ import annotations
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
-from soter.codegen.c.names import field_name
-from soter.codegen.c.types import FAULT, float_number, int_number
+from soter.codegen import c_tree as c
+from soter.codegen.c_names import field_name
+from soter.codegen.c_types import FAULT, float_number, int_number
 from soter.core.layout import INT_KINDS, arrange, scalar, struct_of
 from soter.language.model.types import (
     BOOL,

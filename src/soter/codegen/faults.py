@@ -2,17 +2,17 @@
 
 Purpose: the tables of a system's faults, when releases happen, what becomes of publications and
 disturbances, which node steps next (`runtime/soter_faults.h` has what they share).
-Non-goals: which faults there are (`language/elaborate/tests_and_faults/faults.py`).
+Non-goals: which faults there are (`language/elaborate/faults.py`).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.codegen import c_tree as c
 from soter.codegen.body import stream_key
-from soter.codegen.c import tree as c
-from soter.codegen.c.names import field_name
-from soter.codegen.c.types import float_number, int_number
+from soter.codegen.c_names import field_name
+from soter.codegen.c_types import float_number, int_number
 from soter.codegen.function_context import CT, HEADER
 from soter.language.model.types import ArrayType, FloatType, RecordType, leaves
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
-from soter.codegen.c.names import Unique, field_name
+from soter.codegen import c_tree as c
+from soter.codegen.c_names import Unique, field_name
 from soter.codegen.storage_plan import PlannedBody
 from soter.core import core
 from soter.core.core import output_name
@@ -19,7 +19,7 @@ from soter.core.core_walks import always_published
 
 if TYPE_CHECKING:
     from soter.codegen.body import Body, StepBranch
-    from soter.codegen.c.types import TypeTable
+    from soter.codegen.c_types import TypeTable
     from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Component, System
 
@@ -58,7 +58,7 @@ class Frame:
         self.groups = groups
         """Component index -> C name of its group of locals or states."""
         self.apart: frozenset[int] = frozenset()
-        """Extern nodes that a driver answers though they are bound to C (`targets/posix/`)."""
+        """Extern nodes that a driver answers though they are bound to C (target `posix`)."""
         self.works_in_place = False
         """Large locals of nodes are not copied where no fault changes them back (campaigns)."""
         self.branches: list[StepBranch] | None = None

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.codegen import c_tree as c
 from soter.codegen.body import stream_key
-from soter.codegen.c import tree as c
-from soter.codegen.c.types import int_number
+from soter.codegen.c_types import int_number
 from soter.codegen.environment import DRAW_PARAMETERS, assemble, in_order, uniform
 from soter.language.model.system import environment_topics
 from soter.language.model.types import (

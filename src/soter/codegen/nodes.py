@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.codegen import c_tree as c
 from soter.codegen.body import BranchChoices
-from soter.codegen.c import tree as c
-from soter.codegen.c.names import field_name
-from soter.codegen.c.types import FAULT
+from soter.codegen.c_names import field_name
+from soter.codegen.c_types import FAULT
 from soter.codegen.environment import choosing
 from soter.codegen.externs import linked_name, received, to_ends
 from soter.codegen.faults import disturb

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
+from soter.codegen import c_tree as c
 from soter.codegen import (
     decisions,
     environment,
@@ -19,10 +20,9 @@ from soter.codegen import (
     nodes,
 )
 from soter.codegen.body import Body
-from soter.codegen.c import tree as c
-from soter.codegen.c.names import FileNames, Unique, no_linked_name, program_prefix
-from soter.codegen.c.printer import print_file
-from soter.codegen.c.types import TypeTable
+from soter.codegen.c_names import FileNames, Unique, no_linked_name, program_prefix
+from soter.codegen.c_printer import print_file
+from soter.codegen.c_types import TypeTable
 from soter.codegen.environment import InputEmitter
 from soter.codegen.externs import (
     LINKED,

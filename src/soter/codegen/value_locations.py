@@ -12,8 +12,8 @@ from collections import Counter
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
-from soter.codegen.c.names import field_name, local
+from soter.codegen import c_tree as c
+from soter.codegen.c_names import field_name, local
 from soter.codegen.storage_plan import RESULT, PlannedBody, StoragePlan, has_address, plan_of
 from soter.core import core
 from soter.core.core import output_name
@@ -24,7 +24,7 @@ from soter.language.model.types import ArrayType, EnumType, FloatType, IntType, 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.codegen.c.types import TypeTable
+    from soter.codegen.c_types import TypeTable
     from soter.language.model.types import Type
 
 

@@ -5,5 +5,5 @@ a state lies in memory: header, a record per component, module and property, a s
 topics, locals and plant states, ordered by alignment and padded explicitly. A state is its bytes, a
 trace the state after every instant; `trace_sha256` hashes it. `core_walks.py`: what a
 step reads.
-`abstract_execution.py` walks Core once for all that reads it over other values: enclosures, terms.
+`core_walks.py` walks Core once for all that reads it over other values: enclosures, terms.
 """

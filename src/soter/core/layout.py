@@ -1,7 +1,8 @@
 """Storage: how the state of a system lies in memory.
 
 Purpose: sizes, alignments, offsets, the numpy dtype and the byte image of values; the one
-definition behind the generated struct, the trace and `trace_sha256`.
+definition behind the generated struct, the trace and `trace_sha256`. Names for arrays of numpy of
+any shape, for annotations.
 Non-goals: C text (`codegen/`).
 
 Rules: fields are ordered by alignment, largest first, ties as declared; every struct is padded
@@ -15,7 +16,7 @@ import struct
 import sys
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from soter.language.model.types import (
     ArrayType,
@@ -31,11 +32,17 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     import numpy as np
+    from numpy.typing import NDArray
 
     from soter.language.model.system import System, Topic
     from soter.language.model.typed import Variable
     from soter.language.model.types import Type, Value
     from soter.language.model.values import Table
+
+    Bools: TypeAlias = NDArray[np.bool_]
+    Bytes: TypeAlias = NDArray[np.uint8]
+    Floats: TypeAlias = NDArray[np.float64]
+    Words: TypeAlias = NDArray[np.uint64]
 
 INT_KINDS = (
     ("b", 1, -(2**7), 2**7 - 1, "int8_t", "<i1"),

@@ -14,7 +14,7 @@ from soter.core import core
 from soter.core.lower_expressions import ExpressionBuilder
 from soter.language.check.statements import always_returns
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.language.evaluate.numbers_in_predicates import operands_in
+from soter.language.evaluate.predicates import operands_in
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import (

@@ -13,10 +13,10 @@ from soter.core.core_walks import footprint_of, written_names, written_topics
 from soter.core.lower_statements import Builder, FunctionTable
 from soter.core.plants import lower_plant
 from soter.language.evaluate.arithmetic import FaultKind
-from soter.language.evaluate.numbers_in_predicates import all_operands, maybe_nan
-from soter.language.evaluate.predicates import premise_of
+from soter.language.evaluate.predicates import all_operands, maybe_nan
 from soter.language.model import typed
 from soter.language.model.system import queues_of
+from soter.language.model.tree_walk import premise_of
 from soter.language.model.types import BOOL, INT, ArrayType, RecordType
 
 if TYPE_CHECKING:

@@ -12,8 +12,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from soter.language.model.durations import show_ns
-from soter.language.model.types import ArrayType, BoolType, EnumType, FloatType, IntType, RecordType
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    show_ns,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping

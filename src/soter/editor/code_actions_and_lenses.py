@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from lsprotocol import types as lsp
 
 from soter.editor.protocol_conversions import AGAIN, by_file, path_of_span, range_of
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:

@@ -15,8 +15,7 @@ from soter.editor.names.definitions import PlantTruth, UndeclaredArray, Undeclar
 from soter.editor.protocol_conversions import path_of_span
 from soter.language.check.constants_and_types import Calculator
 from soter.language.load.loader import LoadedFile
-from soter.language.model.durations import write_ns
-from soter.language.model.types import DurationType
+from soter.language.model.types import DurationType, write_ns
 from soter.language.model.values import Table, to_json
 from soter.language.syntax import tree
 

@@ -6,12 +6,10 @@ Non-goals: the reference (`docs/language.md`).
 
 from __future__ import annotations
 
-from soter.language.syntax.parsing.faults import FAULT_ITEMS
-from soter.language.syntax.parsing.functions_and_plants import PLANT_ITEMS
+from soter.language.syntax.parsing.declarations import NODE_ITEMS, PLANT_ITEMS
 from soter.language.syntax.parsing.items import begins
-from soter.language.syntax.parsing.nodes import NODE_ITEMS, RTA_ITEMS
-from soter.language.syntax.parsing.systems import SYSTEM_ITEMS, TEST_ITEMS
-from soter.language.syntax.parsing.verification import VERIFY_ITEMS, VIEW_ITEMS
+from soter.language.syntax.parsing.modules import RTA_ITEMS, VERIFY_ITEMS, VIEW_ITEMS
+from soter.language.syntax.parsing.systems import FAULT_ITEMS, SYSTEM_ITEMS, TEST_ITEMS
 
 PLACES: dict[str, tuple[str, ...]] = {
     "file": (

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.explore.trace import BEGIN, EFFECT, LOST, START
 from soter.language.elaborate.time_grid import quantum_of
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
     from soter.explore.trace import Step

@@ -17,9 +17,8 @@ from soter.explore.search_options import LEAVES_MAX
 from soter.explore.trace_view import shown
 from soter.language.check.declarations import show
 from soter.language.elaborate.derived_systems import OUTSIDE
-from soter.language.model.durations import show_ns
 from soter.language.model.typed import Literal
-from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves
+from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaves, show_ns
 from soter.language.model.values import to_json
 
 if TYPE_CHECKING:

@@ -38,8 +38,8 @@ from soter.explore.search_options import SAMPLING, STEPS_MAX
 from soter.explore.trace import TIME_MAX, VIOLATION_KINDS, Trace, write_trace
 from soter.explore.verdict import ENDS, covered_before, short_of_test, vacuous_parts, verdict_of
 from soter.language.elaborate.derived_systems import with_test
-from soter.language.elaborate.tests_and_faults.tested_system import MAX_STEPS
-from soter.language.model.durations import show_ns
+from soter.language.elaborate.tested_system import MAX_STEPS
+from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -15,7 +15,6 @@ from functools import lru_cache
 from random import Random
 from typing import TYPE_CHECKING, Any
 
-from soter.language.evaluate.predicates import returned
 from soter.language.evaluate.range_evaluation import (
     COMPARISONS,
     RangeEvaluator,
@@ -24,7 +23,7 @@ from soter.language.evaluate.range_evaluation import (
 )
 from soter.language.evaluate.ranges import Range
 from soter.language.model import typed
-from soter.language.model.tree_walk import calls_in, nodes
+from soter.language.model.tree_walk import calls_in, nodes, returned
 from soter.language.model.types import INT_MAX, INT_MIN, FloatType, IntType
 from soter.workers.solvers import answer_of
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.explore.allowed_steps import plan_of
-from soter.language.check.expressions.field import listed
+from soter.language.check.field import listed
 from soter.language.model import typed
 
 if TYPE_CHECKING:

@@ -17,12 +17,11 @@ from soter.explore.allowed_steps import plan_of
 from soter.explore.trace import PROPERTY, TIMED, Choice, ViolationId
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.durations import show_ns
-from soter.language.model.types import FloatType
+from soter.language.model.types import FloatType, show_ns
 from soter.language.model.values import to_json
 from soter.semantics.configuration import AC, SC, DecisionVerdict, StepOutcome
 from soter.semantics.draws import AnsweredDraws
-from soter.semantics.properties import fault_of, violated
+from soter.semantics.rules import fault_of, violated
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -30,8 +30,7 @@ from soter.language.model.types import ListType
 from soter.language.model.values import to_json
 from soter.semantics.configuration import DecisionVerdict, StepOutcome
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.properties import fault_of
-from soter.semantics.rules import environment_input
+from soter.semantics.rules import environment_input, fault_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

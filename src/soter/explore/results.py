@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 from soter.explore.allowed_steps import plan_of
 from soter.explore.engine.coverage import Coverage
 from soter.explore.search_options import CHOICES_MAX, STEPS_MAX, WORDS_MAX
-from soter.language.check.expressions.field import listed
-from soter.language.model.durations import show_ns
+from soter.language.check.field import listed
+from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence

@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
-from soter.language.load.bounded_read import read_bytes
-from soter.language.load.data_files import parse_json
+from soter.language.load.named_files import parse_json, read_bytes
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes, plant_code
 from soter.language.model.types import BoolType

@@ -16,14 +16,12 @@ from typing import TYPE_CHECKING
 from soter.explore.allowed_steps import plan_of
 from soter.explore.constant_truth import holds_always
 from soter.explore.contract_use import at
-from soter.language.evaluate.predicates import premise_of
 from soter.language.evaluate.range_evaluation import anything, constant
 from soter.language.evaluate.ranges import ANY_FLOAT, INF, Range
 from soter.language.evaluate.topic_ranges import published
 from soter.language.model import typed
-from soter.language.model.durations import show_ns
-from soter.language.model.tree_walk import children, nodes, topic_reads
-from soter.language.model.types import BOOL, leaf_count
+from soter.language.model.tree_walk import children, nodes, premise_of, topic_reads
+from soter.language.model.types import BOOL, leaf_count, show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

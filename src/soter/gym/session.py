@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     import soter.api
-    from soter.core.arrays import Bytes
+    from soter.core.layout import Bytes
     from soter.gym.disturbance_explanation import SessionPlant
     from soter.language.model.system import Component
     from soter.language.model.types import Value

@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Fix, Label, Severity, SoterError
 from soter.language.check.checker import check
-from soter.language.elaborate.deployed_systems import check_deployed
 from soter.language.elaborate.derived_systems import at_once, faultless
 from soter.language.elaborate.elaborator import Elaborator, implicit_system
 from soter.language.elaborate.lints.module_lints import doubt
 from soter.language.elaborate.system_numbers import has_param
-from soter.language.elaborate.tests_and_faults.tested_system import elaborate_test
-from soter.language.elaborate.wellformed import check_declaration, check_periods
+from soter.language.elaborate.tested_system import elaborate_test
+from soter.language.elaborate.wellformed import check_declaration, check_deployed, check_periods
 from soter.language.load.loader import FROM_DISK, is_program, load
 from soter.language.model.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import nearest_or_all
-from soter.language.model.durations import WrongTextError, duration_ns
+from soter.language.model.types import WrongTextError, duration_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -6,7 +6,7 @@ those of ROS, with what MAVLink says besides: units, and which number means "not
 autopilot does when they end. `dialect_xml`: pymavlink evaluates values that stand in a dialect, and
 writes C with its words; what it is given here is one document of our own: messages and fields whose
 names are names, whose numbers are numbers and whose words cannot end a comment; nothing of enums.
-Non-goals: which topic is which message (`topic_mapping_parser.py`); C (`targets/mavlink/`);
+Non-goals: which topic is which message (`topic_mapping_parser.py`); C (target `mavlink`);
 speaking MAVLink (`runtime/mavlink/`).
 """
 
@@ -27,7 +27,7 @@ from xml.parsers import expat
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.similar_names import closest
-from soter.language.load.bounded_read import MIB, beside, read_bytes
+from soter.language.load.named_files import MIB, beside, read_bytes
 from soter.mapping.mapping_errors import unknown
 from soter.mapping.message_types import ARRAY, BASE, MessageType, StampSource, UnknownMessageError
 from soter.version import pip_install

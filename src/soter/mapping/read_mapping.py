@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import reason
-from soter.language.load.bounded_read import read_bytes, read_json_text
-from soter.language.load.data_files import parse_json
+from soter.language.load.named_files import parse_json, read_bytes, read_json_text
 from soter.language.syntax.words import toml_of
 from soter.mapping.mapping_errors import MappingProblems, is_number, unknown, wrong_mapping
 from soter.mapping.mavlink import MavlinkMessage, is_mavlink, read_link

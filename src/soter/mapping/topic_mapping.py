@@ -19,8 +19,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal
 
-from soter.language.model.durations import show_ns
-from soter.language.model.types import FloatType, leaves
+from soter.language.model.types import FloatType, leaves, show_ns
 from soter.mapping.mapping_errors import is_number, unknown
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@ Purpose: the channel and the messages: their type, when they were measured, whos
 of them is constant; the key `qos`: three policies that decide whether a reader and a writer of DDS
 meet, and what is kept; then the leaves (`leaf_mapping_parser.py`).
 Non-goals: whether a log or a middleware has such messages; what the policies mean to it
-(`targets/dds/`), and the other policies of DDS.
+(`targets/dds_package.py`), and the other policies of DDS.
 """
 
 from __future__ import annotations

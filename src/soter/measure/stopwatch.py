@@ -20,7 +20,6 @@ import numpy as np
 
 from soter.codegen.unit import generate
 from soter.core.layout import encode_into, state_dtype
-from soter.language.model.durations import write_ns
 from soter.language.model.system import queues_of
 from soter.language.model.types import (
     ArrayType,
@@ -31,6 +30,7 @@ from soter.language.model.types import (
     ListType,
     RecordType,
     leaves,
+    write_ns,
 )
 from soter.native.shared_library import RUNTIME, address, declarations, interface, library, opened
 from soter.simulate.externs.c_extern import linked_symbols
@@ -41,9 +41,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.core.arrays import Bytes
     from soter.core.core import CoreSystem
-    from soter.core.layout import StateLayout
+    from soter.core.layout import Bytes, StateLayout
     from soter.language.model.system import Bound, Component, System
     from soter.language.model.types import Type, Value
 

@@ -34,8 +34,7 @@ from soter.diagnostics.diagnostic import (
     reason,
 )
 from soter.language.front_end import system_of
-from soter.language.model.durations import show_ns
-from soter.language.model.types import leaf_name
+from soter.language.model.types import leaf_name, show_ns
 from soter.language.syntax.printer import format_source
 from soter.monitor.linear_model import driven_leaves, linear_model, parameter_leaves, step_of
 from soter.monitor.model_membership import ROUNDING, sight_of, topic_names
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.language.front_end import CheckResult
     from soter.language.load.loader import LoadedFile
     from soter.language.model.system import Module, System

@@ -30,7 +30,7 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.language.model.types import Type, Value
     from soter.verify.problem.problem import Leaf, Problem
 

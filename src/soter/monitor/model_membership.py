@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TopicSymbol

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from soter.core.arrays import Bytes
+    from soter.core.layout import Bytes
 
 
 class RunStatus(IntEnum):

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
-from soter.language.load.bounded_read import read_bytes
+from soter.language.load.named_files import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Collection

@@ -20,10 +20,9 @@ from soter.diagnostics.codes import named, suggestions
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError, Source
 from soter.diagnostics.render import render_all, to_json
 from soter.diagram.svg import picture
-from soter.language.evaluate.numbers_in_predicates import limits
+from soter.language.evaluate.topic_ranges import limits
 from soter.language.front_end import check_file, system_of
-from soter.language.model.durations import show_ns
-from soter.language.model.types import ArrayType, BoolType, FloatType, IntType, RecordType
+from soter.language.model.types import ArrayType, BoolType, FloatType, IntType, RecordType, show_ns
 from soter.language.syntax.printer import format_source
 from soter.semantics.configuration import AC
 from soter.semantics.externs import UnboundExternError

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.codegen.c.names import field_name
+from soter.codegen.c_names import field_name
 from soter.language.model.types import (
     ArrayType,
     BoolType,

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from soter.language.load.bounded_read import ReadError, beside, read_bytes
+from soter.language.load.named_files import ReadError, beside, read_bytes
 from soter.policy.network import (
     Affine,
     Clipped,

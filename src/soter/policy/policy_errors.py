@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.load.bounded_read import ReadError, read_bytes
+from soter.language.load.named_files import ReadError, read_bytes
 from soter.version import pip_install
 
 if TYPE_CHECKING:

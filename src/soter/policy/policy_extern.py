@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.diagnostics.diagnostic import Span
-    from soter.language.model.binding_text import BindingText
+    from soter.language.load.named_files import BindingText
     from soter.language.model.types import Type, Value
     from soter.policy.network import Policy, Standardised
 

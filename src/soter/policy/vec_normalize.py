@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.language.model.binding_text import NO_STATISTICS
+from soter.language.load.named_files import NO_STATISTICS
 from soter.policy.network import Policy, Standardised, in_numbers
 from soter.policy.pickle_data import Made, PickleError, array_of, read_pickle
 from soter.policy.policy_errors import bad_policy, content_of

@@ -23,7 +23,7 @@ from weakref import WeakSet
 from soter.core.layout import INT_KINDS, decode_from, encode_into, size_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 from soter.diagnostics.similar_names import likely
-from soter.language.load.bounded_read import read_json_text
+from soter.language.load.named_files import read_json_text
 from soter.language.model.system import Bound
 from soter.language.model.types import (
     BOOL,

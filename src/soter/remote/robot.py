@@ -22,7 +22,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.model.durations import WrongTextError, duration_ns
+from soter.language.model.types import WrongTextError, duration_ns
 from soter.remote.channels_and_topics import Channel, compiled, topics_of
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import SoterError, mistake, reason
-from soter.language.load.bounded_read import opened
+from soter.language.load.named_files import opened
 from soter.report.bounded_unpack import BoundedUnpacking
 from soter.report.mcap_log import (
     ABNORMALLY,

@@ -4,7 +4,7 @@ Purpose: what the rules look things up in: per component its code, per plant its
 it drives, per topic its check, and the environment in which code sees a configuration. Every NaN is
 stored as the one canonical NaN, so that states can be compared as bytes.
 Non-goals: state; a machine never changes, so one serves any number of runs and forks. Stepping
-(`rules.py`, `environment.py`).
+(`rules.py`, `interpreter.py`).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Purpose: whether a fault is there at a time, when a release really happens, what becomes of a
 publication (docs/semantics.md, Faults). All of it follows from seed and time alone: a run that is
 continued from a copy meets the same faults.
-Non-goals: which faults a system has (`language/elaborate/tests_and_faults/faults.py`).
+Non-goals: which faults a system has (`language/elaborate/faults.py`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Purpose: checks of publications, publishing, queues, the latches of AC and trusted components, and
 the count of clean outputs (docs/semantics.md, AC-or-SC-Step 4 to 6 and Queues).
-Non-goals: running steps (`rules.py`, `environment.py`).
+Non-goals: running steps (`rules.py`, `interpreter.py`).
 """
 
 from __future__ import annotations

@@ -1,11 +1,14 @@
-"""The four rules of the paper's Figure "Semantics of an RTA System", and shields.
+"""The four rules of the paper's Figure "Semantics of an RTA System", shields and properties.
 
 Purpose: each rule is one function from a configuration to a configuration; the figure's conditions
 are named beside the line that is them. Rulings beyond the paper: docs/semantics.md. A shield judges
 the commands of a module before they are published: it moves those of AC toward SC's, or makes a
-step fault of them (docs/semantics.md, Shields).
-Non-goals: which rule comes next, and with what input (`interpreter.py`); steps of plants
-(`environment.py`); which commands are permitted (`verify/tables/shield_tables.py`).
+step fault of them (docs/semantics.md, Shields). Whether an `always` or `never` is violated at the
+end of an instant, judged on the truth, and whether `assumes` and `guarantees` of a node are as it
+steps.
+Non-goals: which rule comes next, with what input, and steps of plants (`interpreter.py`); which
+commands are permitted (`verify/tables/shield_tables.py`); onsets and counts (`configuration.py`),
+temporal properties of tests (`explore/`).
 
 Every rule assumes its premises; `FN` is the set of components that remain to be fired.
 """
@@ -30,7 +33,6 @@ from soter.semantics.configuration import (
 )
 from soter.semantics.draws import chooser, draw_bits
 from soter.semantics.faults import disturbed, is_released, next_release, overrun_ns
-from soter.semantics.properties import judged
 from soter.semantics.publication_gate import (
     check_publications,
     earn,
@@ -51,6 +53,49 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.executable_system import ExecutableSystem, ShieldCode
+
+
+def violated(machine: ExecutableSystem, c: Configuration) -> list[bool]:
+    """Per property of the system: whether it is violated now; one that faults is.
+
+    Contracts are not judged at an instant: False.
+    """
+    env = machine.environment(c)
+    return [
+        p.component is None and _is_violated(machine, p.index, env)
+        for p in machine.system.properties
+    ]
+
+
+def judged(
+    machine: ExecutableSystem, c: Configuration, component: Component, kind: str
+) -> dict[int, bool]:
+    """The contracts of a node of one kind, by property index: whether each is violated."""
+    own = [i for k, i in machine.contracts.get(component.index, ()) if k == kind]
+    if not own:
+        return {}
+    env = machine.environment(c, component)
+    return {i: _is_violated(machine, i, env) for i in own}
+
+
+def fault_of(
+    machine: ExecutableSystem, c: Configuration, index: int, component: Component | None = None
+) -> StepFault | None:
+    """What goes wrong as a property, or a contract of a node, is judged; None: nothing."""
+    condition, _ = machine.properties[index]
+    try:
+        condition(machine.environment(c, component))
+    except StepFault as fault:
+        return fault
+    return None
+
+
+def _is_violated(machine: ExecutableSystem, index: int, env: Environment) -> bool:
+    condition, wanted = machine.properties[index]
+    try:
+        return bool(condition(env)) != wanted
+    except StepFault:
+        return True
 
 
 @dataclass(frozen=True, slots=True)

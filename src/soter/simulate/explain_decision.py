@@ -21,9 +21,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 from soter.core.layout import COMPONENT, HEADER, MODULE, decode_from
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.environment import Environment
-from soter.language.evaluate.predicates import PredicateEvaluator, conjuncts, disjuncts
+from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
+from soter.language.model.tree_walk import conjuncts, disjuncts
 from soter.language.model.types import (
     BoolType,
     EnumType,

@@ -19,9 +19,9 @@ import numpy as np
 
 from soter.core.layout import NEVER, state_layout
 from soter.diagnostics.diagnostic import SoterError, mistake, reason
-from soter.language.load.bounded_read import opened
+from soter.language.load.named_files import opened
 from soter.report.printable_text import visible
-from soter.targets.posix.posix_package import FIRST_LINE, head_of
+from soter.targets.posix_package import FIRST_LINE, head_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

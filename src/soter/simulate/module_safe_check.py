@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from soter.codegen import c_tree as c
 from soter.codegen import decisions
-from soter.codegen.c import tree as c
 from soter.codegen.unit import UnitBuilder
 from soter.core.core import Call
 from soter.core.core_walks import walk

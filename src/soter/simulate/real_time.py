@@ -25,7 +25,7 @@ import numpy as np
 
 from soter.core.layout import state_dtype, state_layout
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.model.binding_text import is_in_python
+from soter.language.load.named_files import is_in_python
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find, python_module
 from soter.simulate.externs.extern_server import write_spec
@@ -33,7 +33,7 @@ from soter.simulate.flight_recording import FlightRecording
 from soter.simulate.module_safe_check import InterpretedSafe
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer, TraceParts, names_of, wanted
-from soter.targets.posix.posix_package import nodes_of, posix_package
+from soter.targets.posix_package import nodes_of, posix_package
 from soter.workers.child_process import end_with, let_go_on
 
 if TYPE_CHECKING:

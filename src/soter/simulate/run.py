@@ -51,9 +51,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.codegen.unit import Unit
-    from soter.core.arrays import Bytes
     from soter.core.core import CoreSystem
-    from soter.core.layout import StateLayout
+    from soter.core.layout import Bytes, StateLayout
     from soter.language.model.system import Component, System
     from soter.semantics.configuration import Configuration, Record
     from soter.simulate.externs.python_answers import Tally

@@ -19,8 +19,16 @@ from soter.diagnostics.command_records import SWITCH, choice, option, whole
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.elaborate.system_numbers import has_param
-from soter.language.model.durations import TEXT_MAX, WrongTextError, duration_ns
-from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType
+from soter.language.model.types import (
+    TEXT_MAX,
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    WrongTextError,
+    duration_ns,
+)
 from soter.language.model.values import ValueShapeError, from_python
 
 if TYPE_CHECKING:

@@ -13,15 +13,14 @@ from __future__ import annotations
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from soter.codegen.c.names import field_name
+from soter.codegen.c_names import field_name
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.model.durations import show_ns
-from soter.language.model.types import FloatType, leaves
+from soter.language.model.types import FloatType, leaves, show_ns
 from soter.mapping.topic_mapping import SignalSource
 from soter.targets.c99 import command_name
 from soter.targets.package import Package, PackageFile
-from soter.targets.posix.posix_package import nodes_of, posix_package
+from soter.targets.posix_package import nodes_of, posix_package
 from soter.targets.world_interface import WorldTables
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ import re
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
-from soter.codegen.c.names import Unique, field_name
-from soter.codegen.c.printer import print_file
+from soter.codegen import c_tree as c
+from soter.codegen.c_names import Unique, field_name
+from soter.codegen.c_printer import print_file
 from soter.codegen.unit import generate
 from soter.native.shared_library import FAULTS, RUNTIME
 from soter.native.source_files import included

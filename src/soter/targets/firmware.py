@@ -13,11 +13,11 @@ import json
 import re
 from typing import TYPE_CHECKING, Any
 
-from soter.codegen.c import tree as c
-from soter.codegen.c.names import Unique, file_level_name, legal
-from soter.codegen.c.printer import print_file
+from soter.codegen import c_tree as c
+from soter.codegen.c_names import Unique, file_level_name, legal
+from soter.codegen.c_printer import print_file
 from soter.core.layout import scalar, size_of, storage_range, struct_of
-from soter.language.elaborate.deployed_systems import allowed_lateness
+from soter.language.elaborate.wellformed import allowed_lateness
 from soter.language.model.system import environment_topics
 from soter.language.model.types import (
     ArrayType,

@@ -17,14 +17,14 @@ from math import gcd, lcm
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
-from soter.codegen.c.names import FileNames, field_name
-from soter.codegen.c.printer import print_file
-from soter.codegen.c.types import TypeTable
+from soter.codegen import c_tree as c
+from soter.codegen.c_names import FileNames, field_name
+from soter.codegen.c_printer import print_file
+from soter.codegen.c_types import TypeTable
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants_and_types import Calculator
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:

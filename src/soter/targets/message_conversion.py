@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.codegen.c.names import field_name
+from soter.codegen.c_names import field_name
 from soter.core.layout import scalar, storage_range
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType, leaves

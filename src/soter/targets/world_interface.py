@@ -17,7 +17,7 @@ import json
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from soter.codegen.c.names import field_name
+from soter.codegen.c_names import field_name
 from soter.core.layout import size_of
 from soter.language.model.types import IntType, leaves
 from soter.targets.firmware import described, topic_names

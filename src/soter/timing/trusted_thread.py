@@ -31,7 +31,7 @@ from fractions import Fraction
 from math import lcm
 from typing import TYPE_CHECKING
 
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence

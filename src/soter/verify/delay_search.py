@@ -14,8 +14,7 @@ from soter.diagnostics.current_phase import phase, share_done
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
 from soter.language.model import typed
-from soter.language.model.durations import show_ns, write_ns
-from soter.language.model.types import DURATION
+from soter.language.model.types import DURATION, show_ns, write_ns
 from soter.verify.claims.results import PROVED
 from soter.verify.module_methods import module_method
 from soter.verify.problem.extract import extract

@@ -18,7 +18,7 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, reason
 from soter.language.front_end import check_file
-from soter.language.load.bounded_read import ReadError, opened
+from soter.language.load.named_files import ReadError, opened
 from soter.verify import synthesized_sc
 from soter.verify.command import modules_of
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.core.arrays import Bools, Floats
+    from soter.core.layout import Bools, Floats
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module
     from soter.language.model.types import Value

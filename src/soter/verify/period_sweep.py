@@ -20,9 +20,9 @@ import numpy as np
 from soter.diagnostics.current_phase import between, phase, share_done
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model import typed
-from soter.language.model.durations import show_ns
 from soter.language.model.system import LEVELS_LEAST
 from soter.language.model.tree_walk import nodes
+from soter.language.model.types import show_ns
 from soter.report.proof.advice import AdvicePage, Line
 from soter.verify.claims import claims
 from soter.verify.claims.cells import share
@@ -39,7 +39,7 @@ from soter.verify.time.time_checks import late_commands_need
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.core.arrays import Bools
+    from soter.core.layout import Bools
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
     from soter.verify.enclose.compiled_enclosures import ReachLibrary

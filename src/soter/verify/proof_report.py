@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 from soter.native.compiler import find, told_version
 from soter.report.atomic_write import ReportError
 from soter.report.proof.page import proof_document, write_proof
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.verify.claims.results import (
         CaseSets,
         Finding,

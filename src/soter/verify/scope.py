@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate.views_for_proofs import systems_by_view
-from soter.language.evaluate.predicates import conjuncts
 from soter.language.front_end import system_to_prove
 from soter.language.model import typed
 from soter.language.model.system import claims_nothing, holder_of, modules_above
-from soter.language.model.tree_walk import topic_reads
+from soter.language.model.tree_walk import conjuncts, topic_reads
 from soter.language.model.types import RecordType, leaf_count
 from soter.verify.problem.assumption import ScopeGuarantee, VerificationScope
 from soter.verify.problem.extract import extract

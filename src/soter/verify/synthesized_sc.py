@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.core.arrays import Bools, Floats
+    from soter.core.layout import Bools, Floats
     from soter.language.model.typed import ModuleSymbol, TopicSymbol
     from soter.language.model.types import Type
     from soter.verify.problem.problem import Problem

@@ -12,7 +12,7 @@ from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import between, phase, share_done, telling
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 from soter.verify.claims import claims, handover_claims
 from soter.verify.claims.case import Case, ClaimTimer, settled, settled_before
 from soter.verify.claims.cells import refined, refinement_note

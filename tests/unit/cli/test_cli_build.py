@@ -9,11 +9,10 @@ import pytest
 import processes
 from generators import c_packages
 from soter.addons import by_name
-from soter.codegen.c.names import program_prefix
+from soter.codegen.c_names import program_prefix
 from soter.native.compiler import WARNINGS, find
 from soter.targets.c99 import c99_package
-from soter.targets.package import Package, PackageFile
-from soter.targets.target_table import TARGETS, Target
+from soter.targets.package import TARGETS, Package, PackageFile, Target
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -13,8 +13,7 @@ import pytest
 
 from soter.api import load
 from soter.cli.main import main
-from soter.cli.terminal.console import Console, colorful
-from soter.cli.terminal.progress import CLEAR, LineOfProgress, ProgressBar
+from soter.cli.terminal.console import CLEAR, Console, LineOfProgress, ProgressBar, colorful
 from soter.cli.test import progress_text
 from soter.diagnostics.current_phase import listening_to_phases, passing_phase, phase
 from soter.explore.search_options import SearchProgress
@@ -31,7 +30,7 @@ class Terminal(io.StringIO):
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     now = [0.0]
-    monkeypatch.setattr("soter.cli.terminal.progress.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("soter.cli.terminal.console.time.perf_counter", lambda: now[0])
     return now
 
 
@@ -67,7 +66,7 @@ def test_a_line_of_a_log_says_the_time_once(
 ) -> None:
     ticks = Ticks(clock, 1)
     ready = threading.Event()
-    monkeypatch.setattr("soter.cli.terminal.progress.Event", lambda: ticks)
+    monkeypatch.setattr("soter.cli.terminal.console.Event", lambda: ticks)
     monkeypatch.setattr(ticks, "wait", lambda s, wait=ticks.wait: ready.wait() and wait(s))
     log = io.StringIO()
     with ProgressBar(console(log)) as show:
@@ -99,7 +98,7 @@ def test_a_log_has_a_line_every_ten_seconds_whether_or_not_anything_is_told(
 ) -> None:
     ticks = Ticks(clock, 3)
     told = threading.Event()
-    monkeypatch.setattr("soter.cli.terminal.progress.Event", lambda: ticks)
+    monkeypatch.setattr("soter.cli.terminal.console.Event", lambda: ticks)
     monkeypatch.setattr(ticks, "wait", lambda s, wait=ticks.wait: told.wait() and wait(s))
     log = io.StringIO()
     with ProgressBar(console(log)) as show:
@@ -120,7 +119,7 @@ def test_a_command_in_a_log_says_how_far_it_is_on_standard_error_alone(
     here: Path, clock: list[float], monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
     assert here.exists()
-    monkeypatch.setattr("soter.cli.terminal.progress.Event", lambda: Ticks(clock, 1))
+    monkeypatch.setattr("soter.cli.terminal.console.Event", lambda: Ticks(clock, 1))
     assert main(["run", "cart.soter", "--until", "1s", "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["ok"] is True

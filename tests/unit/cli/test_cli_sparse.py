@@ -10,7 +10,7 @@ import pytest
 
 from soter.api.assurance.evidence import read_flights
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.load.bounded_read import ReadError, read_bytes
+from soter.language.load.named_files import ReadError, read_bytes
 from soter.monitor.logs.files import csv_log
 from soter.native.cache import limit
 from soter.targets.package import Package, PackageFile

@@ -72,9 +72,7 @@ node Half period 10ms {
 system Timed { node Half; }
 """
 ON_OTHER_INPUT = {
-    "soter.cli.terminal.open_program": "`soter check -`",
     "soter.diagnostics.current_phase": "a check that takes seconds",
-    "soter.language.evaluate.fair_choice": "a fair choice in a constant",
     "soter.version": "VERSION in a document; its functions say what is missing",
 }
 

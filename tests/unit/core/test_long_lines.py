@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from soter.codegen.c.printer import WIDTH, broken
+from soter.codegen.c_printer import WIDTH, broken
 from work import work_of
 
 CALLS_PER_CHARACTER = 1

@@ -7,7 +7,7 @@ import pytest
 from soter.diagnostics.diagnostic import Severity, SoterError
 from soter.diagnostics.render import render
 from soter.language.front_end import CheckResult, check_file, system_of
-from soter.language.model.durations import show_ns, write_ns
+from soter.language.model.types import show_ns, write_ns
 
 PLANT = """
 topic pos: float;

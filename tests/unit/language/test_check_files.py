@@ -13,8 +13,7 @@ import pytest
 
 from soter.diagnostics.render import render_all
 from soter.language.front_end import CheckResult, check_file
-from soter.language.load.data_files import MAX_DATA_BYTES
-from soter.language.load.loader import MAX_FILE_BYTES
+from soter.language.load.loader import MAX_DATA_BYTES, MAX_FILE_BYTES
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import KEPT_MAX, Diagnostics
 from soter.language.check import constants_and_types
-from soter.language.elaborate.lints import step_ranges
+from soter.language.elaborate.lints import step_lints
 from soter.language.front_end import CheckResult, check_file, system_of
 from work import work_of
 
@@ -346,7 +346,7 @@ def test_looking_through_a_step_may_become_too_hard_anywhere(
     """Where it does, fewer values are doubted, and nothing else happens."""
     said = []
     for budget in range(60):
-        monkeypatch.setattr(step_ranges, "BUDGET", budget)
+        monkeypatch.setattr(step_lints, "BUDGET", budget)
         checked = check_file("step.soter", STEP)
         assert checked.ok, checked.diagnostics.items
         said.append([d.code for d in checked.diagnostics.items].count("W015"))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soter.language.evaluate.fair_choice import MAX_FAIR, allowed, taken
+from soter.language.evaluate.environment import MAX_FAIR, allowed, taken
 
 
 def windows_are_full(picks: list[int], count: int) -> bool:

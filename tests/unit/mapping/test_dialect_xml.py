@@ -22,7 +22,7 @@ from soter.mapping.mavlink import (
     read_dialect,
     standard_dialects,
 )
-from soter.targets.mavlink.mavlink_package import dialect_headers
+from soter.targets.mavlink_package import dialect_headers
 from tables import all_rows
 
 MESSAGE = '<message id="54000" name="{name}">{inside}</message>'

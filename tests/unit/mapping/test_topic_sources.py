@@ -21,7 +21,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of, read_mapping
 from soter.mapping.topic_mapping import SourcePromise, SourceTurns, early_turns
 from soter.targets.bridge_base import bridged_topics, by_topic, compared
-from soter.targets.ros.ros_packages import TOPIC
+from soter.targets.ros_packages import TOPIC
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -17,8 +17,8 @@ from soter.api.measuring import DOCUMENT, measure, measure_on_board, written
 from soter.core.layout import state_layout
 from soter.diagnostics.diagnostic import SoterError
 from soter.measure.stopwatch import of_run, varied
-from soter.targets.cortex_m.board import BOARDS, read_board
-from soter.targets.cortex_m.image import build_image, missing_tools
+from soter.targets.cortex_m_board import BOARDS, read_board
+from soter.targets.cortex_m_package import build_image, missing_tools
 
 TEXT = """soter 1;
 type Seen = { flag: bool, at: float, many: float[<=3], few: int in [2, 5] };
@@ -211,7 +211,7 @@ def test_a_factor_that_is_none_is_refused(factor: str) -> None:
 
 
 def test_without_an_image_nothing_is_measured_on_a_board(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("soter.targets.cortex_m.image.missing_tools", lambda _: "no tools")
+    monkeypatch.setattr("soter.targets.cortex_m_package.missing_tools", lambda _: "no tools")
     with pytest.raises(SoterError) as caught:
         measure_on_board(soter.load(CART), "mps2-an500", "20ns")
     (diagnostic,) = caught.value.diagnostics

@@ -12,7 +12,7 @@ from policy_files import onnx_of, random_layers  # type: ignore[import-not-found
 from test_policy_nodes import loaded  # type: ignore[import-not-found]
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.model.binding_text import binding_of
+from soter.language.load.named_files import binding_of
 from soter.language.model.types import ArrayType, FloatType
 from soter.policy.policy_extern import load_policy
 

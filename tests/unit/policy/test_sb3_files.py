@@ -12,7 +12,7 @@ import pytest
 from gymnasium import spaces
 from policy_files import FILES, change_pickle, changed  # type: ignore[import-not-found]
 
-from soter.language.model.binding_text import binding_of
+from soter.language.load.named_files import binding_of
 from soter.language.model.types import FloatType, IntType
 from soter.policy.policy_extern import load_policy
 from soter.policy.sb3_file import read_sb3

@@ -14,7 +14,7 @@ from gymnasium import spaces
 from policy_files import FILES, change_pickle, changed, renamed  # type: ignore[import-not-found]
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.model.binding_text import binding_of
+from soter.language.load.named_files import binding_of
 from soter.language.model.types import ArrayType, FloatType, IntType, RecordType
 from soter.policy.network import Activation, Affine, Lstm, Network, Standardised, answer, answering
 from soter.policy.policy_extern import load_policy, sha256_of_files

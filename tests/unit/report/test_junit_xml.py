@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from soter.cli.ci.sarif_junit_github import case, document, said
+from soter.cli.terminal.ci_formats import case, document, said
 
 NO_XML = ["a\x00b", "\x1b[31mred", "\ud800", "\ufffe"]
 XML = ["", "<&>\"'", "é𝄞", "]]>", "a\tb\nc"]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.language.evaluate.fair_choice import allowed, taken
+from soter.language.evaluate.environment import allowed, taken
 from soter.language.front_end import check_file, system_of
 from soter.language.model.types import IntType
 from soter.semantics.draws import (

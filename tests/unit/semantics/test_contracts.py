@@ -10,7 +10,7 @@ import pytest
 from soter.language.front_end import check_file, system_of
 from soter.semantics.configuration import StepOutcome
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.properties import violated
+from soter.semantics.rules import violated
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

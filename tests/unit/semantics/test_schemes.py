@@ -17,7 +17,7 @@ from soter.core.core_walks import walk
 from soter.core.steps import lower
 from soter.language.front_end import check_file, system_of
 from soter.language.syntax.schemes import SCHEMES
-from soter.semantics import environment as interpreted
+from soter.semantics import interpreter as interpreted
 from soter.semantics.interpreter import Interpreter
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import soter
 from generators.c_packages import CART
 from soter.core.layout import NEVER, state_layout
 from soter.report.mcap_reading import messages
-from soter.targets.posix.posix_package import FIRST_LINE, head_of
+from soter.targets.posix_package import FIRST_LINE, head_of
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import soter
-from soter.language.evaluate.numbers_in_predicates import limits
+from soter.language.evaluate.topic_ranges import limits
 from soter.language.front_end import check_file, system_of
 from soter.report.run.result_wording import headline
 from soter.simulate.outputs import to_report

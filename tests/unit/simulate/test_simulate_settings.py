@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.similar_names import nearest_or_all
-from soter.language.model.durations import WrongTextError, duration_ns
+from soter.language.model.types import WrongTextError, duration_ns
 from soter.simulate.run_options import until_ns
 from tables import all_rows
 

@@ -11,9 +11,8 @@ import pytest
 import soter
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.stack_bound import StackBound
-from soter.targets.cortex_m.board import BOARDS, board_names, board_of, read_board
-from soter.targets.cortex_m.cortex_m_package import linker_script
-from soter.targets.cortex_m.image import build_image, missing_tools, require_stack
+from soter.targets.cortex_m_board import BOARDS, board_names, board_of, read_board
+from soter.targets.cortex_m_package import build_image, linker_script, missing_tools, require_stack
 from tables import all_rows
 
 ROOT = Path(__file__).resolve().parents[3]

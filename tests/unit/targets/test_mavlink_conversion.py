@@ -23,7 +23,7 @@ from soter.api import load
 from soter.core.steps import lower
 from soter.mapping.read_mapping import mapping_of
 from soter.native.compiler import MEANING
-from soter.targets.mavlink.mavlink_package import mavlink_package
+from soter.targets.mavlink_package import mavlink_package
 
 PROGRAM = """soter 1;
 type Place = { x: float unit "m", y: float unit "m", z: float unit "m" };

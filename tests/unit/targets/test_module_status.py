@@ -10,7 +10,7 @@ pytest.importorskip("rosbags", reason="the extra `logs` is not installed")
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from soter.targets.ros.node_sources import FIELDS, definition, message_files
+from soter.targets.ros_sources import FIELDS, definition, message_files
 
 NAME = "shuttle/msg/ModuleStatus"
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.cli.terminal.console import Console
-from soter.cli.terminal.progress import ProgressBar
+from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.current_phase import listening_to_phases
 from soter.language.front_end import check_file
 from soter.verify.claims.cells import cells_of

@@ -4,7 +4,7 @@ Purpose: `proof_of`: a certificate of another program, system, module or paramet
 broken seal, is found before any claim is checked; only one that may support something is rechecked.
 `provenance_of`, `compiler_used`: versions, hashes, flags and the command: enough to make the case
 again, and to see on each printed page which tools and which certificate it is about.
-Non-goals: checking claims (`soter.recheck`); goals (`proof_goals.py`); the time and the machine,
+Non-goals: checking claims (`soter.recheck`); goals (`safety_case.py`); the time and the machine,
 which would make equal cases differ.
 """
 
@@ -24,7 +24,7 @@ from soter.certificate.format.errors import REJECTED
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError, mistake, reason
 from soter.language.front_end import system_to_prove
-from soter.language.load.bounded_read import opened
+from soter.language.load.named_files import opened
 from soter.native.compiler import find, told_version
 from soter.native.shared_library import library_flags
 from soter.native.source_files import SOTER, files_below, soter_sha256

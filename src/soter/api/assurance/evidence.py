@@ -3,7 +3,7 @@
 Purpose: `Evidence`: what was given is read, and its hashes compared, before anything that takes
 long; then tests are explored and flights of a campaign flown again, with the same program, system,
 parameters and seeds, and their digests compared. A goal is supported by what was done now.
-Non-goals: the certificate (`proof_goals.py`), campaigns (`campaigning.py`); flights with externs,
+Non-goals: the certificate (`safety_case.py`), campaigns (`campaigning.py`); flights with externs,
 whose code nothing names.
 """
 
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from soter.api.assurance.certificate_check import file_hash
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import mistake, reason
-from soter.language.load.bounded_read import read_bytes, read_json_text
+from soter.language.load.named_files import read_bytes, read_json_text
 from soter.report.assurance.safety_case import CaseNode
 from soter.version import other_format
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source, Span, mistake, reason
 from soter.diagnostics.similar_names import did_you_mean
-from soter.language.load.bounded_read import read_bytes
+from soter.language.load.named_files import read_bytes
 from soter.report.assurance.safety_case import (
     SUPPORTED,
     UNDEVELOPED,

@@ -14,9 +14,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed
-from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import nodes
-from soter.language.model.types import DurationType, EnumType, FloatType, IntType, RecordType
+from soter.language.model.types import (
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    show_ns,
+)
 from soter.language.model.values import to_json
 from soter.language.syntax.parsing.expression_elements import PRECEDENCE
 from soter.report.assurance.safety_case import Definition, ExpandedPredicate

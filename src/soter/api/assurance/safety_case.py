@@ -2,8 +2,14 @@
 
 Purpose: goals in the paper's properties and in the words of ASTM F3269-21, leaves that are checked
 here and now: the certificate by the re-checker, tests by exploring again, flights of a campaign by
-flying again; everything else is told with its hash, and supports nothing.
-Non-goals: the pages (`report/assurance/`); proving.
+flying again; everything else is told with its hash, and supports nothing. `argue`: the top goal and
+the properties below it; beside it, as goals of their own, that control comes back (P2b), that a
+fail-safe law holds once the trusted part has stopped, and that the compiled decision module is the
+one that was proved. `compiled_as_proved`: the check of `soter verify`, row DM, once more; where
+`ttf` and `safer` are computed with the tables of the certificate, which the re-checker has
+confirmed.
+Non-goals: the pages (`report/assurance/`); proving; the certificate (`certificate_check.py`); the
+check of the DM (`verify/deploy/dm_check.py`): what it does not try supports nothing.
 """
 
 from __future__ import annotations
@@ -18,18 +24,316 @@ from soter.api.assurance.certificate_check import command_line, proof_of, proven
 from soter.api.assurance.evidence import Evidence
 from soter.api.assurance.hazard_traceability import Tracing
 from soter.api.assurance.predicate_expansion import expanded
-from soter.api.assurance.proof_goals import LAWS, RETURNS, argue
 from soter.api.rechecking import require_flint
-from soter.diagnostics.diagnostic import mistake
+from soter.diagnostics.diagnostic import SoterError, mistake
+from soter.language.elaborate.derived_systems import faultless
+from soter.language.elaborate.views_for_proofs import systems_by_view
+from soter.language.model import typed
+from soter.language.model.system import claims_nothing, modules_above
+from soter.language.model.tree_walk import nodes
 from soter.report.assurance.safety_case import SUPPORTED, CaseNode, SafetyCase
 from soter.report.atomic_write import ReportError, own_place
 from soter.version import VERSION
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.api.arguments import Progress, Tell
+    from soter.api.assurance.certificate_check import CertifiedProof
     from soter.api.assurance.evidence import AssuredProgram
-    from soter.language.model.system import System
+    from soter.certificate.format.folder import Certificate
+    from soter.certificate.report import RecheckAssumption, RecheckedModule
+    from soter.language.model.system import Module, System
     from soter.language.model.typed import PlantSymbol
+    from soter.verify.problem.problem import Problem
+    from soter.verify.tables.grid_tables import GroupTable
+
+
+UNTRIED = (typed.AgeRead, typed.ModeRead)
+"""What the check gives no values to."""
+
+
+def compiled_as_proved(
+    flat: System, module: Module, entries: Sequence[dict[str, Any]], certificate: Certificate
+) -> tuple[str, str, bool]:
+    """What was tried, why that is not enough ("": it is), and whether the C differs.
+
+    `flat`: as it is declared; `entries`: what the certificate has of the module, a view each.
+    """
+    from soter.verify.deploy.dm_check import check_problem  # noqa: PLC0415 - compiles
+    from soter.verify.problem.extract import extract  # noqa: PLC0415 - needs NumPy
+
+    symbol = module.symbol
+    read = nodes([e for e in (symbol.ttf, symbol.safer) if e is not None])
+    if any(isinstance(n, UNTRIED) for n in read):
+        return "", "not tried: `ttf` or `safer` reads an age, or a mode", False
+    said = ""
+    try:
+        for system, seen in systems_by_view(faultless(flat), module):
+            problem = extract(system, seen)
+            tables = _tables(problem, entries, certificate) if problem.computed else []
+            if problem.computed and not tables:
+                return "", "not tried: its tables are not those of grids", False
+            check = check_problem(problem, tables)
+            if check.failures:
+                return "", check.text, True
+            said = check.text
+    except (SoterError, NotImplementedError) as error:
+        return "", f"not tried: {error}", False
+    return said, "", False
+
+
+def _tables(
+    problem: Problem, entries: Sequence[dict[str, Any]], certificate: Certificate
+) -> list[GroupTable]:
+    """The tables of the DM that the certificate has, which the re-checker compared with its sets.
+
+    None where one of them is no table of cells, or there is no such view.
+    """
+    import numpy as np  # noqa: PLC0415 - only then
+
+    from soter.verify.tables.grid_tables import PER_BYTE, GroupTable  # noqa: PLC0415 - needs NumPy
+
+    entry = next((e for e in entries if e.get("view", "") == problem.view), None)
+    if entry is None:
+        return []
+    numbers = {s.name: i for i, s in enumerate(problem.quantities.states)}
+    tables = []
+    for each in entry["tables"]:
+        if each.keys() != {"axes", "levels"}:
+            return []
+        edges = [certificate.edges(a["edges"]) for a in each["axes"]]
+        shape = tuple(len(e) - 1 for e in edges)
+        packed = np.frombuffer(certificate.plain(each["levels"]), dtype=np.uint8)
+        four = (packed[:, None] >> (2 * np.arange(PER_BYTE, dtype=np.uint8))) & 3
+        cells = four.ravel()[: int(np.prod(shape))].reshape(shape)
+        states = tuple(numbers[a["state"]] for a in each["axes"])
+        tables.append(GroupTable(states, tuple(edges), np.ascontiguousarray(cells)))
+    return tables
+
+
+PROPERTIES = {
+    "P1a": "both functions act at least as often as the RTA switch decides",
+    "P1b": "the recovery function commands everything that the complex function commands",
+    "P1c": "whatever the schedule, a switch takes effect within the horizon of the proof",
+    "P2a": "under the recovery function the safety property is kept",
+    "P3": "whatever the complex function does until the next switch, recovery stays possible",
+    "ttf": "the safety monitor sees in time that recovery might be lost",
+    "safer": "the switch gives control back only where recovery stays possible",
+    "start": "every initial state is one from which recovery is possible",
+}
+"""What safety needs (Theorem 3.1 of the paper; docs/proof.md), as an assurance argument says it."""
+NO_LAW = (
+    "no fail-safe law is declared: that the plant stays safe once the trusted part has stopped "
+    "(`failsafe` of `soter verify`) is assumed"
+)
+NOT_ASKED = "P2b of {name} is not asked: the program says `{clause}`"
+MODULES = (
+    "argument over every RTA module (ASTM F3269-21; Theorem 4.1: where each keeps its own "
+    "property, all of them together are kept)"
+)
+RECHECKED = "certificate, checked again just now by the independent re-checker"
+RETURNS, LAWS, COMPILED = "G4", "G5", "G6"
+"""Ids of the goals beside the top goal."""
+
+
+@dataclass(frozen=True)
+class _ConfirmedModule:
+    """A module, and what was confirmed of it."""
+
+    number: int
+    module: Module
+    reports: list[RecheckedModule]
+    why: str
+
+    def missing(self, claim: str) -> str:
+        """Why a claim is not confirmed; "": it is, in every view."""
+        if self.reports and all(claim in m.confirmed for m in self.reports):
+            return ""
+        said = dict.fromkeys(m.claims.get(claim, "not claimed") for m in self.reports)
+        return self.why or f"the certificate does not confirm {claim}: {', '.join(said)}"
+
+
+def argue(case: SafetyCase, flat: System, proof: CertifiedProof, refuted: list[str]) -> CaseNode:
+    """Enter all goals about the certificate; gives the top goal.
+
+    `refuted` is added to: a rejected certificate, a compiled decision module that differs.
+    """
+    if proof.rejected:
+        refuted.append(f"the certificate is rejected: {proof.rejected}")
+    shown = [
+        _ConfirmedModule(k, m, *proof.of(flat, m, case.params))
+        for k, m in enumerate(_claiming(flat), 1)
+    ]
+    top = case.add(CaseNode("G1", "goal", _top(flat)))
+    strategy = case.add(
+        CaseNode("S1", "strategy", MODULES),
+        under=top,
+    )
+    for each in shown:
+        _module(case, strategy, flat, each, proof)
+    _returns(case, top, shown, proof)
+    _laws(case, flat, shown, proof)
+    compiled = _compiled(case, flat, shown, proof, refuted)
+    used = [m for each in shown for m in each.reports]
+    if proof.report is not None and used:
+        rest = [s for s in proof.report.not_covered if s.key != "compiled" or not compiled]
+        _beside(case, top, used, rest)
+    return top
+
+
+def _beside(
+    case: SafetyCase,
+    top: CaseNode,
+    used: Sequence[RecheckedModule],
+    rest: Sequence[RecheckAssumption],
+) -> None:
+    """Enter what the confirmed claims assume, what is empty of them, and the `rest` not covered."""
+    said = {a.text: a.key for m in used for a in m.assumptions}
+    for k, (text, key) in enumerate(said.items(), 1):
+        case.add(CaseNode(f"A{k}", "assumption", text, key=key), beside=top)
+    for k, text in enumerate(_vacuous(used), 1):
+        case.add(CaseNode(f"V{k}", "context", f"what is proved of {text}"), beside=top)
+    for k, other in enumerate(rest, 1):
+        case.add(CaseNode(f"C{k}", "context", f"not covered: {other.text}"), beside=top)
+
+
+def _vacuous(used: Sequence[RecheckedModule]) -> list[str]:
+    """Of which modules next to nothing is proved, or nobody looked."""
+    unseen = "it was not looked at whether AC ever has control"
+    return [f"{m.name}: {m.vacuous}" for m in used if m.vacuous] + [
+        f"{m.name}: {unseen} ({m.unseen})" for m in used if m.unseen
+    ]
+
+
+def _top(flat: System) -> str:
+    """For as long as DM, SC and gate run: of what comes after them a law is a goal of its own."""
+    kept = " and ".join(f"`{_safe(m)}`{_whilst(flat, m)}" for m in _claiming(flat)) or "nothing"
+    return (
+        f"System {flat.name} keeps {kept} for as long as its trusted part runs, in every run that "
+        "keeps the assumptions"
+    )
+
+
+def _claiming(flat: System) -> list[Module]:
+    """Modules but for those that are there for comfort alone."""
+    return [m for m in flat.modules if not claims_nothing(flat, m)]
+
+
+def _whilst(flat: System, m: Module) -> str:
+    """Of a module below others: when it keeps that."""
+    names = " and ".join(x.name for x in modules_above(flat, m.index))
+    return f" while {names} is in AC" if names else ""
+
+
+def _safe(m: Module) -> str:
+    return " ".join(m.symbol.safe.span.text.split())
+
+
+def _module(
+    case: SafetyCase,
+    strategy: CaseNode,
+    flat: System,
+    each: _ConfirmedModule,
+    proof: CertifiedProof,
+) -> None:
+    """The properties that safety needs, of one module."""
+    module, id_ = each.module, f"G1.{each.number}"
+    ac = flat.components[module.ac].name if module.over is None else flat.modules[module.over].name
+    sc = flat.components[module.sc].name
+    kept = f"`{_safe(module)}`{_whilst(flat, module)}"
+    text = f"RTA module {module.name} keeps {kept}: complex function {ac}, recovery "
+    goal = case.add(
+        CaseNode(id_, "goal", f"{text}function {sc}", property=f"{module.name}.safe"),
+        under=strategy,
+    )
+    for name, said in PROPERTIES.items():
+        child = case.add(CaseNode(f"{id_}.{name}", "goal", f"{name}: {said}"), under=goal)
+        _leaf(case, child, f"Sn.{each.number}.{name}", each.missing(name), proof)
+
+
+def _leaf(case: SafetyCase, goal: CaseNode, id_: str, why: str, proof: CertifiedProof) -> None:
+    """What the certificate supports; `why`: it does not."""
+    leaf = CaseNode(id_, "solution", "no evidence" if why else RECHECKED, checked=not why, why=why)
+    if not why:
+        leaf.path, leaf.sha256 = proof.path, proof.sha256
+    case.add(leaf, under=goal)
+
+
+def _returns(
+    case: SafetyCase, top: CaseNode, shown: list[_ConfirmedModule], proof: CertifiedProof
+) -> None:
+    """P2b of every module of which the program asks it."""
+    asked = [each for each in shown if not each.module.symbol.stays]
+    for each in shown:
+        if each not in asked:
+            text = NOT_ASKED.format(name=each.module.name, clause=each.module.symbol.stays)
+            case.add(CaseNode(f"C-P2b-{each.number}", "context", text), beside=top)
+    if not asked:
+        return
+    goal = case.add(
+        CaseNode(RETURNS, "goal", "Where a recovery function has control it gives it back")
+    )
+    for each in asked:
+        text = f"P2b: the complex function of {each.module.name} gets control back"
+        name = f"{each.module.name}.P2b"
+        child = case.add(
+            CaseNode(f"{RETURNS}.{each.number}", "goal", text, property=name), under=goal
+        )
+        _leaf(case, child, f"Sn.4.{each.number}", each.missing("P2b"), proof)
+
+
+def _laws(
+    case: SafetyCase, flat: System, shown: list[_ConfirmedModule], proof: CertifiedProof
+) -> None:
+    """That a fail-safe law takes over where the trusted part has stopped, of every module."""
+    if not shown:
+        return
+    text = f"System {flat.name} keeps it, too, once its trusted part has stopped"
+    goal = case.add(CaseNode(LAWS, "goal", text))
+    for each in shown:
+        text = f"the fail-safe law of {each.module.name} keeps `{_safe(each.module)}` from then on"
+        name = f"{each.module.name}.failsafe"
+        child = case.add(CaseNode(f"{LAWS}.{each.number}", "goal", text, property=name), under=goal)
+        why = each.missing("failsafe")
+        if not each.module.law:
+            why = NO_LAW
+        # it begins where the module has kept the state until then
+        why = why or next(filter(None, map(each.missing, PROPERTIES)), "")
+        _leaf(case, child, f"Sn.5.{each.number}", why, proof)
+
+
+def _compiled(
+    case: SafetyCase,
+    flat: System,
+    shown: list[_ConfirmedModule],
+    proof: CertifiedProof,
+    refuted: list[str],
+) -> bool:
+    """That the C of each decision module switches as the argument takes it to: tried now."""
+    from soter.api.assurance.certificate_check import compiler_used  # noqa: PLC0415 - compiles
+
+    if not shown:
+        return False
+    text = "Every compiled RTA switch is the one that the argument is about"
+    goal = case.add(CaseNode(COMPILED, "goal", text))
+    for each in shown:
+        said, why, name = "", each.why, each.module.name
+        if not why:
+            assert proof.certificate is not None
+            entries = proof.entries[name]
+            said, why, differs = compiled_as_proved(flat, each.module, entries, proof.certificate)
+            if said or differs:
+                case.provenance["C compiler"] = compiler_used()
+            if differs:
+                refuted.append(f"{name}: {why}")
+        text = f"the generated C of the decision module of {name} switches as proved"
+        child = case.add(CaseNode(f"{COMPILED}.{each.number}", "goal", text), under=goal)
+        text = "no evidence" if why else f"{said}, just now"
+        leaf = CaseNode(f"Sn.6.{each.number}", "solution", text, checked=not why, why=why)
+        case.add(leaf, under=child)
+    return case.status(goal) == "supported"
+
 
 FILES = ("index.html", "case.json", "case.sdoc")
 FLOWN_AGAIN = 20

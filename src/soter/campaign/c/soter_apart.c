@@ -40,7 +40,7 @@ static void soter_end(int status, void* nothing) {
 }
 #endif
 
-/* Doubles are rounded to the nearest one, and small ones are kept (floating_point_mode.py). */
+/* Doubles are rounded to the nearest one, and small ones are kept (arithmetic.py). */
 static bool soter_rounds_as_meant(void) {
   const volatile double one = 1.0, half_step = 0x1p-53, least = DBL_MIN;
   const volatile double odd = 1.0 + 0x1p-52;

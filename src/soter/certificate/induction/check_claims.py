@@ -29,8 +29,8 @@ from soter.certificate.report import RecheckAssumption, RecheckedModule
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.vacuous_proofs import GETS, HOLDS_ANYWAY, KEEPS, READS_NOTHING
 from soter.language.evaluate.topic_ranges import always_by_parts
-from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import show_ns
 from soter.workers.solvers import answer_of, ctrl_c_waits
 
 if TYPE_CHECKING:

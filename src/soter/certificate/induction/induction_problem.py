@@ -37,7 +37,7 @@ from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.trusted_thread import delayed
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants_and_types import Calculator
-from soter.language.evaluate.numbers_in_predicates import maybe_nan
+from soter.language.evaluate.predicates import maybe_nan
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes as parts_of
 from soter.language.model.tree_walk import topic_reads

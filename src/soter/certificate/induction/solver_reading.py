@@ -49,7 +49,7 @@ from soter.certificate.reading.symbolic_reading import CallFrame, CodeReader, pa
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.evaluate import arithmetic
 from soter.language.evaluate.arithmetic import StepFault
-from soter.language.evaluate.numbers_in_predicates import operands_in
+from soter.language.evaluate.predicates import operands_in
 from soter.language.model import typed
 from soter.language.model.types import BOOL, ArrayType, BoolType, FloatType, ListType
 

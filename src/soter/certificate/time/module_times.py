@@ -32,7 +32,7 @@ from soter.certificate.time.derived_times import (
 )
 from soter.certificate.time.node_paths import NodeWays
 from soter.certificate.time.trusted_thread import check_thread
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 
 DELAYS = {
     "J_dm_ns": ("late dm", "late_dm"),

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.time.derived_times import RELEASES_MAX
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -11,18 +11,22 @@ file, write a verdict of its own, or change the engine's memory. That takes `wor
 
 from __future__ import annotations
 
+import hashlib
 import os
 import signal
 import sys
+import threading
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.console import ResultPipe
+from soter.cli.terminal.console import ChildResult
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.workers.child_process import adopt_orphans, end_children, end_with, let_go_on
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import NoReturn
 
     from soter.cli.terminal.console import Console
 
@@ -55,7 +59,7 @@ def in_child_process(console: Console, rescue: Rescue) -> None:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         end_with(parent)
         verdict.begin()
-        console.leave_to(verdict)
+        console.leave_to(verdict.leave)
         return
     adopt_orphans()
     status, told = _wait(child, {*ending, signal.SIGCHLD, signal.SIGALRM})
@@ -112,3 +116,89 @@ def _without_verdict(status: int, saved: tuple[str, ...]) -> Diagnostic:
         notes=(how, *saved),
         helps=("an extern ends it by `os._exit`, `os.exec*`, a crash in linked C, or a signal",),
     )
+
+
+THREADS_S = 1.0
+"""How long the threads that externs leave behind may take to end."""
+
+
+HIGH = 200
+"""Descriptors that an extern closes or writes to by mistake are lower."""
+
+
+class ResultPipe:
+    """Where a child leaves its result. `mark` and a hash tell it from what is there by accident."""
+
+    def __init__(self) -> None:
+        self._file = _nameless()
+        self._mark = os.urandom(16)
+        self._process = 0
+
+    def begin(self) -> None:
+        """This is the process that may leave one."""
+        self._process = os.getpid()
+
+    def leave(self, text: str, exit_code: int) -> NoReturn:
+        """Leave a result and end the process; a copy of it that an extern made only ends."""
+        if os.getpid() != self._process:
+            os._exit(1)
+        body = bytes([exit_code]) + text.encode("utf-8", "surrogateescape")
+        whole = memoryview(self._mark + self._hash(body) + body)
+        at = 0
+        with suppress(OSError):
+            while at < len(whole):
+                at += os.pwrite(self._file, whole[at:], at)
+        with suppress(OSError):  # an extern may have stopped who is to tell it
+            os.kill(os.getppid(), signal.SIGCONT)
+        _end(exit_code)
+
+    def found(self) -> ChildResult | None:
+        """What was left; None where nothing whole was."""
+        size = os.fstat(self._file).st_size
+        whole = bytearray()
+        while len(whole) < size and (part := os.pread(self._file, size - len(whole), len(whole))):
+            whole += part
+        mark, digest, body = bytes(whole[:16]), bytes(whole[16:48]), bytes(whole[48:])
+        if not body or mark != self._mark or digest != self._hash(body):
+            return None
+        return ChildResult(body[1:].decode("utf-8", "surrogateescape"), body[0])
+
+    def _hash(self, body: bytes) -> bytes:
+        return hashlib.sha256(self._mark + body).digest()
+
+
+def _nameless() -> int:
+    """A file without a name that no program started by an extern inherits."""
+    if sys.platform == "linux":
+        made = os.memfd_create("soter verdict")
+    else:
+        import tempfile  # noqa: PLC0415 - only here
+
+        with tempfile.TemporaryFile() as file:
+            made = os.dup(file.fileno())
+    import fcntl  # noqa: PLC0415 - not everywhere
+
+    with suppress(OSError):
+        high = fcntl.fcntl(made, fcntl.F_DUPFD_CLOEXEC, HIGH)
+        os.close(made)
+        return high
+    return made
+
+
+def _end(exit_code: int) -> NoReturn:
+    """End, whatever externs have left running: what they asked for at the end is done first."""
+    import atexit  # noqa: PLC0415 - only here
+
+    until_s = time.monotonic() + THREADS_S
+    for thread in threading.enumerate():
+        if thread is not threading.main_thread() and not thread.daemon:
+            thread.join(max(until_s - time.monotonic(), 0.0))
+            if thread.is_alive():
+                os.write(2, b"soter: an extern left a thread running, which ends here\n")
+                break
+    with suppress(BaseException):
+        atexit._run_exitfuncs()  # noqa: SLF001 - Python's own order
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(BaseException):
+            stream.flush()
+    os._exit(exit_code)

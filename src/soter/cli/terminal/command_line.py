@@ -1,17 +1,20 @@
-"""A command line: options in; exit code, findings and JSON document out.
+"""A command line: options in, the program opened; exit code, findings and JSON document out.
 
 Purpose: `CommandParser`, an `ArgumentParser` that raises instead of leaving, and the options many
 commands share. `CommandOutcome`: how a command ends: the contract of DESIGN §5 in one place;
 docs/json.md documents the documents. `CiFinding`: a verdict or a diagnostic with its place, before
-it is written in a format of somebody else.
-Non-goals: what the options mean; writing documents (`console.py`) and formats
-(`cli/ci/sarif_junit_github.py`).
+it is written in a format of somebody else. The program that a command is about is loaded with a
+line that says how far it is, and `--bind` is carried out; for `-` it is the text of standard input,
+or a diagnostic where it is none.
+Non-goals: what the options mean; `--set`: values are given to what is done with the program;
+writing documents (`console.py`) and formats (`ci_formats.py`).
 """
 
 from __future__ import annotations
 
 import argparse
 import re
+import sys
 from contextlib import suppress
 from dataclasses import dataclass, field
 from inspect import cleandoc
@@ -19,12 +22,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Protocol, TypeAlias
 
+from soter.cli.terminal.console import LineOfProgress
 from soter.diagnostics.command_records import option, options_of
-from soter.diagnostics.diagnostic import Severity
+from soter.diagnostics.diagnostic import Severity, mistake
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from soter.api import Program
     from soter.cli.terminal.console import Console
     from soter.diagnostics.command_records import Option
     from soter.diagnostics.diagnostic import Diagnostic, SoterError, Span
@@ -352,7 +357,7 @@ def at_least_one(text: str) -> int:
 
 def seconds(text: str) -> float:
     """Seconds: a number in plain digits, or one with its unit; ArgumentTypeError for other text."""
-    from soter.language.model.durations import WrongTextError, duration_ns  # noqa: PLC0415 - only then
+    from soter.language.model.types import WrongTextError, duration_ns  # noqa: PLC0415 - only then
 
     if text.isascii() and "_" not in text:
         with suppress(ValueError):
@@ -374,3 +379,61 @@ TIMES = ", such as 90 (seconds) or 10min"
 """How times are written."""
 READERS = {"whole": whole, "seed": seed, "bound": at_least_one, "seconds": seconds}
 """What reads the text of a kind of value."""
+
+
+def opened(args: argparse.Namespace, console: Console) -> Program:
+    """The program of `args.file`; its warnings are told with whatever comes of the command."""
+    from soter.api import load  # noqa: PLC0415 - commands about the tool itself open none
+
+    with LineOfProgress(console) as line:
+        program = load(args.file, line)
+    console.of_program = program.diagnostics if program.ok else ()
+    return program
+
+
+def bound(program: Program, args: argparse.Namespace) -> Program:
+    """The same with `args.bindings`; `SoterError` where it is none."""
+    for name, target in args.bindings:
+        program.bind(name, target)
+    return program
+
+
+def warned_of_files(program: Program, console: Console) -> Program:
+    """The same program; what is wrong with files of its externs (W007, W037) is told at once.
+
+    It is for what does not ask them itself: a proof, or a package that leaves them out.
+    """
+    warnings = program.check().warnings if program.externs else ()
+    missing = tuple(w for w in warnings if w.code in ("W007", "W037"))
+    if console.json:
+        console.of_program += missing
+    console.diagnostics(missing)
+    return program
+
+
+def loaded(args: argparse.Namespace, console: Console) -> Program:
+    """The program that the arguments name, with their bindings."""
+    return bound(opened(args, console), args)
+
+
+STDIN = "<stdin>"
+"""What it is called; imports are read from the current folder."""
+
+
+def standard_input() -> str:
+    """The whole of it, 4 MiB at most; SoterError D005 where it is larger or not UTF-8."""
+    from soter.language.load.loader import MAX_FILE_BYTES  # noqa: PLC0415 - for `-`
+
+    stream = sys.stdin
+    if stream is None:
+        return ""
+    most = MAX_FILE_BYTES
+    data = stream.buffer.read(most + 1) if hasattr(stream, "buffer") else stream.read(most + 1)
+    if len(data) > most:
+        message = f"cannot read standard input: it is larger than {most >> 20} MiB"
+        raise mistake("D005", message)
+    try:
+        return data if isinstance(data, str) else data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        message = f"standard input is not UTF-8: byte {error.start} is wrong"
+        raise mistake("D005", message) from error

@@ -1,32 +1,33 @@
-"""Where a command's words go, and in which characters and figures.
+"""Where a command's words go, in which characters and figures, and how far it is.
 
-Purpose: results on standard output, everything else on standard error, colour only where a
-person looks; with `--json` one document on standard output and nothing else, whatever an extern
-prints; closed pipes and full disks end quietly or with a sentence. `ResultPipe`: a child process
-leaves its words and its exit code in a file without a name, whole or not at all, which externs that
-the child ran reach by no accident. Where an encoding or a terminal has no other characters, plain
-ones (`->` for an arrow in place of `?`); rates and sizes with three digits and a unit.
-Non-goals: what is said; an extern that means to reach the result: it runs in the child, with all
-its rights; times (`language/model/durations.py`).
+Purpose: results on standard output, everything else on standard error, colour only where a person
+looks; with `--json` one document on standard output and nothing else, whatever an extern prints;
+closed pipes and full disks end quietly or with a sentence. Where an encoding or a terminal has no
+other characters, plain ones (`->` for an arrow in place of `?`); rates and sizes with a unit. On a
+terminal, for anything over two seconds, one line on standard error is rewritten and gone at the
+end; where standard error is a log, a new line every ten seconds.
+Non-goals: what is said; the process in which externs run (`child_process.py`); times
+(`language/model/types.py`).
 """
 
 from __future__ import annotations
 
 import codecs
-import hashlib
 import io
+import math
 import os
 import re
 import shutil
-import signal
 import sys
-import threading
 import time
 from contextlib import ExitStack, suppress
+from threading import Event, Thread
 from typing import IO, TYPE_CHECKING
 
+from soter.diagnostics.current_phase import lasting, listening_to_phases
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
     from contextlib import AbstractContextManager
     from types import TracebackType
     from typing import NoReturn
@@ -46,6 +47,10 @@ PLAIN = {
     **dict.fromkeys(CORNERS, "+"),
     **dict.fromkeys(BLOCKS, "#"),
     **dict.fromkeys(DOTS, "*"),
+    **dict.fromkeys("\u00d7\u2717", "x"),
+    **dict.fromkeys("\u00b5\u03bc", "u"),
+    **dict.fromkeys("\u2018\u2019", "'"),
+    **dict.fromkeys("\u201c\u201d", '"'),
     "\u2192": "->",
     "\u2190": "<-",
     "\u2194": "<->",
@@ -55,9 +60,6 @@ PLAIN = {
     "\u2260": "!=",
     "\u2248": "~",
     "\u221e": "inf",
-    "\u00d7": "x",
-    "\u00b5": "u",
-    "\u03bc": "u",
     "\u00b0": " deg",
     "\u00b1": "+-",
     "\u00b2": "^2",
@@ -69,23 +71,13 @@ PLAIN = {
     "\u03b4": "delta",
     "\u03c0": "pi",
     "\u00a7": "section ",
-    "\u2018": "'",
-    "\u2019": "'",
-    "\u201c": '"',
-    "\u201d": '"',
     "\u00a0": " ",
     "\u2713": "ok",
-    "\u2717": "x",
 }
 """What is written for what is not there; everything else becomes `?` where it cannot be written."""
 _TABLE = str.maketrans(PLAIN)
 PLAIN_ERRORS = "soter.plain"
 TERMS = re.compile(r"(dumb|unknown|ansi|cons25|vt(52|1\d\d|2\d\d))(-.*)?")
-
-
-def draws_no_boxes(term: str) -> bool:
-    """Whether a terminal, by its $TERM, is one of those that have plain characters only."""
-    return TERMS.fullmatch(term) is not None
 
 
 def plainly(text: str) -> str:
@@ -128,12 +120,6 @@ def decimal(count: int) -> str:
     return f"{count} bytes"
 
 
-THREADS_S = 1.0
-"""How long the threads that externs leave behind may take to end."""
-HIGH = 200
-"""Descriptors that an extern closes or writes to by mistake are lower."""
-
-
 class ChildResult(Exception):  # noqa: N818 - no error: the command was done, in the child
     """The verdict of a child: what it had to say on standard output, and its exit code."""
 
@@ -141,84 +127,6 @@ class ChildResult(Exception):  # noqa: N818 - no error: the command was done, in
         super().__init__(exit_code)
         self.text = text
         self.exit = exit_code
-
-
-class ResultPipe:
-    """Where a child leaves its result. `mark` and a hash tell it from what is there by accident."""
-
-    def __init__(self) -> None:
-        self._file = _nameless()
-        self._mark = os.urandom(16)
-        self._process = 0
-
-    def begin(self) -> None:
-        """This is the process that may leave one."""
-        self._process = os.getpid()
-
-    def leave(self, text: str, exit_code: int) -> NoReturn:
-        """Leave a result and end the process; a copy of it that an extern made only ends."""
-        if os.getpid() != self._process:
-            os._exit(1)
-        body = bytes([exit_code]) + text.encode("utf-8", "surrogateescape")
-        whole = memoryview(self._mark + self._hash(body) + body)
-        at = 0
-        with suppress(OSError):
-            while at < len(whole):
-                at += os.pwrite(self._file, whole[at:], at)
-        with suppress(OSError):  # an extern may have stopped who is to tell it
-            os.kill(os.getppid(), signal.SIGCONT)
-        _end(exit_code)
-
-    def found(self) -> ChildResult | None:
-        """What was left; None where nothing whole was."""
-        size = os.fstat(self._file).st_size
-        whole = bytearray()
-        while len(whole) < size and (part := os.pread(self._file, size - len(whole), len(whole))):
-            whole += part
-        mark, digest, body = bytes(whole[:16]), bytes(whole[16:48]), bytes(whole[48:])
-        if not body or mark != self._mark or digest != self._hash(body):
-            return None
-        return ChildResult(body[1:].decode("utf-8", "surrogateescape"), body[0])
-
-    def _hash(self, body: bytes) -> bytes:
-        return hashlib.sha256(self._mark + body).digest()
-
-
-def _nameless() -> int:
-    """A file without a name that no program started by an extern inherits."""
-    if sys.platform == "linux":
-        made = os.memfd_create("soter verdict")
-    else:
-        import tempfile  # noqa: PLC0415 - only here
-
-        with tempfile.TemporaryFile() as file:
-            made = os.dup(file.fileno())
-    import fcntl  # noqa: PLC0415 - not everywhere
-
-    with suppress(OSError):
-        high = fcntl.fcntl(made, fcntl.F_DUPFD_CLOEXEC, HIGH)
-        os.close(made)
-        return high
-    return made
-
-
-def _end(exit_code: int) -> NoReturn:
-    """End, whatever externs have left running: what they asked for at the end is done first."""
-    import atexit  # noqa: PLC0415 - only here
-
-    until_s = time.monotonic() + THREADS_S
-    for thread in threading.enumerate():
-        if thread is not threading.main_thread() and not thread.daemon:
-            thread.join(max(until_s - time.monotonic(), 0.0))
-            if thread.is_alive():
-                os.write(2, b"soter: an extern left a thread running, which ends here\n")
-                break
-    with suppress(BaseException):
-        atexit._run_exitfuncs()  # noqa: SLF001 - Python's own order
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(BaseException):
-            stream.flush()
-    os._exit(exit_code)
 
 
 STYLES = {"bold": "1", "muted": "2", "red": "1;31", "green": "1;32", "yellow": "1;33", "blue": "34"}
@@ -230,10 +138,10 @@ class Console:
     def __init__(self, *, json: bool, own_process: bool = False) -> None:
         self.json = json
         self.own_process = own_process
+        """Whether this process is the command, and not somebody's who calls `main`."""
         self.of_program: tuple[Diagnostic, ...] = ()
         """What was found in the program that the command is about, to be told however it ends."""
-        """Whether this process is the command, and not somebody's who calls `main`."""
-        self._verdict: ResultPipe | None = None
+        self._leave: Callable[[str, int], NoReturn] | None = None
         self._during = ExitStack()
         self.out: IO[str] | None = sys.stdout
         self.err: IO[str] | None = sys.stderr
@@ -284,33 +192,29 @@ class Console:
 
     # ------------------------------------------------------------ a child that prints nothing
 
-    def leave_to(self, verdict: ResultPipe) -> None:
+    def leave_to(self, leave: Callable[[str, int], NoReturn]) -> None:
         """Keep from now on what would be printed: the parent prints it (`child_process.py`)."""
-        self._verdict = verdict
+        self._leave = leave
         self.out = io.StringIO()
         self._plain_out = False  # the parent sees to it
 
     def hand_over(self, exit_code: int) -> None:
         """Give the parent of this process what is printed, and end; nothing without a parent."""
-        if self._verdict is not None:
+        if self._leave is not None:
             assert isinstance(self.out, io.StringIO)
             _flush_c()
-            self._verdict.leave(self.out.getvalue(), exit_code)
-
-    def from_child(self, text: str) -> None:
-        """What the child of this process would have printed."""
-        self._write(text)
+            self._leave(self.out.getvalue(), exit_code)
 
     # ------------------------------------------------------------ writing
 
     def say(self, text: str = "") -> None:
         """A result, for people: nothing with `--json`."""
         if not self.json:
-            self._write(text + "\n")
+            self.write(text + "\n")
 
     def document(self, text: str) -> None:
         """The JSON document."""
-        self._write(text + "\n")
+        self.write(text + "\n")
 
     def note(self, text: str) -> None:
         """Something beside the result."""
@@ -351,7 +255,8 @@ class Console:
             except (OSError, ValueError) as error:
                 self._lost(error)
 
-    def _write(self, text: str) -> None:
+    def write(self, text: str) -> None:
+        """What stands on standard output as it is, such as that of a child."""
         if self.out is None or self.output_error is not None:
             return
         try:
@@ -415,7 +320,7 @@ def colorful(stream: IO[str] | None) -> bool:
 
 def plain_terminal(stream: IO[str] | None) -> bool:
     """Whether a person looks at the stream by a terminal that draws no boxes."""
-    return is_terminal(stream) and draws_no_boxes(os.environ.get("TERM", ""))
+    return is_terminal(stream) and TERMS.fullmatch(os.environ.get("TERM", "")) is not None
 
 
 def is_terminal(stream: IO[str] | None) -> bool:
@@ -437,3 +342,156 @@ def _flush_c() -> None:
     """Hand over what an extern's C has printed but not written yet."""
     if "ctypes" in sys.modules:  # what runs C has loaded it
         sys.modules["ctypes"].CDLL(None).fflush(None)
+
+
+PATIENCE_S = 2.0
+EVERY_S = 0.1
+EVERY_S_OF_A_LOG = 10.0
+WIDTH = 30
+CLEAR = "\r\x1b[K"
+
+
+def clipped(text: str) -> str:
+    """What fits on one line: a longer one could not be taken back."""
+    most = max(shutil.get_terminal_size((80, 24)).columns - 1, 20)
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+class LineOfProgress:
+    """Called with a text that says how far it is; a context, which clears the line when left.
+
+    Off a terminal a thread writes the last text at fixed intervals, whether or not it is another.
+    """
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._began = self._next = time.perf_counter()
+        self._next += PATIENCE_S
+        self._shown = False
+        self._text = ""
+        self._left = Event()
+        self._logging: Thread | None = None
+
+    def __enter__(self) -> Callable[[str], None] | None:
+        self._begin()
+        return None if self._console.err is None else self._show
+
+    def __exit__(self, *_: object) -> None:
+        if self._logging is not None:
+            self._left.set()
+            self._logging.join()
+        if self._shown:
+            self._write(CLEAR)
+
+    def _begin(self) -> None:
+        err = self._console.err
+        if err is not None and not is_terminal(err):
+            self._logging = Thread(target=self._log, name="soter progress", daemon=True)
+            self._logging.start()
+
+    def _log(self) -> None:
+        """Write a line again and again until the context is left."""
+        while not self._left.wait(EVERY_S_OF_A_LOG):
+            spent = f"soter: {time.perf_counter() - self._began:.0f} s"
+            self._write("  ".join(x for x in (spent, self._so_far()) if x) + "\n")
+
+    def _so_far(self) -> str:
+        """How far it is, for a log."""
+        return self._text
+
+    def _show(self, text: str) -> None:
+        self._text = text
+        if self._is_time():
+            self._write(CLEAR + clipped(text))
+
+    def _is_time(self) -> bool:
+        """Whether to write now, on a terminal."""
+        now = time.perf_counter()
+        if self._logging is not None or now < self._next:
+            return False
+        self._next = now + EVERY_S
+        self._shown = True
+        return True
+
+    def _write(self, text: str) -> None:
+        assert self._console.err is not None
+        with suppress(OSError, ValueError):
+            self._console.err.write(text)
+            self._console.err.flush()
+
+
+class ProgressBar(LineOfProgress):
+    """Called with the share that is done: a bar, what is being done and for how long, what is left.
+
+    A share is shown where it says something: not before the first one, and not once all is done
+    that is counted. It never falls, unless a phase that begins anew has another name; what is left
+    never rises: where it turns out to be more than was said nothing is said of it.
+    """
+
+    def __init__(self, console: Console, *, timed: bool = True) -> None:
+        """`timed`: equal shares take about as long; else nothing follows of what is left."""
+        super().__init__(console)
+        self._timed = timed
+        self._phase = ""
+        self._furthest = 0.0
+        self._share_began = self._phase_began = self._told = self._began
+        self._left_s = math.inf
+        self._during = ExitStack()
+
+    def __enter__(self) -> Callable[[float], None] | None:  # type: ignore[override]
+        self._begin()
+        if self._console.err is None:
+            return None
+        self._during.enter_context(listening_to_phases(self._enter_phase, self._announce))
+        return self._show_share
+
+    def __exit__(self, *_: object) -> None:
+        self._during.close()
+        super().__exit__()
+
+    def _announce(self, line: str) -> None:
+        self._write(f"{CLEAR if self._shown else ''}soter: {line}\n")
+
+    def _enter_phase(self, name: str, anew: bool) -> None:
+        if name != self._phase:
+            self._phase_began = time.perf_counter()
+            if anew:
+                self._furthest, self._share_began = 0.0, self._phase_began
+                self._left_s = math.inf
+        self._phase = name
+        self._show_now()
+
+    def _show_share(self, share: float) -> None:
+        if share > self._furthest:
+            self._furthest, self._told = min(share, 1.0), time.perf_counter()
+        self._show_now()
+
+    def _show_now(self) -> None:
+        if self._is_time():
+            self._write(CLEAR + self._line())
+
+    def _line(self) -> str:
+        words = self._so_far()
+        if not 0.0 < self._furthest < 1.0:
+            return clipped(words)
+        full = int(self._furthest * WIDTH)
+        fill, rest = ("#", "-") if self._console.ascii_only else ("━", "╌")
+        return clipped(f"{fill * full}{rest * (WIDTH - full)}  {words}")
+
+    def _so_far(self) -> str:
+        share = f"{self._furthest:4.0%}" if 0.0 < self._furthest < 1.0 else ""
+        since = f"{time.perf_counter() - self._phase_began:.0f} s"
+        in_a_log = "" if self._logging is not None else since  # whose lines begin with the time
+        doing = f"{self._phase}, {since}" if self._phase else in_a_log
+        return "  ".join(p for p in (share, self._remaining(), doing) if p).strip()
+
+    def _remaining(self) -> str:
+        """How long it may still take, reckoned when the last share was told."""
+        share, now = self._furthest, time.perf_counter()
+        if not (self._timed and 0.001 < share < 1.0):
+            return ""
+        left_s = (self._told - self._share_began) * (1.0 / share - 1.0) - (now - self._told)
+        if left_s <= 0.0 or left_s > self._left_s:
+            return ""
+        self._left_s = left_s
+        return f"{lasting(left_s)} left"

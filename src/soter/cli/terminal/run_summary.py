@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.language.model.binding_text import CLIP, binding_of
+from soter.language.load.named_files import CLIP, binding_of
 from soter.report.parameter_text import changed
 from soter.report.printable_text import visible
 from soter.report.terminal_tables import Entry, Styled, display_width, mode_timeline

@@ -15,8 +15,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import format_text, read_text
-from soter.cli.terminal.command_line import DIAGNOSTICS, CommandOutcome, exit_of, file_option
-from soter.cli.terminal.open_program import STDIN, standard_input
+from soter.cli.terminal.command_line import (
+    DIAGNOSTICS,
+    STDIN,
+    CommandOutcome,
+    exit_of,
+    file_option,
+    standard_input,
+)
 from soter.diagnostics.command_records import SWITCH, option
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake, reason
 from soter.report.atomic_write import atomic_write

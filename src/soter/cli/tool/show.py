@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import SET, SYSTEM, CommandOutcome, file_option
-from soter.cli.terminal.open_program import opened
+from soter.cli.terminal.command_line import SET, SYSTEM, CommandOutcome, file_option, opened
 from soter.diagnostics.command_records import option
 
 if TYPE_CHECKING:

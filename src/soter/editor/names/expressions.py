@@ -20,7 +20,7 @@ from soter.editor.names.definitions import (
     UndeclaredArray,
     UndeclaredRecord,
 )
-from soter.language.check.expressions.field import flat_names
+from soter.language.check.field import flat_names
 from soter.language.load.loader import LoadedFile
 from soter.language.syntax import tree
 

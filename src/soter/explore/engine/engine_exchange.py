@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.core.arrays import Bytes, Words
     from soter.core.core import CoreSystem
+    from soter.core.layout import Bytes, Words
     from soter.explore.model.explorer_model import ExplorerModel
     from soter.explore.model.independent_parts import IndependentPart
     from soter.explore.model.symmetric_blocks import Family

@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.core.arrays import Bytes, Words
     from soter.core.core import CoreSystem
+    from soter.core.layout import Bytes, Words
     from soter.explore.checkpoints import Saver
     from soter.explore.engine.engine_exchange import EngineProgress, Observations
     from soter.explore.model.symmetric_blocks import Family

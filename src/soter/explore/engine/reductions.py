@@ -26,7 +26,7 @@ from soter.explore.search_options import PARTS, STATUSES, STORAGES, STRATEGIES
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.core.arrays import Words
+    from soter.core.layout import Words
     from soter.explore.engine.engine_exchange import EngineProgress
     from soter.explore.engine.explorer_library import Engine, RawStep, Searched
     from soter.explore.model.independent_parts import SharedProperty

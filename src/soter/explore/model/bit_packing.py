@@ -13,9 +13,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
-from soter.codegen.c.names import field_name
-from soter.codegen.c.types import int_number
+from soter.codegen import c_tree as c
+from soter.codegen.c_names import field_name
+from soter.codegen.c_types import int_number
 from soter.core.layout import scalar
 from soter.language.model.types import (
     ArrayType,

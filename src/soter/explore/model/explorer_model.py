@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.codegen import c_tree as c
 from soter.codegen import decisions
-from soter.codegen.c import tree as c
-from soter.codegen.c.types import float_number, int_number
+from soter.codegen.c_types import float_number, int_number
 from soter.codegen.unit import Unit, UnitBuilder
 from soter.core.layout import placed_leaves, scalar
 from soter.explore.model.bit_packing import word

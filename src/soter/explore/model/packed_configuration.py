@@ -11,15 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
-from soter.codegen.c.types import int_number
+from soter.codegen import c_tree as c
+from soter.codegen.c_types import int_number
 from soter.core.layout import size_of
 from soter.explore.model.bit_packing import Packing, hulls, unsigned, word
 from soter.language.model.system import modules_above
 from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
-    from soter.codegen.c.types import TypeTable
+    from soter.codegen.c_types import TypeTable
     from soter.codegen.function_context import Frame
     from soter.core.layout import StateLayout
     from soter.explore.model.exploration_plan import ExplorationPlan

@@ -16,9 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from soter.codegen import c_tree as c
 from soter.codegen.body import Body
-from soter.codegen.c import tree as c
-from soter.codegen.c.types import float_number
+from soter.codegen.c_types import float_number
 from soter.codegen.function_context import OK, where
 from soter.codegen.storage_plan import PlannedBody
 from soter.core import core
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from typing import TypeGuard
 
-    from soter.codegen.c.types import TypeTable
+    from soter.codegen.c_types import TypeTable
     from soter.codegen.function_context import Frame
     from soter.language.model.system import System
 
@@ -169,7 +169,7 @@ def _free(name: str, taken: set[str]) -> str:
 
 
 SCALE = c.Name("soter_scale")
-"""No temporary of a program is called so (`codegen/c/names.py`)."""
+"""No temporary of a program is called so (`codegen/c_names.py`)."""
 APART = 8
 """Guides of one property, at most."""
 WORST = float_number(-1.0)

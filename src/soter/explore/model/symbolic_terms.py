@@ -1,6 +1,6 @@
 """What steps and predicates compute, as terms: equal terms are the same function of what is read.
 
-Purpose: Core executed over terms (`core/abstract_execution.py`), both sides of every branch, so
+Purpose: Core executed over terms (`core/core_walks.py`), both sides of every branch, so
 that two pieces of it can be compared up to a renaming of what they read and write. Terms are
 interned: a number stands for one, and equal numbers for equal terms. What commutes exactly (`&&`,
 `||`, `==`, `!=`, `+`, `*`, `abs` of a difference, `min` and `max` of ints) has its operands in one
@@ -17,13 +17,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.abstract_execution import Execution
+from soter.core.core_walks import Execution
 from soter.language.model.types import BoolType, IntType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Mapping, Sequence
 
-    from soter.core.abstract_execution import Join
+    from soter.core.core_walks import Join
     from soter.language.model.types import Type, Value
 
     Term = int

@@ -16,8 +16,7 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.abstract_execution import TooManyStatementsError
-from soter.core.core_walks import walk
+from soter.core.core_walks import TooManyStatementsError, walk
 from soter.explore.model.symbolic_terms import (
     InternedTerms,
     exact,

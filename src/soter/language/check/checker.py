@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from soter.language.check.checker_interface import CallGraph, UnusedDeclarations, in_order_of_need
 from soter.language.check.constants_and_types import ConstantChecker, TypeChecker
-from soter.language.check.declaration_graph import CallGraph, UnusedDeclarations, in_order_of_need
 from soter.language.check.declarations import DeclChecker
-from soter.language.check.expressions.expr import ExprChecker
+from soter.language.check.expr import ExprChecker
 from soter.language.check.scope import Entry, FileScope, Names
 from soter.language.check.statements import StmtChecker
-from soter.language.check.step_cost import count_costs
 from soter.language.model import typed
+from soter.language.model.tree_walk import count_costs
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics, Span
@@ -125,7 +125,7 @@ class Checker:
         if use:
             entry.used = True
         if entry.state == "resolving":
-            self._cycle(entry, span)
+            self._report_cycle(self._resolving[self._resolving.index(entry) :], span)
         elif entry.state == "new":
             self._resolve_now(entry)
         if entry.symbol is None:
@@ -149,9 +149,6 @@ class Checker:
         self._resolving.pop()
         entry.symbol = symbol
         entry.state = "done"
-
-    def _cycle(self, entry: Entry, span: Span) -> None:
-        self._report_cycle(self._resolving[self._resolving.index(entry) :], span)
 
     def _report_cycle(self, circle: list[Entry], span: Span) -> None:
         """T012: each entry of the circle needs the next, the last one the first (at `span`)."""

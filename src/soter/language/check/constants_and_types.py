@@ -15,8 +15,8 @@ from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import error_expr
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.statements import BudgetExceeded, Evaluator
-from soter.language.load.bounded_read import ReadError, near_names
-from soter.language.load.data_files import DataError
+from soter.language.load.loader import DataError
+from soter.language.load.named_files import ReadError, near_names
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in
 from soter.language.model.types import (

@@ -14,14 +14,13 @@ from soter.diagnostics.diagnostic import replace, the_other_way
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import a_type, is_error, sound
-from soter.language.check.expressions.field import part_of
+from soter.language.check.field import part_of
 from soter.language.check.parts.module import ModuleChecker
 from soter.language.check.parts.node import NodeChecker, check_binding, located
 from soter.language.check.parts.plant import PlantChecker
-from soter.language.check.parts.test_block import TestChecker
+from soter.language.check.parts.system import TestChecker
 from soter.language.check.statements import always_returns
 from soter.language.model import typed
-from soter.language.model.durations import write_ns
 from soter.language.model.tree_walk import topics_beside
 from soter.language.model.types import (
     DURATION,
@@ -37,6 +36,7 @@ from soter.language.model.types import (
     ListType,
     RecordType,
     is_vector_part,
+    write_ns,
 )
 from soter.language.syntax import tree
 

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import append, replace
 from soter.language.model import typed
-from soter.language.model.durations import write_ns
 from soter.language.model.types import (
     ERROR,
     FLOAT,
@@ -26,6 +25,7 @@ from soter.language.model.types import (
     IntType,
     ListType,
     RecordType,
+    write_ns,
 )
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """Check statements and bodies of functions and nodes.
 
 Purpose: blocks of syntax -> tuples of typed statements; scoping, assignment rules, returns.
-Non-goals: expressions (`language/check/expressions/expr.py`), what a body belongs to
+Non-goals: expressions (`language/check/expr.py`), what a body belongs to
 (`declarations.py`).
 """
 
@@ -13,7 +13,7 @@ from soter.diagnostics.diagnostic import Span, append, insert, replace
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import SPECIALS
 from soter.language.check.expression_base import error_expr, is_error, plain
-from soter.language.check.expressions.field import constant_index, instead_of_index
+from soter.language.check.field import constant_index, instead_of_index
 from soter.language.check.scope import BUILTIN_FUNCTIONS
 from soter.language.model import typed
 from soter.language.model.types import (
@@ -32,7 +32,7 @@ from soter.language.syntax import tree
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics, Help
     from soter.language.check.checker_interface import Context, Shared
-    from soter.language.check.expressions.expr import ExprChecker
+    from soter.language.check.expr import ExprChecker
     from soter.language.model.types import Type
 
 ASSIGNABLE = {"var", "local"}

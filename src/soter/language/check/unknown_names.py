@@ -372,7 +372,8 @@ def instead(
         return _told_of("plants are", plants)
     if wanted == "module" and isinstance(decl, tree.NodeDecl):
         name = decl.name.text
-        of = [d.name.text for d in declared if isinstance(d, tree.RtaDecl) and _has(d, name)]
+        modules = [d for d in declared if isinstance(d, tree.RtaDecl)]
+        of = [d.name.text for d in modules if name in _nodes_of(d)]
         return _told_of("it is a node of", of)
     if wanted == "value" and isinstance(decl, (tree.NodeDecl, tree.PlantDecl)):
         return _its_topics(declared, decl)
@@ -445,10 +446,6 @@ def _published(node: tree.NodeDecl) -> list[str]:
 def _nodes_of(module: tree.RtaDecl) -> list[str]:
     parts = (module.ac, module.sc)
     return list(dict.fromkeys(p.text for p in parts if isinstance(p, tree.Ref)))
-
-
-def _has(module: tree.RtaDecl, name: str) -> bool:
-    return name in _nodes_of(module)
 
 
 def listed(names: list[str]) -> str:

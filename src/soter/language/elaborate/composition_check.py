@@ -1,32 +1,93 @@
 """Check that the parts of a flat system fit together.
 
 Purpose: the paper's composability (Section IV: disjoint nodes, disjoint outputs), one driver a
-topic, no topic without one, and a calendar that repeats.
+topic, no topic without one (M005, with what would drive it, as edits), and a calendar that repeats.
 Non-goals: numbers of single declarations (`elaborator.py`), P1 (`wellformed.py`).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Edit, Fix, Span, out_of_list, whole_lines
+from soter.diagnostics.diagnostic import Edit, Fix, Span, insert, out_of_list, whole_lines
 from soter.language.check.unknown_names import in_publishes
-from soter.language.elaborate.deployed_systems import check_external
-from soter.language.elaborate.undriven_topic_fixes import as_input, would_drive
-from soter.language.model.durations import show_ns
+from soter.language.elaborate.wellformed import check_external
 from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import TypedPublish
+from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Diagnostics, Help
     from soter.language.model.system import Component, Module, System, Topic
-    from soter.language.model.typed import NodeSymbol, SystemSymbol, TopicSymbol
+    from soter.language.model.typed import NodeSymbol, SystemSymbol, TopicSymbol, TypedProgram
+
+
+SHOWN = 2
+_CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
+
+
+def would_drive(program: TypedProgram, system: SystemSymbol, topic: Topic) -> tuple[Help, ...]:
+    """Instances that would drive a topic of the system itself; nothing for those further inside."""
+    if topic.name != topic.symbol.name:
+        return ()
+    declarations = itertools.islice(_drivers(program, system, topic.symbol), SHOWN)
+    return tuple(added(system, item) for item in declarations)
+
+
+def _drivers(program: TypedProgram, system: SystemSymbol, topic: TopicSymbol) -> Iterator[str]:
+    """What the program declares, a system has not and would drive a topic, as items."""
+    taken = {i.name for i in system.instances}
+    there: set[object] = {i.what for i in system.instances}
+    modules = program.modules.values()
+    there |= {part for m in modules for part in (*m.own, *m.below)}
+    for name, plant in program.plants.items():
+        if plant not in there and any(t is topic for t, _ in plant.drives):
+            yield f"{_instance(name, taken)}: {name};"
+    for name, module in program.modules.items():
+        if module not in there and topic in module.sc.publishes:
+            yield f"module {name};"
+    for name, node in program.nodes.items():
+        if node not in there and topic in node.publishes:
+            yield f"node {name};"
+
+
+def _instance(name: str, taken: set[str]) -> str:
+    """A name for an instance of a plant: `my_cart` for `MyCart`."""
+    base = _CAPITALS.sub("_", name.rpartition(".")[2]).lower()
+    while base in taken:
+        base += "_2"
+    return base
+
+
+def added(system: SystemSymbol, item: str) -> Fix:
+    """An item put in front of all others of a system."""
+    text = system.span.source.text
+    opener = text.find("{", system.span.end) + 1
+    at = Span(system.span.source, opener, opener)
+    return Fix(f"add `{item}` to system `{system.name}`", (Edit(at, f"\n  {item}"),))
+
+
+def as_input(program: TypedProgram, symbol: TopicSymbol) -> tuple[Help, ...]:
+    """The declaration of a topic, made one of the environment's, if nothing ever drives it."""
+    if any(symbol in n.publishes for n in program.nodes.values()) or any(
+        symbol is t for p in program.plants.values() for t, _ in p.drives
+    ):
+        return ()
+    name = symbol.span
+    text = name.source.text
+    start = text.rfind("topic", 0, name.start)
+    title = f"if the environment sets it, declare `input topic {name.text}`"
+    if start < 0 or text[start + len("topic") : name.start].strip():
+        return (title,)
+    return (insert(Span(name.source, start, name.start), "input ", title),)
+
 
 MAX_HYPERPERIOD_NS = 2**62
 PERIODS_SHOWN = 8
@@ -348,9 +409,7 @@ class Composition:
         if topic.symbol.input or index in self.outside:
             topic.driver = "input"
             return
-        if self.partial:
-            return
-        if self._differs_in_a_module(index):
+        if self.partial or self._differs_in_a_module(index):
             return
         also: tuple[tuple[Span, str], ...] = ((topic.symbol.span, "declared here"),)
         publisher: tuple[Help, ...] = ("add the node or plant that publishes it",)
@@ -370,7 +429,7 @@ class Composition:
             label,
             also=also,
             note="",
-            helps=(*as_input(self.system.program, topic), *publisher),
+            helps=(*as_input(self.system.program, topic.symbol), *publisher),
         )
 
     def _differs_in_a_module(self, index: int) -> bool:
@@ -426,10 +485,9 @@ def _left_out(names: Sequence[Span]) -> Help:
 
 def hyperperiod(system: System, symbol: SystemSymbol, diagnostics: Diagnostics) -> int:
     """The time after which the calendar repeats, in ns; C003 where it does not fit."""
-    value = math.lcm(*{c.period_ns for c in system.components}) if system.components else 1
-    if value <= MAX_HYPERPERIOD_NS:
-        return value
     periods = sorted({c.period_ns for c in system.components})
+    if (value := math.lcm(*periods)) <= MAX_HYPERPERIOD_NS:
+        return value
     shown = ", ".join(show_ns(p) for p in periods[:PERIODS_SHOWN])
     more = len(periods) - PERIODS_SHOWN
     diagnostics.error(

@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import append, exchange
 from soter.language.elaborate.composition_check import Composition, hyperperiod
+from soter.language.elaborate.faults import place_faults
 from soter.language.elaborate.instantiate import controller_names
+from soter.language.elaborate.stand_ins import stand_in
 from soter.language.elaborate.step_times import (
     budget,
     check_double_response,
@@ -21,8 +23,6 @@ from soter.language.elaborate.step_times import (
     may_take,
 )
 from soter.language.elaborate.system_numbers import TooLargeError
-from soter.language.elaborate.tests_and_faults.faults import place_faults
-from soter.language.elaborate.tests_and_faults.stand_ins import stand_in
 from soter.language.elaborate.topics import (
     Topics,
     beyond,
@@ -34,7 +34,6 @@ from soter.language.elaborate.topics import (
 )
 from soter.language.elaborate.unused_settings import Idle
 from soter.language.model import typed
-from soter.language.model.durations import show_ns
 from soter.language.model.system import (
     LEVELS_DEFAULT,
     LEVELS_LEAST,
@@ -51,7 +50,7 @@ from soter.language.model.system import (
     Topic,
 )
 from soter.language.model.tree_walk import margin_reads, mode_reads, nodes, topic_reads
-from soter.language.model.types import ErrorType, FloatType, IntType, default_value, leaves
+from soter.language.model.types import ErrorType, FloatType, IntType, default_value, leaves, show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

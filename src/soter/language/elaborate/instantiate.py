@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.language.check.expressions.field import listed
+from soter.language.check.field import listed
+from soter.language.elaborate.stand_ins import ContractStandIn
 from soter.language.elaborate.system_numbers import Numbers
-from soter.language.elaborate.tests_and_faults.stand_ins import ContractStandIn
 from soter.language.elaborate.wellformed import check_messages
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes, topics_beside, topics_mentioned

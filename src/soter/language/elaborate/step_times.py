@@ -1,11 +1,14 @@
-"""Times of steps: `takes`, `wcet` and `jitter`, and safe controllers that wait for late modules.
+"""Times of steps: `takes`, `wcet` and `jitter`, who waits, and how old what a DM reads can be.
 
 Purpose: who may take how long (M023), and the topic in which what a step publishes is held until it
 takes effect: its stamp is the time at which that will be, NEVER while nothing is held. The numbers
 of `wcet`, `jitter` and `inline`, and who runs in the thread of the trusted part. The faults that
-say that an SC waits for its DM where the deployed order is kept.
+say that an SC waits for its DM where the deployed order is kept. The least `max_age` that the
+periods of a system allow (W034, remedies of `verify`), and the ages at which a DM may see a topic
+that is fresh.
 Non-goals: what a run does with it (`semantics/rules.py`, `codegen/nodes.py`); what follows from
-execution times (`soter.timing`); systems whose order is drawn, where nobody waits.
+execution times (`soter.timing`); systems whose order is drawn, where nobody waits; ages by lateness
+and by messages that are lost; whether a `max_age` is too small (W028).
 """
 
 from __future__ import annotations
@@ -14,9 +17,17 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import the_other_way
 from soter.language.elaborate.system_numbers import MAX_PERIOD_NS
-from soter.language.model.durations import show_ns, write_ns
 from soter.language.model.system import Fault, Topic
-from soter.language.model.types import BOOL, INT, RecordType, default_value
+from soter.language.model.types import (
+    BOOL,
+    INT,
+    FloatType,
+    RecordType,
+    default_value,
+    leaves,
+    show_ns,
+    write_ns,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -25,7 +36,7 @@ if TYPE_CHECKING:
     from soter.language.elaborate.instantiate import SubSystem
     from soter.language.elaborate.system_numbers import Numbers
     from soter.language.model import typed
-    from soter.language.model.system import Bound, Component, Module
+    from soter.language.model.system import Bound, Component, Module, System
     from soter.language.model.typed import NodeSymbol
     from soter.language.model.types import Type
 
@@ -208,3 +219,53 @@ def _waits(modules: Sequence[Module], faults: Sequence[Fault]) -> Iterator[Fault
                 inside="SC waits for its decision module",
                 text=f"{m.name}: SC waits for its decision module",
             )
+
+
+PUBLICATIONS = 2
+"""So many periods of its plant old is a read at most that is neither lost nor late."""
+
+
+def least_age_ns(system: System, topic: int) -> int | None:
+    """The smallest `max_age` that the periods of the system allow of a topic that a plant drives.
+
+    None of a topic that no plant drives.
+    """
+    drivers = _drivers(system, topic)
+    return PUBLICATIONS * drivers[0].period_ns if drivers else None
+
+
+def fresh_ages_ns(
+    system: System, module: Module, most_ns: int | None = None
+) -> dict[int, int | None]:
+    """Topic -> the greatest age at which the DM may see it, where it is not stale; None: any.
+
+    `most_ns`: what a proof takes for the age of what plants publish.
+    """
+    ages: dict[int, int | None] = {}
+    for index in module.inputs:
+        bounds = [system.topics[index].max_age_ns]
+        bounds += [most_ns] if _drivers(system, index) else []
+        ages[index] = min((b for b in bounds if b is not None), default=None)
+    return ages
+
+
+def _drivers(system: System, topic: int) -> list[Component]:
+    """The plants that publish a topic."""
+    return [
+        c
+        for c in system.components
+        if c.plant is not None and any(c.scope.topics[t] == topic for t, _ in c.plant.drives)
+    ]
+
+
+def is_measured(system: System, topic: int) -> bool:
+    """Whether a topic is said again and again: what moves, or numbers with a fraction from outside.
+
+    No input, which an operator sets once, nor what is driven by plants of whole numbers alone.
+    """
+    least = least_age_ns(system, topic)
+    moving = [v.type for c in system.components if c.plant for v in c.plant.states]
+    kinds = [system.topics[topic].type, *(moving if least is not None else ())]
+    outside = any(e.topic == topic for e in system.externals)
+    has_fraction = any(isinstance(t, FloatType) for kind in kinds for _, t in leaves(kind))
+    return has_fraction and (least is not None or outside)

@@ -24,8 +24,7 @@ from soter.language.check.constants_and_types import Calculator
 from soter.language.check.declarations import show
 from soter.language.check.parts.node import UNKNOWN
 from soter.language.model import typed
-from soter.language.model.durations import show_ns
-from soter.language.model.types import leaf_count
+from soter.language.model.types import leaf_count, show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -356,7 +355,9 @@ class SizeCounter:
             path.pop()
             parts = [self.known[s] for s in _parts(system)]
             own = [i.what for i in system.instances if not isinstance(i.what, typed.SystemSymbol)]
-            count = sum(1 + c for c, _ in parts) + sum(_weight(w) for w in own)
+            count = sum(1 + c for c, _ in parts) + sum(
+                3 if isinstance(w, typed.ModuleSymbol) else 1 for w in own
+            )
             self.known[system] = count, 1 + max((d for _, d in parts), default=0)
         return self.known[self.system]
 
@@ -384,7 +385,3 @@ class SizeCounter:
 
 def _parts(system: typed.SystemSymbol) -> list[typed.SystemSymbol]:
     return [i.what for i in system.instances if isinstance(i.what, typed.SystemSymbol)]
-
-
-def _weight(what: object) -> int:
-    return 3 if isinstance(what, typed.ModuleSymbol) else 1

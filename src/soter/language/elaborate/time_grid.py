@@ -3,7 +3,7 @@
 Purpose: where a step may be late, it happens as early as it can or at a multiple of the *quantum*
 (docs/testing.md). As declared; else the greatest common divisor of every time of the calendar and
 of every time that the program compares `time` or an age with, in so many parts as the comparisons
-that have to hold together need (`tests_and_faults/distinguishable_values_and_times.py`); and which
+that have to hold together need (`language/elaborate/distinguished.py`); and which
 readings of time no such grid does justice to.
 Non-goals: choosing times (the explorer), costs.
 
@@ -22,7 +22,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.tests_and_faults.distinguishable_values_and_times import (
+from soter.language.elaborate.distinguished import (
     FINEST,
     ReadClocks,
     releases,

@@ -35,7 +35,7 @@ class Idle:
         for part in parts:
             self._enter(part.prefix[:-1], params_read(part.system.properties, part.system.inputs))
         for p in placed:
-            self._enter(p.name, self._of(p.symbol) | self._of_all(p.replaced.values()))
+            self._enter(p.name, self._of(p.symbol).union(*map(self._of, p.replaced.values())))
         for t in topics:
             home = t.name.removesuffix(t.symbol.name).rstrip(".")
             self._enter(home, params_read(t.symbol.values, t.symbol.default, t.symbol.max_age))
@@ -63,9 +63,6 @@ class Idle:
         if symbol not in self._known:
             self._known[symbol] = params_read(symbol)
         return self._known[symbol]
-
-    def _of_all(self, symbols: Iterable[object]) -> Reads:
-        return frozenset(p for s in symbols for p in self._of(s))
 
     def _enter(self, path: str, reads: Reads) -> None:
         """In an instance and all around it."""

@@ -19,11 +19,10 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import with_components, with_module
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
-from soter.language.evaluate.predicates import conjuncts, disjuncts
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
 from soter.language.model.system import Bound, Disturbance
-from soter.language.model.tree_walk import nodes, rewritten, topic_reads
+from soter.language.model.tree_walk import conjuncts, disjuncts, nodes, rewritten, topic_reads
 from soter.language.model.types import (
     BOOL,
     FLOAT,

@@ -11,7 +11,7 @@ import operator
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.language.evaluate import arithmetic, fair_choice
+from soter.language.evaluate import arithmetic, environment
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.model import typed as t
@@ -395,9 +395,9 @@ class ExpressionEvaluator(ABC):
                 pick = env.choose(count)
             else:
                 before = env.variables[ages]
-                allowed = fair_choice.allowed(before)
+                allowed = environment.allowed(before)
                 pick = allowed[env.choose(len(allowed))]
-                env.variables[ages] = fair_choice.taken(before, pick)
+                env.variables[ages] = environment.taken(before, pick)
             if values:
                 return values[pick]
             return bool(pick) if boolean else low + pick

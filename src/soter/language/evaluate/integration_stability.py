@@ -22,9 +22,8 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeAlias
 
-from soter.language.evaluate.predicates import returned
 from soter.language.model import typed
-from soter.language.model.tree_walk import nodes
+from soter.language.model.tree_walk import nodes, returned
 from soter.language.model.types import ArrayType, FloatType, IntType, RecordType, leaf_name
 from soter.language.syntax.schemes import SCHEMES
 

@@ -1,130 +1,55 @@
-"""Predicates: their parts, whether two expressions are alike, and the meaning of `ttf` and `safer`.
+"""What `ttf` and `safer` mean where an operand may be NaN, and which operands may.
 
-Purpose: `conjuncts` takes `a && b` apart, also where it stands in a function that only returns it;
-`premise_of` says what an implication asks for; `same_expression` tells that `x - 1 < x - 1` has one
-value on both sides. `PredicateEvaluator` judges `ttf` and `safer`: there a comparison whose operand
-is NaN is a fault, also in functions that the predicate calls. Unknown is unsafe.
-Non-goals: any other rewriting; expressions that are equal and written otherwise; functions of the
-prelude, which answer NaN with NaN; which comparisons may meet a NaN (`numbers_in_predicates.py`).
+Purpose: `PredicateEvaluator` judges `ttf` and `safer`: there a comparison whose operand is NaN is a
+fault, also in functions that the predicate calls. Unknown is unsafe. Which operands are numbers in
+every step of the DM is decided once (`maybe_nan`), from declared sets and types, for C, proofs and
+the re-checker; where none may be NaN nothing is looked at.
+Non-goals: functions of the prelude, which answer NaN with NaN; conditions on the way, which refine
+nothing; the parts of predicates (`language/model/tree_walk.py`).
+
+Topics hold finite numbers in their sets, as the gate refuses all else; of extern functions nothing
+is known. Functions of the prelude are told by the domains of `function_error_bounds.py`.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.expressions import ExpressionEvaluator
+from soter.language.evaluate.range_evaluation import (
+    ELEMENTS,
+    UNKNOWN,
+    RangeEvaluator,
+    ReadPlace,
+    TooHardError,
+    anything,
+)
+from soter.language.evaluate.ranges import ANY_FLOAT, INF, Range
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model import typed
+from soter.language.evaluate.topic_ranges import MOST, published
 from soter.language.model import typed as t
-from soter.language.model.tree_walk import children, nodes, rewritten
-from soter.language.model.types import FloatType
+from soter.language.model.tree_walk import nodes
+from soter.language.model.types import (
+    ArrayType,
+    FloatType,
+    ListType,
+    RecordType,
+    has_list,
+    leaf_count,
+)
+from soter.language.prelude.function_error_bounds import BOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from soter.language.evaluate.environment import Environment
     from soter.language.evaluate.expressions import Compiled, Extern
-    from soter.language.model.types import Value
-
-
-PARTS_MAX = 16
-
-
-def conjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
-    """Expressions whose conjunction is the predicate, from left to right; at most `PARTS_MAX`."""
-    parts = _parts(predicate)
-    return parts if len(parts) <= PARTS_MAX else [predicate]
-
-
-def disjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
-    """Expressions whose disjunction is the predicate: `a || b`, and `!e` by the parts of e."""
-    inner = returned(predicate) if isinstance(predicate, typed.TypedCall) else None
-    if inner is not None and len(parts := disjuncts(inner)) > 1:
-        return parts
-    if isinstance(predicate, typed.TypedBinary) and predicate.op == "||":
-        return [*disjuncts(predicate.left), *disjuncts(predicate.right)]
-    if isinstance(predicate, typed.TypedUnary) and predicate.op == "!":
-        return [replace(predicate, operand=part) for part in _parts(predicate.operand)]
-    return [predicate]
-
-
-def premise_of(predicate: typed.TypedExpr) -> typed.TypedExpr | None:
-    """Of an implication, `!p || q`, `q || !p` or `p ? q : true`, the p; None of anything else."""
-    e = returned(predicate) if isinstance(predicate, typed.TypedCall) else predicate
-    if isinstance(e, typed.Conditional) and isinstance(e.otherwise, typed.Literal):
-        return e.condition if e.otherwise.value is True else None
-    if not isinstance(e, typed.TypedBinary) or e.op != "||":
-        return None
-    negated = [
-        x.operand for x in (e.left, e.right) if isinstance(x, typed.TypedUnary) and x.op == "!"
-    ]
-    return negated[0] if len(negated) == 1 else None
-
-
-def _parts(e: typed.TypedExpr) -> list[typed.TypedExpr]:
-    if isinstance(e, typed.TypedBinary) and e.op == "&&":
-        return [*_parts(e.left), *_parts(e.right)]
-    if isinstance(e, typed.TypedCall):
-        inner = returned(e)
-        if inner is not None and len(parts := _parts(inner)) > 1:
-            return parts
-    return [e]
-
-
-def returned(call: typed.TypedCall) -> typed.TypedExpr | None:
-    """What a call stands for, where the function is nothing but one `return`."""
-    body = call.fun.body
-    if body is None or len(body) != 1 or not isinstance(body[0], typed.TypedReturn):
-        return None
-    given = dict(zip(call.fun.parameters, call.arguments, strict=True))
-
-    def argument(e: typed.TypedExpr) -> typed.TypedExpr:
-        return given.get(e.variable, e) if isinstance(e, typed.VarRead) else e
-
-    expansion: typed.TypedExpr = rewritten(body[0].value, argument)
-    return expansion
-
-
-def same_expression(a: t.TypedExpr, b: t.TypedExpr) -> bool:
-    """Whether two expressions are written alike, and so have one value where they are judged."""
-    return _form(a) == _form(b)
-
-
-def _form(e: Any) -> object:  # noqa: ANN401 - any part of an expression
-    """What an expression is made of, but for where it stands.
-
-    A choice, and what an extern answers, is alike to nothing.
-    """
-    if isinstance(e, t.TypedChoose) or (isinstance(e, t.TypedCall) and _may_differ(e.fun)):
-        return object()
-    own: list[object] = [type(e).__name__]
-    for name in ("op", "name", "index", "instance"):
-        value = getattr(e, name, None)
-        own += [name, value] if isinstance(value, (str, int)) else []
-    for name in ("variable", "topic", "param", "module", "fun"):
-        value = getattr(e, name, None)
-        own += [name, value if isinstance(value, str) else id(value)]
-    if isinstance(e, t.Literal):
-        own.append(repr(e.value))
-    return (*own, *[_form(child) for child in children(e)])
-
-
-def _may_differ(fun: t.FunSymbol) -> bool:
-    """Whether two calls with equal arguments may differ: an extern may keep something."""
-    todo, seen = [fun], {fun}
-    while todo:
-        body = todo.pop().body
-        if body is None:
-            return True
-        for n in nodes(body):
-            if isinstance(n, t.TypedChoose):
-                return True
-            if isinstance(n, t.TypedCall) and n.fun not in seen and not n.fun.prelude:
-                seen.add(n.fun)
-                todo.append(n.fun)
-    return False
+    from soter.language.evaluate.range_evaluation import Known
+    from soter.language.model.system import Module, System
+    from soter.language.model.types import Type, Value
 
 
 COMPARISONS = frozenset(("<", "<=", ">", ">=", "==", "!="))
@@ -213,3 +138,237 @@ def has_nan(value: Value) -> bool:
     if isinstance(value, tuple):
         return any(has_nan(v) for v in value)
     return bool(value != value)  # noqa: PLR0124  only NaN differs from itself
+
+
+BUDGET = 20_000
+TURNS = 3
+"""Of a loop; what still changes then may be anything of its type, and changes no more."""
+TIMES = Range(0.0, 1e10)
+"""Seconds that 64 bits of nanoseconds hold."""
+TOTAL = {
+    *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "tanh", "hypot"),
+    *("wrap_angle", "sign"),
+}
+"""Functions of the prelude that give a number for all numbers of their domain; `pow` of x >= 0."""
+
+
+def maybe_nan(system: System, module: Module, *more: t.TypedExpr) -> frozenset[t.TypedExpr]:
+    """Operands in `ttf`, `safer` and `progress` of a module, and in what they call.
+
+    And in `more`, made of these. One set for all, so that a function is one wherever it is called.
+    """
+    symbol = module.symbol
+    found: set[t.TypedExpr] = set()
+    for predicate in (symbol.ttf, symbol.safer, *symbol.verify.progress, *more):
+        if predicate is None:
+            continue
+        looking = _Looking(system, module)
+        try:
+            looking.evaluate(predicate)
+            found |= looking.found
+        except TooHardError:
+            found |= all_operands(predicate)
+    return frozenset(found)
+
+
+def operands_in(fun: t.FunSymbol) -> set[t.TypedExpr]:
+    """All that a function of the program compares, itself or in what it calls."""
+    return set() if fun.prelude else all_operands(*(fun.body or ()))
+
+
+def all_operands(*roots: object) -> set[t.TypedExpr]:
+    """Whatever is compared in some code, and in what it calls, but for the prelude and numbers."""
+    found: set[t.TypedExpr] = set()
+    todo, seen = list(roots), set()
+    while todo:
+        for n in nodes([todo.pop()]):
+            if isinstance(n, t.TypedExpr):
+                found |= {e for e in compared_operands(n) if not _is_number(e)}
+            if isinstance(n, t.TypedCall) and n.fun not in seen and not n.fun.prelude:
+                seen.add(n.fun)
+                todo += n.fun.body or ()
+    return found
+
+
+def _is_number(e: t.TypedExpr) -> bool:
+    return isinstance(e, t.Literal) and not has_nan(e.value)
+
+
+class _Looking(RangeEvaluator):
+    """Ranges of all that is evaluated; `found` fills with compared operands that may be NaN."""
+
+    def __init__(self, system: System, module: Module) -> None:
+        super().__init__(module.scope, module.period_ns, lambda place: _read(system, place))
+        self.system = system
+        self.left = BUDGET
+        self.compared: set[t.TypedExpr] = set()
+        self.found: set[t.TypedExpr] = set()
+
+    def evaluate(self, e: t.TypedExpr) -> Known:
+        """As `RangeEvaluator` says."""
+        known = super().evaluate(e)
+        if e in self.compared and any(r.nan for r in self._flat(known, e.type)):
+            self.found.add(e)
+        return known
+
+    def _comparing(self, e: Any) -> Known:  # noqa: ANN401 - a binary or a builtin operation
+        self.compared |= set(compared_operands(e))
+        return RangeEvaluator.EXPRESSIONS[type(e)](self, e)
+
+    # ------------------------------------------------------------ calls
+
+    def _call(self, e: t.TypedCall) -> Known:
+        if e.fun.body is not None and not e.fun.prelude:
+            return super()._call(e)
+        given = [self.evaluate(a) for a in e.arguments]
+        if e.fun.body is None:
+            return anything(e.type)
+        if e.fun.name in TOTAL or e.fun.name == "pow":
+            arguments = [self._scalar(g, a.type) for g, a in zip(given, e.arguments, strict=True)]
+            return _of_prelude(e.fun.name, arguments)
+        outside, self.variables = self.variables, dict(zip(e.fun.parameters, given, strict=True))
+        compared, found, self.compared, self.found = self.compared, self.found, set(), set()
+        try:
+            returned, _ = self._run(e.fun.body, None, e.type)
+        finally:
+            self.variables, self.compared, self.found = outside, compared, found
+        return anything(e.type) if returned is None else returned
+
+    # ------------------------------------------------------------ arrays and lists
+
+    def _literal(self, e: t.Literal) -> Known:
+        if leaf_count(e.type) <= ELEMENTS:
+            return super()._literal(e)
+        return UNKNOWN
+
+    def _index(self, e: t.Index) -> Known:
+        target = e.target
+        if isinstance(target, t.Literal) and isinstance(e.type, FloatType):
+            self.number(e.index)
+            return self._row_of(target)
+        known, of = self.evaluate(target), target.type
+        long = isinstance(of, ListType) or (isinstance(of, ArrayType) and of.size > ELEMENTS)
+        if long and isinstance(known, ReadPlace) and known.kind == "topic":
+            self.number(e.index)
+            return _finite(e.type)
+        return super()._index(e)
+
+    def _row_of(self, table: t.Literal) -> Range:
+        known = self._literals.get(table)
+        if known is None:
+            values = [float(v) for v in table.value]
+            clear = not any(math.isnan(v) for v in values) and values
+            known = Range(min(values), max(values)) if clear else ANY_FLOAT
+            self._literals[table] = known
+        return known
+
+    def _length(self, e: t.TypedLength) -> Known:
+        if isinstance(e.target.type, ListType):
+            self.evaluate(e.target)
+        return super()._length(e)
+
+    def _plain(self, s: t.TypedStmt) -> bool:
+        if not isinstance(s, (t.TypedAssign, t.TypedPush)):
+            return super()._plain(s)
+        variable, path = s.place.variable, s.place.path
+        steps = [Range(k, k) if isinstance(k, int) else self.number(k) for k in path]
+        value = self.evaluate(s.value)
+        if isinstance(s, t.TypedAssign):
+            old = self.variables.get(variable, UNKNOWN)
+            self.variables[variable] = self._put(old, variable.type, steps, value)
+        else:
+            self.variables[variable] = anything(variable.type)
+        return True
+
+    def _put(self, old: Known, of: Type, steps: list[Range], value: Known) -> Known:
+        """A value of which a part, at one of these places, is another one."""
+        if not steps:
+            return value
+        (at, *rest), parts = steps, []
+        if isinstance(of, ListType):
+            return UNKNOWN
+        for k, (part, t_) in enumerate(self._parts(old, of)):
+            if not at.has(k):
+                parts.append(part)
+                continue
+            new = self._put(part, t_, rest, value)
+            parts.append(new if at.single else self._joined(part, new, t_))
+        return tuple(parts)
+
+    def _loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
+        """All rounds at once: what holds before each of them, found by going round."""
+        if isinstance(s, t.ForRange):
+            item: Known = Range(s.low, s.high - 1)
+            if s.high <= s.low:
+                return returned, True
+        else:
+            item = self._element(self.evaluate(s.sequence), s.sequence.type)
+        turns = 0
+        while True:
+            before = dict(self.variables)
+            self.variables[s.variable] = item
+            returned, falls = self._run(s.body, returned, of)
+            after = self._merged([before, *([self.variables] if falls else [])], before)
+            if after == before:
+                self.variables = before
+                return returned, True
+            turns += 1
+            if turns >= TURNS:
+                after = {v: k if k == before[v] else anything(v.type) for v, k in after.items()}
+            self.variables = after
+
+    def _element(self, whole: Known, of: Type) -> Known:
+        """What the elements of an array or a list may be."""
+        assert isinstance(of, (ArrayType, ListType))
+        if isinstance(whole, ReadPlace) and whole.kind == "topic":
+            return _finite(of.element)
+        if not isinstance(whole, tuple) or not whole or isinstance(of, ListType):
+            return anything(of.element)
+        union = whole[0]
+        for part in whole[1:]:
+            union = self._joined(union, part, of.element)
+        return union
+
+    EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any], Known]]] = {
+        **RangeEvaluator.EXPRESSIONS,
+        t.TypedBinary: _comparing,
+        t.Builtin: _comparing,
+        t.TypedCall: _call,
+        t.Literal: _literal,
+        t.Index: _index,
+        t.TypedLength: _length,
+    }
+
+
+def _read(system: System, place: ReadPlace) -> Range:
+    """What may be read there: finite numbers, of a topic of its set."""
+    if place.kind == "topic" and not has_list(system.topics[place.index].type):
+        return published(system.topics[place.index], place)
+    if place.kind in ("time", "age", "margin"):
+        return TIMES
+    known = anything(place.type) if place.kind == "truth" else _finite(place.type)
+    if not isinstance(known, Range):
+        raise TooHardError
+    return known
+
+
+def _of_prelude(name: str, arguments: list[Range]) -> Range:
+    """What a function gives that is a number for all numbers of its domain."""
+    bound = BOUNDS[name]
+    domain = ((0.0, INF), bound.domain[1]) if name == "pow" else bound.domain
+    inside = all(
+        low <= a.low and a.high <= high and not a.nan
+        for a, (low, high) in zip(arguments, domain, strict=True)
+    )
+    return Range(*bound.values, nan=not inside)
+
+
+def _finite(of: Type) -> Known:
+    """All values of a type that a topic may have."""
+    if isinstance(of, FloatType):
+        return Range(-MOST, MOST)
+    if isinstance(of, RecordType) and of.scalars <= ELEMENTS:
+        return tuple([_finite(f) for _, f in of.fields])
+    if isinstance(of, ArrayType) and of.size <= ELEMENTS:
+        return (_finite(of.element),) * of.size
+    return anything(of)

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.language.evaluate import ranges
-from soter.language.evaluate.predicates import same_expression
 from soter.language.evaluate.ranges import ANY_FLOAT, ANY_INT, EITHER, FALSE, TRUE, Faults, Range
 from soter.language.model import typed as t
+from soter.language.model.tree_walk import same_expression
 from soter.language.model.types import (
     ArrayType,
     BoolType,

@@ -932,7 +932,7 @@ class TestSymbol(Symbol):
 
 
 class Cost(NamedTuple):
-    """What one execution takes at most, as `language/check/step_cost.py` counts."""
+    """What one execution takes at most, as `language/model/tree_walk.py` counts."""
 
     operations: int
     bytes: int

@@ -17,7 +17,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from itertools import islice
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any, SupportsFloat, SupportsIndex, cast, overload
+from typing import TYPE_CHECKING, Any, SupportsFloat, SupportsIndex, TypeGuard, cast, overload
 
 from soter.language.model.types import (
     INT,
@@ -47,7 +47,7 @@ TABLE_MAX = 4_000_000
 """Numbers in a table."""
 
 
-def is_table(t: Type) -> bool:
+def is_table(t: Type) -> TypeGuard[ArrayType | ListType]:
     """Whether values of the type are too large to be copied."""
     return isinstance(t, (ArrayType, ListType)) and leaf_count(t) > VALUE_MAX
 

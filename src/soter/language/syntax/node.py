@@ -2,7 +2,7 @@
 
 Purpose: `node`: a dataclass that is never changed; `Node`: how its objects are compared, hashed and
 shown, written once instead of compiled anew for each class; `Shown`: the last of these alone.
-Non-goals: what the trees are (`tree.py`, `core/core.py`, `codegen/c/tree.py`).
+Non-goals: what the trees are (`tree.py`, `core/core.py`, `codegen/c_tree.py`).
 """
 
 from __future__ import annotations

@@ -18,10 +18,10 @@ from soter.diagnostics.diagnostic import Diagnostic, Label, Span, insert, replac
 from soter.language.syntax import tree
 from soter.language.syntax.foreign_phrases import FUNCTION, NODE, PLANT, place_of
 from soter.language.syntax.parsing.bodies import BodyParser
-from soter.language.syntax.parsing.functions_and_plants import fun, plant
+from soter.language.syntax.parsing.declarations import fun, node, plant
 from soter.language.syntax.parsing.items import clauses, equal, range_of, time
 from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
-from soter.language.syntax.parsing.nodes import node, rta
+from soter.language.syntax.parsing.modules import rta
 from soter.language.syntax.parsing.systems import system, test
 from soter.language.syntax.parsing.token_cursor import (
     BODY_WORDS,

@@ -18,10 +18,10 @@ from math import inf
 from statistics import median
 from typing import TYPE_CHECKING
 
-from soter.language.model.durations import show_ns
-from soter.language.model.least_ages import PUBLICATIONS, is_measured, least_age_ns
+from soter.language.elaborate.step_times import PUBLICATIONS, is_measured, least_age_ns
 from soter.language.model.tree_walk import calls_in, mode_reads, nodes, topic_reads
 from soter.language.model.typed import AgeRead
+from soter.language.model.types import show_ns
 from soter.monitor.model_membership import SILENT
 
 if TYPE_CHECKING:

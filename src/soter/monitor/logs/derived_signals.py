@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
 
 
 LEAST = 3

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

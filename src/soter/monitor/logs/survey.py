@@ -19,7 +19,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.render import safe
-from soter.language.model.durations import write_ns
+from soter.language.model.types import write_ns
 from soter.language.syntax.tokens import RESERVED
 from soter.mapping.message_types import EMPTY_MEMBER
 from soter.monitor.logs.files.csv_log import csv_head, csv_rows, head_helps, is_table

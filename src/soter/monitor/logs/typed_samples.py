@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.language.evaluate.arithmetic import StepFault
-from soter.language.model.durations import show_ns
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -28,6 +27,7 @@ from soter.language.model.types import (
     IntType,
     RecordType,
     leaves,
+    show_ns,
 )
 from soter.mapping.message_types import HEADER_FRAME
 from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource, SourceTurns

@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, Severity, SoterError
-from soter.language.load.bounded_read import read_bytes
-from soter.language.model.binding_text import binding_of
+from soter.language.load.named_files import binding_of, read_bytes
 from soter.language.model.types import IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from soter.diagnostics.diagnostic import Span
-    from soter.language.model.binding_text import BindingText
+    from soter.language.load.named_files import BindingText
     from soter.language.model.system import Component, System
     from soter.language.model.typed import NodeSymbol, TypedProgram
 

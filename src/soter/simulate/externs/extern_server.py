@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.core.layout import decode_from, encode_into
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.model.binding_text import binding_of
+from soter.language.load.named_files import binding_of
 from soter.language.model.values import inputs_to_python
 from soter.semantics.externs import converted
 from soter.simulate.externs.python_answers import described

@@ -25,8 +25,7 @@ from soter.semantics.publication_gate import check_of, messages, to_ends
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from soter.core.arrays import Bytes
-    from soter.core.layout import StateLayout
+    from soter.core.layout import Bytes, StateLayout
     from soter.language.model.system import Component, System
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Type, Value

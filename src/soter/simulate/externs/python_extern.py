@@ -26,7 +26,7 @@ import numpy as np
 from soter.addons import by_name
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, reason
 from soter.diagnostics.similar_names import closest
-from soter.language.load.bounded_read import read_bytes
+from soter.language.load.named_files import read_bytes
 from soter.language.model.values import widened
 from soter.semantics.externs import Converted, Stop, converted, step_of
 from soter.semantics.publication_gate import clipped
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Span
-    from soter.language.model.binding_text import BindingText
+    from soter.language.load.named_files import BindingText
     from soter.language.model.system import Bound, Component, System
     from soter.language.model.types import Type
     from soter.simulate.interrupt import StopRequest

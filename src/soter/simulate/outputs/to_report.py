@@ -19,7 +19,7 @@ import numpy as np
 from soter.core.layout import group_field
 from soter.diagnostics.diagnostic import mistake
 from soter.diagram.svg import picture as draw
-from soter.language.evaluate.numbers_in_predicates import limits
+from soter.language.evaluate.topic_ranges import limits
 from soter.language.model import typed
 from soter.language.model.system import modules_above, tower_of
 from soter.language.model.types import (

@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import check_file, system_to_prove
-from soter.language.load.bounded_read import ReadError, read_json_text
-from soter.language.load.data_files import parse_json
+from soter.language.load.named_files import ReadError, parse_json, read_json_text
 from soter.language.model.values import to_json
 from soter.report.atomic_write import own_place
 from soter.semantics.configuration import SC, DecisionVerdict

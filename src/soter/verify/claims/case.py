@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.format.folder import Certificate
-    from soter.core.arrays import Bools, Floats
+    from soter.core.layout import Bools, Floats
     from soter.verify.claims.product_sets import FailsafeClaim, SetFactor
     from soter.verify.claims.results import ModuleResult, Region
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures

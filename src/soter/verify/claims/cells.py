@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.core.arrays import Bools
+    from soter.core.layout import Bools
     from soter.verify.claims.case import Case
     from soter.verify.problem.problem import Axis, Group, Interval, Problem
 

@@ -23,8 +23,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import CancelledError, cancelled_when, passing_phase, telling
 from soter.language.evaluate.integration_stability import diverging
-from soter.language.model.durations import show_ns
-from soter.language.model.types import leaf_name, leaves
+from soter.language.model.types import leaf_name, leaves, show_ns
 from soter.verify.claims.case import Case
 from soter.verify.claims.handover_claims import handed_back
 from soter.verify.claims.product_sets import (

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import leaves
+from soter.language.model.types import leaves, show_ns
 from soter.verify.claims.product_sets import law_within
 from soter.verify.claims.results import ASSUMED, PROVED
 from soter.verify.time.sc_on_default_inputs import fault_on_defaults
@@ -24,7 +23,7 @@ from soter.verify.time.sc_on_default_inputs import fault_on_defaults
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import Finding
     from soter.verify.problem.problem import Problem

@@ -20,7 +20,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.core.arrays import Bools, Floats
+    from soter.core.layout import Bools, Floats
     from soter.verify.claims.results import CaseSets
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
     from soter.verify.grid.sets import GridGroup

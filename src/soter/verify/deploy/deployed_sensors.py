@@ -34,9 +34,8 @@ from itertools import combinations
 from math import inf, isfinite
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.deployed_systems import from_outside
-from soter.language.model.durations import show_ns
-from soter.language.model.types import FloatType, leaf_name, leaves
+from soter.language.elaborate.wellformed import from_outside
+from soter.language.model.types import FloatType, leaf_name, leaves, show_ns
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.problem.extract import cases
 

@@ -21,8 +21,7 @@ import numpy as np
 from soter.core.layout import encode_into, size_of
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
-from soter.language.evaluate.numbers_in_predicates import maybe_nan
-from soter.language.evaluate.predicates import PredicateEvaluator
+from soter.language.evaluate.predicates import PredicateEvaluator, maybe_nan
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import AgeRead
 from soter.language.model.types import (

@@ -6,7 +6,7 @@ of being computed once more; `same_tables`: whether the tables that are built ar
 certificate, whoever computed them.
 Non-goals: whether a certificate is right: whoever asks has had it checked (`soter.recheck`), and
 `ttf` and `safer` of the module confirmed; that both systems are the same program
-(`language/elaborate/deployed_systems.py`), what sensors have to give (`deployed_sensors.py`).
+(`language/elaborate/wellformed.py`), what sensors have to give (`deployed_sensors.py`).
 """
 
 from __future__ import annotations

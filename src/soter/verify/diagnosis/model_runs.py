@@ -24,7 +24,7 @@ from soter.verify.grid.group_inputs import of_problem
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.verify.claims.case import Case
 
 

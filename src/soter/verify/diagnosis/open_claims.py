@@ -35,7 +35,7 @@ from soter.verify.grid.claims import GridProof
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from soter.core.arrays import Bools, Floats
+    from soter.core.layout import Bools, Floats
     from soter.verify.claims.case import Case, Failure
     from soter.verify.claims.results import Finding, ModuleResult
     from soter.verify.diagnosis.model_runs import ModelTrace, Pattern

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.language.elaborate.step_times import fresh_ages_ns
 from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
-from soter.language.model.durations import show_ns
-from soter.language.model.least_ages import fresh_ages_ns
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
+from soter.language.model.types import show_ns
 from soter.verify.claims.product_sets import candidates
 from soter.verify.claims.results import Vacuity
 from soter.verify.problem.estimates import errors_of
@@ -26,7 +26,7 @@ from soter.verify.problem.estimates import errors_of
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import ModuleResult
     from soter.verify.problem.problem import Problem

@@ -18,8 +18,8 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
-from soter.language.model.durations import show_ns
-from soter.language.model.least_ages import least_age_ns
+from soter.language.elaborate.step_times import least_age_ns
+from soter.language.model.types import show_ns
 from soter.verify.claims.cells import cells_of, smaller_cells
 from soter.verify.claims.choice import CELLS_MAX
 from soter.verify.diagnosis.model_runs import TRUE, PointModel
@@ -30,7 +30,7 @@ from soter.verify.problem.problem import Group, Interval
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.language.model.system import Module, System
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import LeavingRun

@@ -21,7 +21,7 @@ import numpy as np
 from soter.core.lower_statements import FunctionTable
 from soter.core.steps import lower_predicate
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.evaluate.predicates import PARTS_MAX
+from soter.language.model.tree_walk import PARTS_MAX
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find, vector_flags
 from soter.native.shared_library import (
@@ -46,8 +46,8 @@ from soter.verify.problem.modes_of_other_modules import in_ac
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.core.arrays import Floats
     from soter.core.core import Function, Predicate
+    from soter.core.layout import Floats
     from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedExpr

@@ -4,7 +4,7 @@ Purpose: what the operations of Core come to when every number is an enclosure; 
 undecided branch are blocks of the emitted C. A function of the prelude is enclosed as what it
 stands for: `sin` becomes an enclosure of the sine, widened by the tested bound of
 `language/prelude/function_error_bounds.py`, instead of an enclosure of its polynomial.
-Non-goals: the walk (`core/abstract_execution.py`), which functions are emitted
+Non-goals: the walk (`core/core_walks.py`), which functions are emitted
 (`enclosure_code.py`), the arithmetic (`enclosed_operations.py`); functions of the prelude without a
 tested bound, whose bodies are enclosed as they are.
 """
@@ -16,7 +16,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.abstract_execution import Execution
+from soter.core.core_walks import Execution
 from soter.language.model.types import IntType, ListType, leaf_count
 from soter.language.model.values import Table
 from soter.language.prelude.function_error_bounds import BOUNDS
@@ -41,7 +41,7 @@ from soter.verify.enclose.enclosure_emitter import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.core.abstract_execution import Join
+    from soter.core.core_walks import Join
     from soter.language.model.types import Type
     from soter.verify.enclose.enclosure_emitter import Emitter, Step
 

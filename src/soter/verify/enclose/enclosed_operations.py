@@ -10,7 +10,7 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
+from soter.codegen import c_tree as c
 from soter.language.evaluate import arithmetic
 from soter.language.model.types import (
     INT_MAX,

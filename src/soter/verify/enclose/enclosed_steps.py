@@ -36,7 +36,7 @@ from soter.verify.enclose.enclosure_inputs import EnclosureInputs, key, parts
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from soter.codegen.c import tree as c
+    from soter.codegen import c_tree as c
     from soter.language.model.system import Bound, Component, Module, System
     from soter.language.model.typed import TypedExpr
     from soter.language.model.types import Type

@@ -13,9 +13,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
-from soter.codegen.c.printer import print_file
-from soter.language.evaluate.predicates import PARTS_MAX, conjuncts
+from soter.codegen import c_tree as c
+from soter.codegen.c_printer import print_file
+from soter.language.model.tree_walk import PARTS_MAX, conjuncts
 from soter.verify.enclose.enclosed_operations import EnclosureOperations
 from soter.verify.enclose.enclosed_steps import Enclosed
 from soter.verify.enclose.enclosure_emitter import (

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, fields
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
-from soter.codegen.c.types import int_number
+from soter.codegen import c_tree as c
+from soter.codegen.c_types import int_number
 from soter.language.model.types import (
     ArrayType,
     BoolType,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.codegen.c import tree as c
+from soter.codegen import c_tree as c
 from soter.language.model.types import (
     ArrayType,
     BoolType,

@@ -23,7 +23,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
 
 
 NS = 1e-9

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 from soter.verify.claims.case import GroupProof, Method
 from soter.verify.claims.cells import axes, mesh_of, regions_of
 from soter.verify.claims.product_sets import CellsPart, candidates, states_elsewhere
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.format.folder import Certificate
-    from soter.core.arrays import Bools, Floats
+    from soter.core.layout import Bools, Floats
     from soter.report.proof.record import RegionFigure
     from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor

@@ -25,7 +25,7 @@ from soter.verify.enclose.scheme_error import NS, ORDER
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.verify.problem.problem import Interval, Problem, ProblemKind
 
     Range = tuple[float, float]

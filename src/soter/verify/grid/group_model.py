@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.core.arrays import Bools, Floats
+    from soter.core.layout import Bools, Floats
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.grid.group_inputs import GridInputs
 

@@ -18,7 +18,7 @@ from soter.verify.problem.estimates import errors_of, seen
 from soter.verify.tables.grid_tables import FULL
 
 if TYPE_CHECKING:
-    from soter.core.arrays import Bools
+    from soter.core.layout import Bools
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
     from soter.verify.grid.sets import GridGroup

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.core.arrays import Bools, Bytes, Floats
+    from soter.core.layout import Bools, Bytes, Floats
     from soter.verify.grid.sets import GridGroup
 
     Masks = npt.NDArray[np.uint64]

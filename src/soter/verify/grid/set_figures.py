@@ -18,7 +18,7 @@ from soter.verify.claims.cells import drawn_edges, share
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.verify.claims.results import GroupSets
     from soter.verify.problem.problem import Axis
 

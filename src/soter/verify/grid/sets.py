@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.core.arrays import Bools, Bytes, Floats
+    from soter.core.layout import Bools, Bytes, Floats
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.grid.group_model import Ints
     from soter.verify.problem.problem import Group, Problem

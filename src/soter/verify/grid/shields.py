@@ -28,7 +28,7 @@ from soter.verify.tables.shield_tables import command_edges
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.core.arrays import Bools
+    from soter.core.layout import Bools
     from soter.language.model.typed import TopicSymbol
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets

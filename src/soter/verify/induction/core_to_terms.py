@@ -2,7 +2,7 @@
 
 Purpose: the domain of these terms, joined by conditions. What terms cannot say exactly is an
 uninterpreted function of what it is computed from.
-Non-goals: the walk (`core/abstract_execution.py`), when a step runs and what it reads
+Non-goals: the walk (`core/core_walks.py`), when a step runs and what it reads
 (`transition_relation.py`).
 """
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Protocol
 
 from soter.core import core
-from soter.core.abstract_execution import Execution
+from soter.core.core_walks import Execution
 from soter.language.model.types import (
     BOOL,
     FLOAT,
@@ -30,7 +30,7 @@ from soter.verify.induction.solver_terms import Age, is_known, is_tuple, is_whol
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.core.abstract_execution import Join
+    from soter.core.core_walks import Join
     from soter.language.model.types import Type
     from soter.verify.induction.solver_terms import SolverTerms, Term
 

@@ -16,9 +16,9 @@ from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate import derived_systems
 from soter.language.model import typed
-from soter.language.model.durations import show_ns
 from soter.language.model.system import Property
 from soter.language.model.tree_walk import calls_in, margin_reads, mode_reads, nodes, topic_reads
+from soter.language.model.types import show_ns
 from soter.timing.trusted_thread import in_thread
 from soter.verify.induction.calendar import ComponentCalendar
 from soter.verify.problem.assumption import FRESH, Assumption, of_latch

@@ -18,10 +18,10 @@ import time
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.elaborate.deployed_systems import allowed_lateness, from_outside
+from soter.language.elaborate.wellformed import allowed_lateness, from_outside
 from soter.language.model import typed
-from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import nodes
+from soter.language.model.types import show_ns
 from soter.verify.claims.product_sets import NO_LAW
 from soter.verify.claims.results import (
     ASSUMED,

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.format.folder import Certificate
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.report.proof.record import RegionFigure
     from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor

@@ -38,7 +38,7 @@ from soter.verify.problem.verification_system import sc_reads
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
     from soter.verify.problem.problem import Group, Problem
 

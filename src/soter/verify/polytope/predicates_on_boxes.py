@@ -23,7 +23,7 @@ from soter.verify.polytope.tables import drawn_states
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.verify.claims.results import PolytopePart
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
     from soter.verify.polytope.half_spaces import Polytope

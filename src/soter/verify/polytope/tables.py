@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.certificate.format.folder import Certificate
-    from soter.core.arrays import Floats
+    from soter.core.layout import Floats
     from soter.verify.claims.results import PolytopePart
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.tables.level_table import Writer

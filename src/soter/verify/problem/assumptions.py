@@ -9,9 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.elaborate.views_for_proofs import start_behind
-from soter.language.model.durations import show_ns
 from soter.language.model.tree_walk import calls_in, topic_reads
-from soter.language.model.types import FloatType, leaf_name, leaves
+from soter.language.model.types import FloatType, leaf_name, leaves, show_ns
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.induction.handover import handovers
 from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, of_latch

@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING
 
 from soter.language.elaborate.derived_systems import with_module
 from soter.language.elaborate.views_for_proofs import systems_by_view
-from soter.language.evaluate.predicates import conjuncts
 from soter.language.model import typed
-from soter.language.model.durations import show_ns
 from soter.language.model.system import modules_above
-from soter.language.model.tree_walk import nodes, topic_reads
+from soter.language.model.tree_walk import conjuncts, nodes, topic_reads
+from soter.language.model.types import show_ns
 from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.modes_of_other_modules import modes_as_topics
 from soter.verify.problem.supported_constructs import UNKNOWN_FACTS

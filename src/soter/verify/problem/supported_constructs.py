@@ -16,9 +16,8 @@ from __future__ import annotations
 from functools import reduce
 from typing import TYPE_CHECKING
 
-from soter.language.evaluate.predicates import disjuncts
 from soter.language.model import typed
-from soter.language.model.tree_walk import calls_in, nodes, plant_code, topic_reads
+from soter.language.model.tree_walk import calls_in, disjuncts, nodes, plant_code, topic_reads
 from soter.language.model.types import BOOL, BoolType, EnumType, FloatType, IntType, leaves
 from soter.verify.problem.assumption import Assumption
 

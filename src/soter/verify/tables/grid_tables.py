@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.core.arrays import Bools
+    from soter.core.layout import Bools
     from soter.verify.problem.problem import Group, Problem
 
 

@@ -20,9 +20,9 @@ from math import gcd
 from typing import TYPE_CHECKING
 
 from soter.language.check.constants_and_types import Calculator
-from soter.language.model.durations import show_ns, write_ns
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import show_ns, write_ns
 from soter.timing.trusted_thread import MISSES, in_thread, report_miss, timing_of
 from soter.verify.problem.problem import Times
 from soter.verify.problem.verification_system import sc_reads

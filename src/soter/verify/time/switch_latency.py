@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.views_for_proofs import systems_by_view
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 from soter.verify.problem.problem import Times
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import place

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 from soter.verify.time.schedule import ActuationPath, Releases, Schedule, SensorPath
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """Core, read as real expressions: plants' rates, a law, a predicate.
 
-Purpose: `ExpressionReading` executes Core over expressions (`core/abstract_execution.py`).
+Purpose: `ExpressionReading` executes Core over expressions (`core/core_walks.py`).
 Non-goals: whether a step faults (asked offline, of all that it may read), what an expression is
 (`expressions.py`).
 """
@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.core import core
-from soter.core.abstract_execution import Execution
+from soter.core.core_walks import Execution
 from soter.language.model.types import (
     INT_MAX,
     INT_MIN,
@@ -26,7 +26,7 @@ from soter.verify.tubes.expressions import CONDITIONS, Expressions, Node, NoExpr
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.core.abstract_execution import Join
+    from soter.core.core_walks import Join
     from soter.language.model.types import Type
 
 FUNCTIONS = frozenset({"sin", "cos", "exp", "tan", "atan", "tanh", "wrap_angle"})

@@ -13,11 +13,11 @@ from collections import Counter
 from math import isinf
 from typing import TYPE_CHECKING, Any
 
-from soter.language.check.step_cost import cost_of
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file
+from soter.language.model.tree_walk import cost_of
 from soter.verify.tubes.expressions import CONDITIONS, Node, in_order
 
 if TYPE_CHECKING:

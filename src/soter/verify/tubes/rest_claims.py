@@ -20,8 +20,8 @@ from math import inf, isfinite
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.current_phase import phase
-from soter.language.check.step_cost import MAX_OPERATIONS
-from soter.language.model.durations import show_ns
+from soter.language.model.tree_walk import MAX_OPERATIONS
+from soter.language.model.types import show_ns
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expressions import in_order
 from soter.verify.tubes.generated_functions import Caller, TooLongError, function

@@ -16,8 +16,8 @@ from importlib.resources import files
 from math import inf, nextafter
 from typing import TYPE_CHECKING
 
-from soter.core.abstract_execution import STATEMENTS_MAX, TooManyStatementsError
-from soter.language.check.step_cost import cost_of
+from soter.core.core_walks import STATEMENTS_MAX, TooManyStatementsError
+from soter.language.model.tree_walk import cost_of
 from soter.language.model.types import leaves
 from soter.verify.problem.problem import Interval
 from soter.verify.tables.shield_tables import command_edges

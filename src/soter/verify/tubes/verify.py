@@ -14,7 +14,7 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
-from soter.language.model.durations import show_ns
+from soter.language.model.types import show_ns
 from soter.verify.claims.product_sets import NO_LAW
 from soter.verify.claims.results import (
     ASSUMED,

@@ -11,7 +11,7 @@ import pytest
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Source, applied
 from soter.language.syntax import words as clause_words
 from soter.language.syntax.parser import parse
-from soter.language.syntax.parsing import faults, functions_and_plants, nodes, systems, verification
+from soter.language.syntax.parsing import declarations, modules, systems
 from soter.language.syntax.words import places, word_table
 from tables import all_rows
 
@@ -53,9 +53,9 @@ def test_what_a_word_is_told_to_look_like_is_soter(word: str, form: str) -> None
 
 def test_every_word_of_an_item_has_a_place() -> None:
     tables = (
-        nodes.NODE_ITEMS, nodes.RTA_ITEMS, functions_and_plants.PLANT_ITEMS,
-        systems.SYSTEM_ITEMS, systems.TEST_ITEMS, faults.FAULT_ITEMS, verification.VERIFY_ITEMS,
-        verification.VIEW_ITEMS,
+        declarations.NODE_ITEMS, modules.RTA_ITEMS, declarations.PLANT_ITEMS,
+        systems.SYSTEM_ITEMS, systems.TEST_ITEMS, systems.FAULT_ITEMS, modules.VERIFY_ITEMS,
+        modules.VIEW_ITEMS,
     )  # fmt: skip
     words = {word for table in tables for word in table}
     # Words of declarations and statements, too: they are told by what follows them.
@@ -63,14 +63,14 @@ def test_every_word_of_an_item_has_a_place() -> None:
 
 
 ITEMS_OF: dict[str, Collection[str]] = {
-    "node": nodes.NODE_ITEMS,
-    "node without a step": nodes.NODE_ITEMS,
-    "rta": nodes.RTA_ITEMS,
-    "verify": verification.VERIFY_ITEMS,
-    "plant": functions_and_plants.PLANT_ITEMS,
+    "node": declarations.NODE_ITEMS,
+    "node without a step": declarations.NODE_ITEMS,
+    "rta": modules.RTA_ITEMS,
+    "verify": modules.VERIFY_ITEMS,
+    "plant": declarations.PLANT_ITEMS,
     "system": systems.SYSTEM_ITEMS,
     "test": systems.TEST_ITEMS,
-    "faults": faults.FAULT_ITEMS,
+    "faults": systems.FAULT_ITEMS,
 }
 
 
@@ -352,14 +352,14 @@ def test_what_soter_has_no_item_for_is_told_what_to_do(body: str, item: str) -> 
 
 
 def test_the_bodies_are_told_apart_by_their_items() -> None:
-    assert clause_words.body_of(nodes.NODE_ITEMS, 0) == "node"
-    assert clause_words.body_of(nodes.NODE_ITEMS, 1) == "step"
-    assert clause_words.body_of(nodes.RTA_ITEMS, 0) == "rta"
-    assert clause_words.body_of(functions_and_plants.PLANT_ITEMS, 0) == "plant"
+    assert clause_words.body_of(declarations.NODE_ITEMS, 0) == "node"
+    assert clause_words.body_of(declarations.NODE_ITEMS, 1) == "step"
+    assert clause_words.body_of(modules.RTA_ITEMS, 0) == "rta"
+    assert clause_words.body_of(declarations.PLANT_ITEMS, 0) == "plant"
     assert clause_words.body_of(systems.SYSTEM_ITEMS, 0) == "system"
     assert clause_words.body_of(systems.TEST_ITEMS, 0) == "test"
-    assert clause_words.body_of(verification.VERIFY_ITEMS, 0) == "verify"
-    assert clause_words.body_of(faults.FAULT_ITEMS, 0) == "faults"
+    assert clause_words.body_of(modules.VERIFY_ITEMS, 0) == "verify"
+    assert clause_words.body_of(systems.FAULT_ITEMS, 0) == "faults"
     assert clause_words.body_of((), 1) == "function"
     assert clause_words.body_of((), 0) == "top"
 

@@ -8,7 +8,7 @@ import pytest
 
 from generators.file_listing import files_below
 from soter.language.front_end import check_file
-from soter.language.syntax import foreign_phrases, foreign_rewrites, words
+from soter.language.syntax import foreign_phrases, words
 
 ROOT = Path(__file__).resolve().parents[4]
 SOTER = ROOT / "src" / "soter"
@@ -45,8 +45,8 @@ def test_every_phrase_has_its_groups_and_says_something() -> None:
 def test_what_the_phrases_name_is_there_and_nothing_else_is() -> None:
     forms = foreign_phrases.forms()
     changes = {gap[2] for f in forms for gap in foreign_phrases._GAP.finditer(f.write or "")}
-    assert changes - {None} == set(foreign_rewrites.CHANGES)
-    assert {f.by for f in forms} - {""} == set(foreign_rewrites.WRITERS)
+    assert changes - {None} == set(foreign_phrases.CHANGES)
+    assert {f.by for f in forms} - {""} == set(foreign_phrases.WRITERS)
 
 
 def test_all_that_lies_beside_the_code_is_installed() -> None:

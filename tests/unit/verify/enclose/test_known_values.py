@@ -8,7 +8,7 @@ from fractions import Fraction
 import pytest
 
 from generators.python_enclosures import seeded
-from soter.codegen.c import tree as c
+from soter.codegen import c_tree as c
 from soter.verify.enclose.enclosed_operations import EnclosureOperations
 from soter.verify.enclose.enclosure_emitter import (
     Emitter,

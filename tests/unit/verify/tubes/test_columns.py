@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.language.check import step_cost
 from soter.language.front_end import check_file, system_to_prove
+from soter.language.model import tree_walk
 from soter.verify.deploy.missing_predicates import rest_claims
 from soter.verify.problem.extract import extract
 from soter.verify.tubes import leading_back
@@ -103,7 +103,7 @@ def test_few_columns_stay_where_more_are_no_help(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(leading_back, "SPLITS", 0)
     if "fit" in why:
         most = Caller(check.offline({})).operations("follows")
-        monkeypatch.setattr(step_cost, "MAX_OPERATIONS", int(1.05 * most))
+        monkeypatch.setattr(tree_walk, "MAX_OPERATIONS", int(1.05 * most))
     assert "does not certainly lead back" in shown(check).kept
     assert check.cut == PLAIN
 

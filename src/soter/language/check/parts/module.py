@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import is_error, sound
-from soter.language.check.expressions.field import instead_of, listed
+from soter.language.check.field import instead_of, listed
 from soter.language.check.parts.node import period_or_unknown
 from soter.language.check.parts.verify_block import VerifyChecker
 from soter.language.model import typed

@@ -15,8 +15,8 @@ from soter.diagnostics.diagnostic import out_of_list
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import is_error, sound
+from soter.language.load.named_files import FORMS, binding_of
 from soter.language.model import typed
-from soter.language.model.binding_text import FORMS, binding_of
 from soter.language.model.types import BOOL, DURATION, leaf_count
 from soter.language.model.values import VALUE_MAX
 

@@ -1,7 +1,8 @@
-"""Check systems: instances, wiring, properties, overrides, inputs.
+"""Check systems and tests: instances, wires, properties, overrides, inputs, times, faults.
 
-Purpose: `system` declarations -> symbols; `test_block.py` builds on it.
-Non-goals: flattening and numbers (`elaborator.py`).
+Purpose: `system` declarations -> `SystemSymbol`, `test` declarations -> `TestSymbol`.
+Non-goals: items that both share (`system_items.py`); flattening and numbers (`elaborator.py`,
+`language/elaborate/tested_system.py`); exploring (`explore/`).
 """
 
 from __future__ import annotations
@@ -9,21 +10,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import a_type, is_error, sound
-from soter.language.check.expressions.field import find_instance
-from soter.language.check.expressions.operators_and_choices import MAX_CHOICES
-from soter.language.check.parts.instance_arrays import Unroller
+from soter.language.check.expression_base import is_error, sound
+from soter.language.check.field import find_instance
+from soter.language.check.parts.instances import Unroller, Wires
 from soter.language.check.parts.system_items import (
-    SettingReader,
-    Wires,
+    ItemChecker,
     campaigned,
-    deployed_system,
     externals,
+    invariant_call,
     mentioned,
+    path_expr,
+    source_line,
 )
-from soter.language.check.unknown_names import is_driven
 from soter.language.model import typed
-from soter.language.model.types import BOOL, DURATION, has_list
+from soter.language.model.types import INT
 from soter.language.syntax import tree
 from soter.language.syntax.printer import print_expr
 
@@ -34,19 +34,15 @@ if TYPE_CHECKING:
     from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
 
-    Replaced = tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract, Span]
-
 INSTANTIABLE = ("plant", "node", "module", "system")
 
 
-class SystemChecker:
-    """Checks systems of one program, and what tests share with them."""
+class SystemChecker(ItemChecker):
+    """Checks systems of one program."""
 
     def __init__(self, shared: Shared) -> None:
-        self.shared = shared
-        self.diagnostics = shared.diagnostics
+        super().__init__(shared)
         self.wires = Wires(shared)
-        self.sets = SettingReader(shared)
         self.settings: dict[typed.InstanceSymbol, tuple[tree.SetParam, ...]] = {}
         """What the braces of an instance set."""
 
@@ -228,9 +224,6 @@ class SystemChecker:
                 renames[inner] = outer
             spans.setdefault(inner, inner_ref.span)
 
-    def _twice(self, message: str, again: Span, first: Span) -> None:
-        self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
-
     # ------------------------------------------------------------ properties and overrides
 
     def body(self, system: typed.SystemSymbol, decl: tree.SystemDecl, scope: FileScope) -> None:
@@ -250,14 +243,8 @@ class SystemChecker:
         own = [("", s) for s in unroller.items(decl.sets)]
         system.sets = tuple(self.sets.all([*own, *inside], system, scope))
         system.inputs = tuple(self.inputs(unroller.items(decl.inputs), context))
-        system.externals = externals(self.shared, decl, scope)
+        system.externals = externals(self, decl, scope)
         campaigned(self.shared, system, decl, context, unroller.items(decl.faults))
-
-    def time(
-        self, expr: tree.SyntaxExpr | None, context: Context, what: str
-    ) -> typed.TypedExpr | None:
-        """A time, to be computed for each system."""
-        return sound(self.shared.number(expr, context, DURATION, what)) if expr else None
 
     def _forces(
         self,
@@ -291,186 +278,6 @@ class SystemChecker:
                 )
         system.forces = tuple(forces.values())
 
-    def inside(
-        self,
-        scope: FileScope,
-        name: str,
-        instances: dict[str, typed.InstanceSymbol],
-        lost: frozenset[str],
-    ) -> Context:
-        """The place of a property or an input of the system or test called `name`."""
-        return Context(
-            scope,
-            f"a property of `{name}`",
-            topics="any",
-            has_time=True,
-            has_modes=True,
-            instances=instances,
-            broken=name in scope.broken,
-            lost=lost,
-        )
-
-    def property(self, item: tree.PropertyItem, context: Context) -> typed.PropertySymbol | None:
-        """A property that is an expression, or two."""
-        if invariant_call(item, context) is not None:
-            self._only_in_a_test(item)
-            return None
-        check = self.shared.check_expr
-        premise = check(item.premise, context, BOOL) if item.premise else None
-        condition = check(item.condition, context, BOOL)
-        within = self.time(item.within, Context(context.scope, context.where), "`within`")
-        if is_error(condition) or (premise is not None and is_error(premise)):
-            return None
-        read = print_expr if item.in_loop else source_line
-        whole = _whole(item) if item.in_loop else ""
-        asks = read(item.premise) if item.premise else ""
-        parts = (item.kind, premise, condition, within, read(item.condition), item.span)
-        return typed.PropertySymbol(*parts, whole=whole, asks=asks)
-
-    def _only_in_a_test(self, item: tree.PropertyItem) -> None:
-        self.diagnostics.error(
-            "E012",
-            f"`{source_line(item.condition)}` can only be asked by a test, with `always`",
-            item.condition.span,
-            notes=("it speaks about the time since the decision module last looked",),
-            helps=("write it in a `test` block: `always invariant(M);`, `always invariants;`",),
-        )
-
-    def _by_contract(
-        self, item: tree.Replace, replacements: list[Replaced], *, in_test: bool
-    ) -> None:
-        """`replace M by contract;`, of tests only."""
-        if in_test:
-            by = typed.ByContract("contract", item.by.span)
-            replacements.append((item.what.text, by, item.what.span))
-            return
-        self.diagnostics.error(
-            "E012",
-            f"only a test can replace `{item.what.text}` by its contract",
-            item.by.span,
-            notes=("any value that a contract permits: a test tries them all, a run has none",),
-            helps=("write it in a `test` block, or name a node",),
-        )
-
-    def replaces(
-        self, items: list[tree.Replace], scope: FileScope, *, in_test: bool = False
-    ) -> list[Replaced]:
-        """`replace A by B;`: what stands in for what."""
-        replacements: list[Replaced] = []
-        for item in items:
-            if item.by.text == "contract" and "contract" not in scope.entries:
-                self._by_contract(item, replacements, in_test=in_test)
-                mentioned(item.what, scope)
-                continue
-            entry = self.shared.names.find_ref(scope, item.by)
-            symbol = self.shared.resolve(entry, item.by.span) if entry else None
-            if isinstance(symbol, (typed.NodeSymbol, typed.PlantSymbol)):
-                replacements.append((item.what.text, symbol, item.what.span))
-            elif entry is not None and entry.kind not in {"node", "plant"}:
-                self.diagnostics.error(
-                    "N003",
-                    f"`{item.by.text}` is a {entry.kind}, not a node or plant",
-                    item.by.span,
-                    also=((entry.decl.name.span, "declared here"),),
-                )
-            mentioned(item.what, scope)
-        return replacements
-
-    def inputs(self, items: list[tree.DriveInput], context: Context) -> list[typed.InputSymbol]:
-        """`input t [in { values }] every d;`: each an input topic, and once."""
-        input_by_topic: dict[typed.TopicSymbol, typed.InputSymbol] = {}
-        for item in items:
-            every = self.time(item.every, Context(context.scope, context.where), "`every`")
-            name = item.topic.parts[0]
-            if len(item.topic.parts) == 1 and name.text not in context.scope.entries:
-                declared = f"declare it: `input topic {name.text}: float in [-1.0, 1.0];`"
-                ref = tree.Ref(None, name, name.span)
-                self.shared.names.find_ref(context.scope, ref, "topic", (declared,))
-                continue
-            read = self.shared.check_expr(path_expr(item.topic), context)
-            if is_error(read):
-                continue
-            if item.values == ():
-                self._no_values(item)
-                continue
-            values = self.values(item, read, context, "an input")
-            if not isinstance(read, typed.TopicRead) or not read.topic.input:
-                self._no_input(item, read, context.scope)
-            elif read.topic in input_by_topic:
-                first = input_by_topic[read.topic].span
-                self._twice(f"`{item.topic.text}` is drawn twice", item.topic.span, first)
-            elif not item.values and has_list(read.type):
-                self.diagnostics.error(
-                    "T018",
-                    f"{a_type(read.type)} cannot be drawn: it has a list inside",
-                    item.topic.span,
-                    also=((read.topic.span, "declared here"),),
-                    helps=("list the values to draw from: `in { ... }`",),
-                )
-            elif every is not None:
-                input_by_topic[read.topic] = typed.InputSymbol(
-                    item.topic.text, read.topic, every, item.topic.span, values
-                )
-        return list(input_by_topic.values())
-
-    def values(
-        self,
-        item: tree.DriveInput | tree.StatedValues,
-        read: typed.TypedExpr,
-        context: Context,
-        of: str,
-    ) -> tuple[typed.TypedExpr, ...]:
-        """The declared values `of` an input or a stand-in, numbers of the program."""
-        place = Context(context.scope, f"the value of {of}")
-        because = (item.topic.span, f"this is {a_type(read.type)}")
-        number = self.shared.number
-        values = [
-            number(v, place, read.type, f"the value of {of}", because) for v in item.values or ()
-        ]
-        if len(values) > MAX_CHOICES:
-            self.diagnostics.error(
-                "E004",
-                f"{of} of {len(values)} values is too wide",
-                item.topic.span,
-                f"at most {MAX_CHOICES} are possible",
-                notes=("every value is a branch of every execution",),
-            )
-        return tuple(v for v in values if not is_error(v))
-
-    def _no_values(self, item: tree.DriveInput) -> None:
-        self.diagnostics.error(
-            "E002",
-            f"there is nothing that `{item.topic.text}` could be",
-            item.span,
-            "an empty choice",
-            notes=("an input that changes has at least one value to change to",),
-            helps=("list its values, or leave `in { }` out: then they are those of the topic",),
-        )
-
-    def _no_input(self, item: tree.DriveInput, read: typed.TypedExpr, scope: FileScope) -> None:
-        topic = read.topic if isinstance(read, typed.TopicRead) else None
-        name = item.topic.parts[-1].text
-        help_ = f"declare it `input topic {name}`"
-        if topic and is_driven([e.decl for e in scope.entries.values()], name):
-            help_ = "leave this line out: a plant or a node of the program publishes it"
-        self.diagnostics.error(
-            "M011",
-            f"`{item.topic.text}` is not an input topic",
-            item.topic.span,
-            also=((topic.span, "declared here"),) if topic else (),
-            notes=("only topics of the environment are drawn",),
-            helps=(help_,) if topic else (),
-        )
-
-
-def path_expr(path: tree.DottedPath) -> tree.SyntaxExpr:
-    """The path as an expression."""
-    first = path.parts[0]
-    expr: tree.SyntaxExpr = tree.NameExpr(first.span, first)
-    for part in path.parts[1:]:
-        expr = tree.FieldExpr(first.span.to(part.span), expr, part)
-    return expr
-
 
 def _its_module(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[str, ...]:
     """A help line for a node where its module is meant."""
@@ -481,27 +288,174 @@ def _its_module(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[
     return ()
 
 
-def source_line(expr: tree.SyntaxExpr) -> str:
-    """The text of an expression, on one line."""
-    return " ".join(expr.span.text.split())
+def deployed_system(
+    shared: Shared, decl: tree.SystemDecl, scope: FileScope
+) -> typed.SystemSymbol | None:
+    """The system that `deploys` names; None where nothing is named, or nothing that is one."""
+    if decl.deploys is None:
+        return None
+    entry = shared.names.find_ref(scope, decl.deploys, "system")
+    symbol = shared.resolve(entry, decl.deploys.span) if entry is not None else None
+    if isinstance(symbol, typed.SystemSymbol):
+        return symbol
+    if entry is not None and entry.kind != "system":
+        shared.diagnostics.error(
+            "N003",
+            f"`{decl.deploys.text}` is a {entry.kind}, not a system",
+            decl.deploys.span,
+            also=((entry.decl.name.span, "declared here"),),
+            notes=("`deploys` names the system in which the modules were proved",),
+        )
+    return None
 
 
-def _whole(item: tree.PropertyItem) -> str:
-    """The property of a loop as it would be written outside of it."""
-    within = f" within {source_line(item.within)}" if item.within is not None else ""
-    if item.premise is not None:
-        return f"{print_expr(item.premise)} leadsto {print_expr(item.condition)}{within}"
-    return f"{item.kind} {print_expr(item.condition)}{within}"
+class TestChecker(SystemChecker):
+    """Checks systems and tests of one program."""
+
+    __test__ = False  # not a test of pytest's
+
+    def test_signature(
+        self, decl: tree.TestDecl, scope: FileScope, full: str
+    ) -> typed.TestSymbol | None:
+        """A test and the system it names."""
+        if decl.system is None:
+            if decl.name.text not in scope.broken:
+                self.diagnostics.error(
+                    "M006",
+                    f"test `{decl.name.text}` names no system",
+                    decl.name.span,
+                    helps=("add `system Name;`",),
+                )
+            return None
+        entry = self.shared.names.find_ref(scope, decl.system)
+        system = self.shared.resolve(entry, decl.system.span) if entry else None
+        if entry is not None and entry.kind != "system":
+            self.diagnostics.error(
+                "N003",
+                f"`{decl.system.text}` is a {entry.kind}, not a system",
+                decl.system.span,
+                also=((entry.decl.name.span, "declared here"),),
+            )
+        if not isinstance(system, typed.SystemSymbol):
+            return None
+        test = typed.TestSymbol(full, decl.name.span, system, (), None, None, ())
+        self.shared.later(test, decl, scope)
+        return test
+
+    def test_body(self, test: typed.TestSymbol, decl: tree.TestDecl, scope: FileScope) -> None:
+        """Properties, replacements, times, faults, inputs."""
+        name = decl.name.text
+        mark = self.shared.mark()
+        context = Context(scope, f"test `{name}`")
+        instances = test.system.by_name
+        unroller = Unroller(self.shared, scope, f"test `{name}`", instances)
+        test.skew = self.time(decl.skew, context, "`skew`")
+        test.horizon = self.time(decl.horizon, context, "`horizon`")
+        test.quantum = self.time(decl.quantum, context, "`quantum`")
+        test.replaces = tuple(self.replaces(unroller.items(decl.replaces), scope, in_test=True))
+        inside = self.inside(scope, name, instances, self.shared.lost[test.system])
+        properties = [self._asked(p, inside, test) for p in unroller.items(decl.properties)]
+        test.properties = tuple(p for p in properties if p is not None)
+        test.faults = tuple(self._fault(f, context) for f in unroller.items(decl.faults))
+        test.inputs = tuple(self.inputs(unroller.items(decl.inputs), inside))
+        own = [("", s) for s in unroller.items(decl.sets)]
+        test.order = decl.order
+        stated = [self._stated(s, inside) for s in unroller.items(decl.stated)]
+        test.stated = tuple(s for s in stated if s is not None)
+        test.sets = tuple(self.sets.all(own, test.system, scope))
+        if self.shared.mark() != mark or name in scope.broken:
+            self.shared.damaged.add(test)
+
+    def _fault(self, item: tree.TimingFaultItem, context: Context) -> typed.FaultSymbol:
+        by = self.time(item.by, context, "`by`")
+        at_most = item.at_most
+        count = None
+        if at_most is not None:
+            count = sound(self.shared.number(at_most, context, INT, "`at most`"))
+        mentioned(item.component, context.scope)
+        return typed.FaultSymbol(item.kind, item.component.text, by, count, item.component.span)
+
+    def _stated(self, item: tree.StatedValues, context: Context) -> typed.StatedSymbol | None:
+        """Values of a topic, or of a field of one; what publishes it is for the elaborator."""
+        mentioned(item.topic, context.scope)
+        read = self.shared.check_expr(path_expr(item.topic), context)
+        if is_error(read):
+            return None
+        target = read
+        while isinstance(target, typed.TypedField):
+            target = target.target
+        if not isinstance(target, typed.TopicRead):
+            self.diagnostics.error(
+                "E020",
+                f"`{item.topic.text}` is no topic, and no field of one",
+                item.topic.span,
+                notes=("values are stated of what is published",),
+            )
+            return None
+        if not item.values:
+            self.diagnostics.error(
+                "E002",
+                f"there is nothing that `{item.topic.text}` could be",
+                item.span,
+                "an empty choice",
+                helps=("list values, or leave this line out",),
+            )
+            return None
+        values = self.values(item, read, context, "a stand-in")
+        text = f"{item.topic.text} in {{ {', '.join(print_expr(v) for v in item.values)} }}"
+        return typed.StatedSymbol(item.kind, read, values, text, item.topic.span)
+
+    # ------------------------------------------------------------ properties
+
+    def _asked(
+        self, item: tree.PropertyItem, context: Context, test: typed.TestSymbol
+    ) -> typed.PropertySymbol | None:
+        """A property, invariants by name included."""
+        call = invariant_call(item, context)
+        if call is None or item.kind != "always":
+            return self.property(item, context)
+        text = print_expr(call) if item.in_loop else source_line(call)
+        if not isinstance(call, tree.CallExpr):
+            return typed.PropertySymbol("invariant", None, None, None, text, item.span)
+        path = self._module_path(call.arguments[0], context, test)
+        if path is None:
+            return None
+        return typed.PropertySymbol("invariant", None, None, None, text, item.span, path)
+
+    def _module_path(
+        self, argument: tree.SyntaxExpr, context: Context, test: typed.TestSymbol
+    ) -> str | None:
+        """The instance path of the module that is meant, None after a report."""
+        instances = context.instances or {}
+        names = _names(argument)
+        what, depth = find_instance(instances, names)
+        if names and depth == len(names) and isinstance(what, typed.ModuleSymbol):
+            return ".".join(n.text for n in names)
+        damaged = self.shared.damaged
+        if test.system in damaged or what in damaged or (names and names[0].text in context.lost):
+            self.shared.names.losses += 1
+            return None
+        text = print_expr(argument)
+        modules = [n for n, i in instances.items() if isinstance(i.what, typed.ModuleSymbol)]
+        below = [m.name for i in instances.values() for m in getattr(i.what, "below", ())]
+        note = "theorem 3.1 is about a module"
+        if text in below:
+            note = f"`{text}` is below a module, whose invariant holds whatever `{text}` does"
+        self.diagnostics.error(
+            "M013",
+            f"`{text}` is not a module of system `{test.system.name}`",
+            argument.span,
+            notes=(note,),
+            helps=self.diagnostics.did_you_mean(text, modules, argument.span),
+        )
+        return None
 
 
-def invariant_call(item: tree.PropertyItem, context: Context) -> tree.SyntaxExpr | None:
-    """The condition where it is `invariant(M)` or `invariants`, and nobody declared that name."""
-    e = item.condition
-    if isinstance(e, tree.CallExpr) and isinstance(e.callee, tree.NameExpr):
-        asked = e.callee.name.text == "invariant" and len(e.arguments) == 1
-        name = "invariant"
-    else:
-        asked = isinstance(e, tree.NameExpr) and e.name.text == "invariants"
-        name = "invariants"
-    taken = name in context.scope.entries or name in (context.instances or {})
-    return e if asked and not taken else None
+def _names(expr: tree.SyntaxExpr) -> list[tree.Name]:
+    """The parts of a dotted path; none where the expression is something else."""
+    if isinstance(expr, tree.NameExpr):
+        return [expr.name]
+    if isinstance(expr, tree.FieldExpr):
+        before = _names(expr.target)
+        return [*before, expr.field] if before else []
+    return []

@@ -1,23 +1,25 @@
-"""Check items of systems: wires, parameters that are set, topics of the outside, measures, faults.
+"""Check items that systems and tests share, topics of the outside, and what campaigns read.
 
-Purpose: where the far end of a wire is; `set` of the system, of an instance by its path, or in the
-braces of one; `external topic` and `deploys`; what campaigns read, `measure` and `faults { ... }`.
-Paths that are mentioned count as used.
-Non-goals: whose value holds in the end, where wires lead, numbers, whether a deployed system is the
-proved one (`language/elaborate/`).
+Purpose: properties, `replace`, inputs; `set` of the system, of an instance by its path, or in the
+braces of one; `external topic`; `measure` and `faults { ... }`. Paths that are mentioned count as
+used.
+Non-goals: whose value holds in the end, numbers (`language/elaborate/`); instances (`system.py`).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import insert, replace
+from soter.diagnostics.diagnostic import replace
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import a_type, is_error, sound
-from soter.language.check.expressions.field import find_instance
+from soter.language.check.field import find_instance
+from soter.language.check.operators_and_choices import MAX_CHOICES
+from soter.language.check.unknown_names import is_driven
 from soter.language.model import typed
-from soter.language.model.types import DURATION, FLOAT, INT, is_vector_part
+from soter.language.model.types import BOOL, DURATION, FLOAT, INT, has_list, is_vector_part
 from soter.language.syntax import tree
+from soter.language.syntax.printer import print_expr
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -27,115 +29,7 @@ if TYPE_CHECKING:
     from soter.language.check.scope import FileScope
     from soter.language.model.types import Type
 
-
-class Wires:
-    """Finds topics that instances are wired to."""
-
-    def __init__(self, shared: Shared) -> None:
-        self.shared = shared
-
-    def end(
-        self,
-        path: tree.DottedPath,
-        instances: dict[str, typed.InstanceSymbol],
-        scope: FileScope,
-    ) -> typed.TopicSymbol | None:
-        """`topic`, `file.topic` or `instance.topic`; None after a report."""
-        names = path.parts
-        what, depth = find_instance(instances, names)
-        if depth == 0 or (len(names) == 1 and "[" not in names[0].text):
-            return self._beside(path, scope)
-        if isinstance(what, typed.SystemSymbol) and len(names) == depth + 1:
-            for topic in self.shared.topics_of(what):
-                if topic.name.rsplit(".", 1)[-1] == names[-1].text:
-                    prefix = [n.text for n in names[:-1]]
-                    return self.shared.stand_in(what, prefix, topic, names[-1].span)
-        if what in self.shared.damaged:
-            self.shared.names.losses += 1
-            return None
-        self._no_topic(path, what, depth)
-        return None
-
-    def is_parameter(self, inner: tree.Ref, outer: tree.DottedPath, scope: FileScope) -> bool:
-        """Whether a parameter stands where a topic is wired: N003, as it is set."""
-        entry = scope.entries.get(inner.name.text) if inner.qualifier is None else None
-        if entry is None or entry.kind != "parameter":
-            return False
-        self.shared.diagnostics.error(
-            "N003",
-            f"`{inner.text}` is a parameter, not a topic",
-            inner.span,
-            also=((entry.decl.name.span, "declared here"),),
-            helps=(insert(inner.span, "set ", f"write `set {inner.text} = {outer.text}`"),),
-        )
-        return True
-
-    def backwards(
-        self,
-        inner: tree.Ref,
-        outer: tree.DottedPath,
-        topic: typed.TopicSymbol,
-    ) -> None:
-        """M011 for a wire from the publisher to the input of another instance."""
-        helps: tuple[Help, ...] = ("wire it to a topic that is declared without `input`",)
-        names = outer.span.text.rpartition(".")
-        if names[0]:
-            turned = f"{names[2]} = {names[0]}.{inner.text}"
-            helps = (f"a wire stands with the instance whose input it feeds: `{turned}`",)
-        self.shared.diagnostics.error(
-            "M011",
-            f"`{inner.text}` is driven by this instance, `{outer.span.text}` is an input topic",
-            inner.span.to(outer.span),
-            "an input topic is not driven through a wire of another instance",
-            also=((topic.span, "declared `input` here"),) if not names[0] else (),
-            helps=helps,
-        )
-
-    def is_reversed(self, what: object, inner: typed.TopicSymbol, outer: typed.TopicSymbol) -> bool:
-        """Whether an instance of `what` would drive, through its topic `inner`, an input topic."""
-        return outer.input and not inner.input and self._drives(what, inner)
-
-    def _drives(self, what: object, topic: typed.TopicSymbol) -> bool:
-        if isinstance(what, typed.NodeSymbol):
-            return topic in what.publishes
-        if isinstance(what, typed.PlantSymbol):
-            return any(t is topic for t, _ in what.drives)
-        if isinstance(what, typed.ModuleSymbol):
-            return topic in what.sc.publishes
-        if not isinstance(what, typed.SystemSymbol):
-            return False
-        return any(
-            self._drives(i.what, inner)
-            for i in what.instances
-            for inner in (topic, *(k for k, outer in i.renames.items() if outer is topic))
-            if inner is not topic or topic not in i.renames
-        )
-
-    def _beside(self, path: tree.DottedPath, scope: FileScope) -> typed.TopicSymbol | None:
-        names = path.parts
-        if len(names) <= 2:
-            first = names[0] if len(names) == 2 else None
-            return self.shared.topic_ref(tree.Ref(first, names[-1], path.span), scope)
-        self._no_topic(path, None, 0)
-        return None
-
-    def _no_topic(self, path: tree.DottedPath, what: object, depth: int) -> None:
-        """N004 for a path that leads to no topic."""
-        helps: tuple[Help, ...] = ()
-        notes: tuple[str, ...] = ("right of `=` stands a topic, or a topic of another instance",)
-        prefix = ".".join(n.text for n in path.parts[:depth])
-        rest = path.parts[depth] if depth < len(path.parts) else path.parts[-1]
-        if isinstance(what, typed.SystemSymbol):
-            topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of(what)]
-            helps = self.shared.diagnostics.did_you_mean(rest.text, topics, rest.span)
-        elif what is not None:
-            notes = (*notes, "only a system has topics of its own: others use those beside them")
-        message = (
-            f"`{prefix}` has no topic `{rest.text}`" if depth else f"`{path.text}` is no topic"
-        )
-        if depth == len(path.parts):
-            message = f"`{prefix}` is an instance, not a topic"
-        self.shared.diagnostics.error("N004", message, path.span, notes=notes, helps=helps)
+    Replaced = tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract, Span]
 
 
 class SettingReader:
@@ -238,108 +132,6 @@ def _instances_of(name: tree.Name, inside: Mapping[str, typed.InstanceSymbol]) -
     return (helps,)
 
 
-def deployed_system(
-    shared: Shared, decl: tree.SystemDecl, scope: FileScope
-) -> typed.SystemSymbol | None:
-    """The system that `deploys` names; None where nothing is named, or nothing that is one."""
-    if decl.deploys is None:
-        return None
-    entry = shared.names.find_ref(scope, decl.deploys, "system")
-    symbol = shared.resolve(entry, decl.deploys.span) if entry is not None else None
-    if isinstance(symbol, typed.SystemSymbol):
-        return symbol
-    if entry is not None and entry.kind != "system":
-        shared.diagnostics.error(
-            "N003",
-            f"`{decl.deploys.text}` is a {entry.kind}, not a system",
-            decl.deploys.span,
-            also=((entry.decl.name.span, "declared here"),),
-            notes=("`deploys` names the system in which the modules were proved",),
-        )
-    return None
-
-
-def externals(
-    shared: Shared, decl: tree.SystemDecl, scope: FileScope
-) -> tuple[typed.ExternalSymbol, ...]:
-    """Every external topic of a system, each once."""
-    context = Context(scope, f"system `{decl.name.text}`")
-    external_by_topic: dict[typed.TopicSymbol, typed.ExternalSymbol] = {}
-    for item in decl.externals:
-        at = shared.topic_path(item.topic, scope)
-        every = _time(shared, item.every, context, "`every`")
-        delayed = _time(shared, item.delayed, context, "`delayed`")
-        if at is None:
-            continue
-        topic, below, _ = at
-        if below:
-            _no_topic(shared, item)
-        elif topic in external_by_topic:
-            _twice(shared, item.topic, external_by_topic[topic].span)
-        else:
-            measured = tuple(_measured(shared, item, topic, context))
-            external_by_topic[topic] = typed.ExternalSymbol(
-                topic, every, delayed, measured, item.topic.span
-            )
-    return tuple(external_by_topic.values())
-
-
-def _time(
-    shared: Shared, e: tree.SyntaxExpr | None, context: Context, what: str
-) -> typed.TypedExpr | None:
-    return None if e is None else sound(shared.number(e, context, DURATION, what))
-
-
-def _no_topic(shared: Shared, item: tree.ExternalTopic) -> None:
-    shared.diagnostics.error(
-        "N003",
-        f"`{item.topic.text}` is a part of a topic",
-        item.topic.span,
-        notes=("a topic is published and read as a whole",),
-        helps=(f"write `external topic {item.topic.parts[0].text};`",),
-    )
-
-
-def _twice(shared: Shared, again: tree.DottedPath, first: Span) -> None:
-    message = f"`{again.text}` is said twice to be outside"
-    shared.diagnostics.error("N002", message, again.span, "again", also=((first, "before"),))
-
-
-def _measured(
-    shared: Shared, item: tree.ExternalTopic, topic: typed.TopicSymbol, context: Context
-) -> Iterator[typed.MeasuredSymbol]:
-    """The errors of its leaves, each given once."""
-    taken: list[tuple[tuple[str, ...], Span]] = []
-    for path, bound in item.measured:
-        within = shared.number(bound, context, FLOAT, "the bound of an error")
-        at = shared.topic_path(path, context.scope)
-        if at is None:
-            continue
-        named, below, t = at
-        first = next((s for p, s in taken if p[: len(below)] == below[: len(p)]), None)
-        if named is not topic:
-            shared.diagnostics.error(
-                "M009",
-                f"`{path.span.text}` is no part of `{item.topic.text}`",
-                path.span,
-                notes=("an external topic says the errors of its own fields only",),
-            )
-        elif not is_vector_part(t):
-            shared.diagnostics.error(
-                "T018",
-                f"only floats and vectors are measured with an error, not {a_type(t)}",
-                path.span,
-                helps=("name the fields that are floats",),
-            )
-        elif first is not None:
-            message = f"the error of `{path.span.text}` is given twice"
-            also = ((first, "the first time"),)
-            shared.diagnostics.error("N002", message, path.span, "again", also=also)
-        elif not is_error(within):
-            yield typed.MeasuredSymbol(topic, below, within, path.span)
-        taken.append((below, path.span))
-
-
 def campaigned(
     shared: Shared,
     system: typed.SystemSymbol,
@@ -406,3 +198,300 @@ def mentioned(path: tree.DottedPath, scope: FileScope) -> None:
             scope.entries[part.text].used = True
         elif part.text in scope.imports:
             scope.used_imports.add(part.text)
+
+
+class ItemChecker:
+    """Checks what systems and tests share: properties, replacements, inputs, settings."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.shared = shared
+        self.diagnostics = shared.diagnostics
+        self.sets = SettingReader(shared)
+
+    def time(
+        self, expr: tree.SyntaxExpr | None, context: Context, what: str
+    ) -> typed.TypedExpr | None:
+        """A time, to be computed for each system."""
+        return sound(self.shared.number(expr, context, DURATION, what)) if expr else None
+
+    def inside(
+        self,
+        scope: FileScope,
+        name: str,
+        instances: dict[str, typed.InstanceSymbol],
+        lost: frozenset[str],
+    ) -> Context:
+        """The place of a property or an input of the system or test called `name`."""
+        return Context(
+            scope,
+            f"a property of `{name}`",
+            topics="any",
+            has_time=True,
+            has_modes=True,
+            instances=instances,
+            broken=name in scope.broken,
+            lost=lost,
+        )
+
+    def property(self, item: tree.PropertyItem, context: Context) -> typed.PropertySymbol | None:
+        """A property that is an expression, or two."""
+        if invariant_call(item, context) is not None:
+            self._only_in_a_test(item)
+            return None
+        check = self.shared.check_expr
+        premise = check(item.premise, context, BOOL) if item.premise else None
+        condition = check(item.condition, context, BOOL)
+        within = self.time(item.within, Context(context.scope, context.where), "`within`")
+        if is_error(condition) or (premise is not None and is_error(premise)):
+            return None
+        read = print_expr if item.in_loop else source_line
+        whole = _whole(item) if item.in_loop else ""
+        asks = read(item.premise) if item.premise else ""
+        parts = (item.kind, premise, condition, within, read(item.condition), item.span)
+        return typed.PropertySymbol(*parts, whole=whole, asks=asks)
+
+    def _only_in_a_test(self, item: tree.PropertyItem) -> None:
+        self.diagnostics.error(
+            "E012",
+            f"`{source_line(item.condition)}` can only be asked by a test, with `always`",
+            item.condition.span,
+            notes=("it speaks about the time since the decision module last looked",),
+            helps=("write it in a `test` block: `always invariant(M);`, `always invariants;`",),
+        )
+
+    def _by_contract(
+        self, item: tree.Replace, replacements: list[Replaced], *, in_test: bool
+    ) -> None:
+        """`replace M by contract;`, of tests only."""
+        if in_test:
+            by = typed.ByContract("contract", item.by.span)
+            replacements.append((item.what.text, by, item.what.span))
+            return
+        self.diagnostics.error(
+            "E012",
+            f"only a test can replace `{item.what.text}` by its contract",
+            item.by.span,
+            notes=("any value that a contract permits: a test tries them all, a run has none",),
+            helps=("write it in a `test` block, or name a node",),
+        )
+
+    def replaces(
+        self, items: list[tree.Replace], scope: FileScope, *, in_test: bool = False
+    ) -> list[Replaced]:
+        """`replace A by B;`: what stands in for what."""
+        replacements: list[Replaced] = []
+        for item in items:
+            if item.by.text == "contract" and "contract" not in scope.entries:
+                self._by_contract(item, replacements, in_test=in_test)
+                mentioned(item.what, scope)
+                continue
+            entry = self.shared.names.find_ref(scope, item.by)
+            symbol = self.shared.resolve(entry, item.by.span) if entry else None
+            if isinstance(symbol, (typed.NodeSymbol, typed.PlantSymbol)):
+                replacements.append((item.what.text, symbol, item.what.span))
+            elif entry is not None and entry.kind not in {"node", "plant"}:
+                self.diagnostics.error(
+                    "N003",
+                    f"`{item.by.text}` is a {entry.kind}, not a node or plant",
+                    item.by.span,
+                    also=((entry.decl.name.span, "declared here"),),
+                )
+            mentioned(item.what, scope)
+        return replacements
+
+    def inputs(self, items: list[tree.DriveInput], context: Context) -> list[typed.InputSymbol]:
+        """`input t [in { values }] every d;`: each an input topic, and once."""
+        input_by_topic: dict[typed.TopicSymbol, typed.InputSymbol] = {}
+        for item in items:
+            every = self.time(item.every, Context(context.scope, context.where), "`every`")
+            name = item.topic.parts[0]
+            if len(item.topic.parts) == 1 and name.text not in context.scope.entries:
+                declared = f"declare it: `input topic {name.text}: float in [-1.0, 1.0];`"
+                ref = tree.Ref(None, name, name.span)
+                self.shared.names.find_ref(context.scope, ref, "topic", (declared,))
+                continue
+            read = self.shared.check_expr(path_expr(item.topic), context)
+            if is_error(read):
+                continue
+            if item.values == ():
+                self._no_values(item)
+                continue
+            values = self.values(item, read, context, "an input")
+            if not isinstance(read, typed.TopicRead) or not read.topic.input:
+                self._no_input(item, read, context.scope)
+            elif read.topic in input_by_topic:
+                first = input_by_topic[read.topic].span
+                self._twice(f"`{item.topic.text}` is drawn twice", item.topic.span, first)
+            elif not item.values and has_list(read.type):
+                self.diagnostics.error(
+                    "T018",
+                    f"{a_type(read.type)} cannot be drawn: it has a list inside",
+                    item.topic.span,
+                    also=((read.topic.span, "declared here"),),
+                    helps=("list the values to draw from: `in { ... }`",),
+                )
+            elif every is not None:
+                input_by_topic[read.topic] = typed.InputSymbol(
+                    item.topic.text, read.topic, every, item.topic.span, values
+                )
+        return list(input_by_topic.values())
+
+    def values(
+        self,
+        item: tree.DriveInput | tree.StatedValues,
+        read: typed.TypedExpr,
+        context: Context,
+        of: str,
+    ) -> tuple[typed.TypedExpr, ...]:
+        """The declared values `of` an input or a stand-in, numbers of the program."""
+        place = Context(context.scope, f"the value of {of}")
+        because = (item.topic.span, f"this is {a_type(read.type)}")
+        number = self.shared.number
+        values = [
+            number(v, place, read.type, f"the value of {of}", because) for v in item.values or ()
+        ]
+        if len(values) > MAX_CHOICES:
+            self.diagnostics.error(
+                "E004",
+                f"{of} of {len(values)} values is too wide",
+                item.topic.span,
+                f"at most {MAX_CHOICES} are possible",
+                notes=("every value is a branch of every execution",),
+            )
+        return tuple(v for v in values if not is_error(v))
+
+    def _no_values(self, item: tree.DriveInput) -> None:
+        self.diagnostics.error(
+            "E002",
+            f"there is nothing that `{item.topic.text}` could be",
+            item.span,
+            "an empty choice",
+            notes=("an input that changes has at least one value to change to",),
+            helps=("list its values, or leave `in { }` out: then they are those of the topic",),
+        )
+
+    def _no_input(self, item: tree.DriveInput, read: typed.TypedExpr, scope: FileScope) -> None:
+        topic = read.topic if isinstance(read, typed.TopicRead) else None
+        name = item.topic.parts[-1].text
+        help_ = f"declare it `input topic {name}`"
+        if topic and is_driven([e.decl for e in scope.entries.values()], name):
+            help_ = "leave this line out: a plant or a node of the program publishes it"
+        self.diagnostics.error(
+            "M011",
+            f"`{item.topic.text}` is not an input topic",
+            item.topic.span,
+            also=((topic.span, "declared here"),) if topic else (),
+            notes=("only topics of the environment are drawn",),
+            helps=(help_,) if topic else (),
+        )
+
+    def _twice(self, message: str, again: Span, first: Span) -> None:
+        self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
+
+
+def path_expr(path: tree.DottedPath) -> tree.SyntaxExpr:
+    """The path as an expression."""
+    first = path.parts[0]
+    expr: tree.SyntaxExpr = tree.NameExpr(first.span, first)
+    for part in path.parts[1:]:
+        expr = tree.FieldExpr(first.span.to(part.span), expr, part)
+    return expr
+
+
+def source_line(expr: tree.SyntaxExpr) -> str:
+    """The text of an expression, on one line."""
+    return " ".join(expr.span.text.split())
+
+
+def _whole(item: tree.PropertyItem) -> str:
+    """The property of a loop as it would be written outside of it."""
+    within = f" within {source_line(item.within)}" if item.within is not None else ""
+    if item.premise is not None:
+        return f"{print_expr(item.premise)} leadsto {print_expr(item.condition)}{within}"
+    return f"{item.kind} {print_expr(item.condition)}{within}"
+
+
+def invariant_call(item: tree.PropertyItem, context: Context) -> tree.SyntaxExpr | None:
+    """The condition where it is `invariant(M)` or `invariants`, and nobody declared that name."""
+    e = item.condition
+    if isinstance(e, tree.CallExpr) and isinstance(e.callee, tree.NameExpr):
+        asked = e.callee.name.text == "invariant" and len(e.arguments) == 1
+        name = "invariant"
+    else:
+        asked = isinstance(e, tree.NameExpr) and e.name.text == "invariants"
+        name = "invariants"
+    taken = name in context.scope.entries or name in (context.instances or {})
+    return e if asked and not taken else None
+
+
+def externals(
+    checker: ItemChecker, decl: tree.SystemDecl, scope: FileScope
+) -> tuple[typed.ExternalSymbol, ...]:
+    """Every external topic of a system, each once."""
+    shared = checker.shared
+    context = Context(scope, f"system `{decl.name.text}`")
+    external_by_topic: dict[typed.TopicSymbol, typed.ExternalSymbol] = {}
+    for item in decl.externals:
+        at = shared.topic_path(item.topic, scope)
+        every = checker.time(item.every, context, "`every`")
+        delayed = checker.time(item.delayed, context, "`delayed`")
+        if at is None:
+            continue
+        topic, below, _ = at
+        if below:
+            _no_topic(shared, item)
+        elif topic in external_by_topic:
+            message = f"`{item.topic.text}` is said twice to be outside"
+            also = ((external_by_topic[topic].span, "before"),)
+            shared.diagnostics.error("N002", message, item.topic.span, "again", also=also)
+        else:
+            measured = tuple(_measured(shared, item, topic, context))
+            external_by_topic[topic] = typed.ExternalSymbol(
+                topic, every, delayed, measured, item.topic.span
+            )
+    return tuple(external_by_topic.values())
+
+
+def _no_topic(shared: Shared, item: tree.ExternalTopic) -> None:
+    shared.diagnostics.error(
+        "N003",
+        f"`{item.topic.text}` is a part of a topic",
+        item.topic.span,
+        notes=("a topic is published and read as a whole",),
+        helps=(f"write `external topic {item.topic.parts[0].text};`",),
+    )
+
+
+def _measured(
+    shared: Shared, item: tree.ExternalTopic, topic: typed.TopicSymbol, context: Context
+) -> Iterator[typed.MeasuredSymbol]:
+    """The errors of its leaves, each given once."""
+    taken: list[tuple[tuple[str, ...], Span]] = []
+    for path, bound in item.measured:
+        within = shared.number(bound, context, FLOAT, "the bound of an error")
+        at = shared.topic_path(path, context.scope)
+        if at is None:
+            continue
+        named, below, t = at
+        first = next((s for p, s in taken if p[: len(below)] == below[: len(p)]), None)
+        if named is not topic:
+            shared.diagnostics.error(
+                "M009",
+                f"`{path.span.text}` is no part of `{item.topic.text}`",
+                path.span,
+                notes=("an external topic says the errors of its own fields only",),
+            )
+        elif not is_vector_part(t):
+            shared.diagnostics.error(
+                "T018",
+                f"only floats and vectors are measured with an error, not {a_type(t)}",
+                path.span,
+                helps=("name the fields that are floats",),
+            )
+        elif first is not None:
+            message = f"the error of `{path.span.text}` is given twice"
+            also = ((first, "the first time"),)
+            shared.diagnostics.error("N002", message, path.span, "again", also=also)
+        elif not is_error(within):
+            yield typed.MeasuredSymbol(topic, below, within, path.span)
+        taken.append((below, path.span))

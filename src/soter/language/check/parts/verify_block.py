@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.language.check.checker_interface import Context
-from soter.language.check.declaration_graph import mentioned
+from soter.language.check.checker_interface import Context, mentioned
 from soter.language.check.expression_base import is_error, sound
-from soter.language.check.expressions.field import instead_of, part_of
+from soter.language.check.field import instead_of, part_of
 from soter.language.model import typed
 from soter.language.model.types import BOOL, DURATION, FLOAT, INT, FloatType
 

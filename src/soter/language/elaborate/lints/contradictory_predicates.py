@@ -17,15 +17,17 @@ from typing import TYPE_CHECKING, Any, cast
 from soter.diagnostics.diagnostic import exchange, replace
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
-from soter.language.evaluate.predicates import (
-    PredicateEvaluator,
-    conjuncts,
-    disjuncts,
-    same_expression,
-)
+from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
-from soter.language.model.tree_walk import children, nodes, topic_reads
+from soter.language.model.tree_walk import (
+    children,
+    conjuncts,
+    disjuncts,
+    nodes,
+    same_expression,
+    topic_reads,
+)
 from soter.language.model.types import (
     ArrayType,
     BoolType,

@@ -1,25 +1,23 @@
-"""What is doubtful about the modules of a flat system that has no errors.
+"""What is doubtful about the modules of a flat system that has no errors, and about its times.
 
-Purpose: W012 (AC and SC look exchanged), W014 (a state that nothing moves), W016 (an SC does not
-publish on every path), W018 (`safe` speaks of what the module publishes), W019 (a scheme diverges
-where the plant does not), W033 (several commands move one group of a shield), and the doubts of the
-other files of this folder, in one call.
-Non-goals: P1, P2, P3: nothing here is needed for a proof, and nothing here is one.
+Purpose: W012 (AC and SC look exchanged), W018 (`safe` speaks of what the module publishes), W033
+(several commands move one group of a shield), W036 (who hears itself). Times that contradict each
+other: W028 (a topic is older than its `max_age` before it is published again, or is never
+published), W034 (a measured topic may be of any age), W035 (an age is compared with what it never
+is), W026 (a property speaks of a time at which the system has ended). `doubt` is these, and the
+doubts of the other files of this folder, in one call.
+Non-goals: P1, P2, P3: nothing here is needed for a proof, and nothing here is one; what late steps
+do (`timing/`).
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import exchange
-from soter.language.check.parts.plant import unmoved
+from soter.diagnostics.diagnostic import exchange, replace
+from soter.language.elaborate.composition_check import added
 from soter.language.elaborate.lints.contradictory_predicates import doubt_predicates, tried
-from soter.language.elaborate.lints.doubtful_times import (
-    doubt_age_units,
-    doubt_ageless,
-    doubt_ages,
-    doubt_property_times,
-)
 from soter.language.elaborate.lints.refuted_at_once import (
     doubt_constants,
     doubt_properties,
@@ -27,22 +25,38 @@ from soter.language.elaborate.lints.refuted_at_once import (
     doubt_start,
     doubt_trials,
 )
-from soter.language.elaborate.lints.step_ranges import doubt_steps
-from soter.language.evaluate.integration_stability import diverging
+from soter.language.elaborate.lints.step_lints import (
+    doubt_plant,
+    doubt_publications,
+    doubt_steps,
+)
+from soter.language.elaborate.step_times import is_measured, least_age_ns
+from soter.language.evaluate.range_evaluation import (
+    COMPARISONS,
+    RangeEvaluator,
+    TooHardError,
+    anything,
+)
+from soter.language.evaluate.ranges import FALSE, Range
 from soter.language.model import typed
-from soter.language.model.durations import show_ns, write_ns
 from soter.language.model.tree_walk import nodes, topic_reads
-from soter.language.model.typed import PeriodRead, TypedBinary, Vector
-from soter.language.model.types import ArrayType, RecordType, leaf_name, positions
-from soter.language.syntax.schemes import SCHEMES
+from soter.language.model.types import (
+    BOOL,
+    ArrayType,
+    RecordType,
+    leaf_name,
+    positions,
+    show_ns,
+    write_ns,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from soter.diagnostics.diagnostic import Diagnostics
-    from soter.language.evaluate.integration_stability import Diverging
-    from soter.language.model.system import Component, Module, System
-    from soter.language.model.typed import PlantSymbol, TopicSymbol
+    from soter.diagnostics.diagnostic import Diagnostics, Help
+    from soter.language.evaluate.range_evaluation import ReadPlace
+    from soter.language.model.system import Component, Module, Property, Scope, System, Topic
+    from soter.language.model.typed import TopicSymbol
 
     Path = tuple[str, ...]
     Leaf = tuple[typed.PlantSymbol, typed.TypedExpr, Path]
@@ -141,83 +155,6 @@ def _felt(
         yield from _felt(plant, x, there, outputs)
 
 
-def doubt_publications(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W016 for the safe controller of a module."""
-    sc = system.components[module.sc]
-    if sc.node is None or sc.extern:
-        return
-    publications = [n for n in nodes(sc.node.step) if isinstance(n, typed.TypedPublish)]
-    if sc.node.takeover is not None or any(
-        isinstance(n, typed.InControl) for n in nodes(sc.node.step)
-    ):
-        return  # it knows when it has control, and speaks when it means to
-    for topic in sc.node.publishes:
-        first = next((p for p in publications if p.topic is topic), None)
-        if first is None or _always(sc.node.step, topic):
-            continue
-        diagnostics.warning(
-            "W016",
-            f"`{sc.node.name}` does not publish `{topic.name}` on every path of its step",
-            first.span,
-            "published here",
-            also=((module.symbol.sc_span or module.symbol.span, "the safe controller"),),
-            notes=("where it is silent, the last value that AC published stays in force",),
-            helps=("publish on every path: what stands in an `if` also needs an `else`",),
-        )
-
-
-def _always(statements: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool:
-    """Whether every path through the statements publishes the topic."""
-    for s in statements:
-        if isinstance(s, typed.TypedPublish) and s.topic is topic:
-            return True
-        if isinstance(s, typed.TypedIf) and s.otherwise:
-            bodies = [*(body for _, body in s.arms), s.otherwise]
-            if all(_always(body, topic) for body in bodies):
-                return True
-        if isinstance(s, typed.ForRange) and s.low < s.high and _always(s.body, topic):
-            return True
-    return False
-
-
-ENDS = {1: "2", 2: "2", 3: "2.51", 4: "2.78"}
-"""Order of a scheme -> how much of a decay, rate times step, it follows at most."""
-
-
-def doubt_scheme(system: System, component: Component, diagnostics: Diagnostics) -> None:
-    """W019 for states that the scheme of a plant moves away from their solution."""
-    plant = component.plant
-    if plant is None:
-        return
-    for d in diverging(system, component):
-        names = ", ".join(f"`{n}`" for n in d.names)
-        end = ENDS[SCHEMES[plant.method].order]
-        rate = f"rate {d.rate:.3g} per second x step {d.step_s:.3g} s = {d.rate * d.step_s:.3g}"
-        diagnostics.warning(
-            "W019",
-            f"the scheme `{plant.method}` makes {names} of plant `{plant.name}` diverge",
-            d.variable.span,
-            f"every step multiplies {'it' if len(d.names) == 1 else 'them'} by {d.growth:.3g}",
-            notes=(f"{rate}; `{plant.method}` follows a decay up to {end}",),
-            helps=tuple(_helps(component, d)),
-        )
-
-
-def _helps(component: Component, d: Diverging) -> list[str]:
-    plant = component.plant
-    assert plant is not None
-    helps = []
-    if d.substeps is not None:
-        shorter = component.period_ns * component.substeps // d.substeps
-        helps.append(
-            f"`integrate {plant.method} substeps {d.substeps};`, or a period of the plant of at "
-            f"most {write_ns(max(1, shorter // component.substeps))}"
-        )
-    if d.other is not None:
-        helps.append(f"`integrate {d.other};` in place of `{plant.method}`")
-    return helps or ["leave out what is that fast: say where it comes to rest"]
-
-
 TRIED_MAX = 16
 """Of so many modules the predicates are tried: some milliseconds each."""
 SLOWER = 5
@@ -227,10 +164,7 @@ SLOWER = 5
 def doubt(system: System, diagnostics: Diagnostics) -> None:
     """Warn of what is doubtful in each plant, and in each module as it is declared."""
     for component in system.components:
-        if component.plant is not None:
-            _unmoved(component.plant, diagnostics)
-            _times_dt(component.plant, diagnostics)
-            doubt_scheme(system, component, diagnostics)
+        doubt_plant(system, component, diagnostics)
         _hears_itself(component, diagnostics)
     doubt_steps(system, diagnostics)
     doubt_properties(system, diagnostics)
@@ -288,19 +222,6 @@ def _exchanged(system: System, module: Module, diagnostics: Diagnostics) -> None
     )
 
 
-def _unmoved(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
-    """W014: the rule was forgotten, or it is no state."""
-    for state in unmoved(plant):
-        diagnostics.warning(
-            "W014",
-            f"the state `{state.name}` of plant `{plant.name}` never changes",
-            state.span,
-            "no `der` and no `next`",
-            notes=("what is constant is a `const`; a constant that is unknown has a set: `in`",),
-            helps=(f"say how it moves: `der {state.name} = ...;` or `next {state.name} = ...;`",),
-        )
-
-
 def _hears_itself(component: Component, diagnostics: Diagnostics) -> None:
     """W036: one topic stands for what a plant or node reads, and for what it publishes."""
     topics, plant, node = component.scope.topics, component.plant, component.node
@@ -325,27 +246,6 @@ def _hears_itself(component: Component, diagnostics: Diagnostics) -> None:
         )
 
 
-def _times_dt(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
-    """W032: `der x = v * dt` integrates twice over: the plant multiplies by its step itself."""
-    for state, slope in plant.der.items():
-        factors = [slope]
-        for e in factors:
-            if isinstance(e, (TypedBinary, Vector)) and e.op == "*":
-                factors += [e.left, e.right]
-        for e in factors:
-            if isinstance(e, PeriodRead):
-                diagnostics.warning(
-                    "W032",
-                    f"the derivative of `{state.name}` is multiplied by `dt`",
-                    e.span,
-                    "a time",
-                    also=((state.span, "this state"),),
-                    notes=("`der` says how fast a state moves: the plant integrates by itself",),
-                    helps=("leave `dt` out, or say what the state is after a step: `next`",),
-                )
-                return
-
-
 def _speaks_of_outputs(module: Module, diagnostics: Diagnostics) -> None:
     """W018: AC may publish anything of the set, so it holds always or can be lost at once."""
     symbol = module.symbol
@@ -362,3 +262,236 @@ def _speaks_of_outputs(module: Module, diagnostics: Diagnostics) -> None:
             notes=("no switch prevents a command that was given: the gate bounds it by its set",),
             helps=("say it with the set of the topic; `safe` speaks of the state of the plant",),
         )
+
+
+PROPERTIES_MAX = 32
+"""So many properties of a system are looked at."""
+
+
+BUDGET = 600
+"""Expressions of one comparison."""
+
+
+MUCH_OLDER = 100
+"""A bound of so many times the age that a topic may have is of another unit."""
+
+
+AGES = ("a module that reads what is too old takes AC off",)
+
+
+def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """W028: a topic that is too old before it is published again, or that nobody publishes."""
+    drivers = {
+        c.scope.topics[topic]: c
+        for c in system.components
+        for topic in c.published
+        if topic in c.scope.topics
+    }
+    drawn_every = {d.topic: d.every_ns for d in system.inputs}
+    outside = {e.topic for e in system.externals}
+    for index in module.inputs:
+        topic = system.topics[index]
+        if topic.max_age_ns is None or index in outside:
+            continue
+        if index in drivers:
+            _published_rarely(topic, module, drivers[index], topic.max_age_ns, diagnostics)
+        elif topic.symbol.input and _runs_alone(system):
+            every_ns = drawn_every.get(index)
+            _drawn_rarely(system, topic, module, every_ns, diagnostics)
+
+
+def doubt_ageless(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """W034: the DM reads what is measured, however old it is; once a topic, by its first module."""
+    if not _runs_alone(system):
+        return
+    before = {system.topics[i].symbol for m in system.modules[: module.index] for i in m.inputs}
+    asked = [{n.topic for n in _ages_in(e)} for e in _predicates(module)]
+    aged = set.intersection(*asked) if asked else set()
+    for index in module.inputs:
+        topic = system.topics[index]
+        if topic.max_age_ns is not None or topic.symbol in aged | before:
+            continue
+        if not is_measured(system, index):
+            continue
+        least = least_age_ns(system, index)
+        helps: tuple[Help, ...] = (
+            "say how old it may be: `topic ... max_age ...;`, at least as long as two publications",
+        )
+        if least is not None:
+            helps = (f"`max_age {write_ns(least)}` is the least that the periods allow",)
+        diagnostics.warning(
+            "W034",
+            f"`{topic.symbol.name}` is trusted, however old it is",
+            topic.symbol.span,
+            "it has no `max_age`",
+            also=((module.symbol.span, "the DM reads it"),),
+            notes=("of a sensor that falls silent, or never spoke, AC keeps control",)
+            if not any(topic.symbol in of for of in asked)
+            else ("only one of `ttf` and `safer` looks at its age: the other one trusts it",),
+            helps=helps,
+        )
+
+
+def doubt_age_units(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """W035: `ttf` or `safer` compares an age with so much more than it ever is: other units."""
+    for n in _comparisons(_predicates(module)):
+        usual_by_topic = {
+            t: t.max_age_ns or least_age_ns(system, i)
+            for i in dict.fromkeys(module.scope.topics[read.topic] for read in _ages_in(n))
+            for t in (system.topics[i],)
+        }
+        known = [age for age in usual_by_topic.values() if age is not None]
+        if not known or len(known) < len(usual_by_topic):
+            continue
+        topic, usual = next(iter(usual_by_topic)), max(known)
+        ages = Range(0.0, MUCH_OLDER * usual / 1e9)
+        truth = _truth(module.scope, n, {"age": ages})
+        if not truth.single or _truth(module.scope, n, {"age": Range(0.0, math.inf)}).single:
+            continue
+        told = f"no older than {show_ns(usual)}" if topic.max_age_ns else "published as often"
+        diagnostics.warning(
+            "W035",
+            f"this comparison is {'always' if truth.low else 'never'} true of an age of "
+            f"`{topic.name}` that is possible",
+            n.span,
+            f"ages are in seconds, here up to {show_ns(usual)}",
+            also=((topic.symbol.span, told),),
+            notes=("what is older than `max_age` is stale, and AC has no control anyway",),
+            helps=(f"write a time with its unit: `age(...) < seconds({write_ns(usual)})`",),
+        )
+
+
+def _comparisons(expressions: Iterable[typed.TypedExpr]) -> Iterator[typed.TypedExpr]:
+    """The comparisons in expressions, and calls that may be some."""
+    for n in nodes(expressions):
+        compares = n.op in COMPARISONS if isinstance(n, typed.TypedBinary) else True
+        if compares and isinstance(n, (typed.TypedBinary, typed.TypedCall)) and n.type == BOOL:
+            yield n
+
+
+def _ages_in(e: typed.TypedExpr) -> list[typed.AgeRead]:
+    return [n for n in nodes([e]) if isinstance(n, typed.AgeRead)]
+
+
+def _predicates(module: Module) -> list[typed.TypedExpr]:
+    symbol = module.symbol
+    return [e for e in (symbol.ttf, symbol.safer) if e is not None]
+
+
+def _published_rarely(
+    topic: Topic, module: Module, driver: Component, max_age_ns: int, diagnostics: Diagnostics
+) -> None:
+    if driver.period_ns <= max_age_ns:
+        return
+    own = driver.plant or driver.node
+    assert own is not None
+    age = write_ns(driver.period_ns)
+    often = write_ns(max_age_ns)
+    older = f"or let it be {age} old, and let `ttf` look that much further ahead"
+    helps: tuple[Help, ...] = (
+        replace(own.period.span, often, f"publish it every {often} at least"),
+        older,
+    )
+    if topic.symbol.max_age is not None:
+        helps = (helps[0], replace(topic.symbol.max_age.span, age, older))
+    diagnostics.warning(
+        "W028",
+        f"`{topic.name}` is too old for module `{module.symbol.name}` between two publications",
+        own.period.span,
+        f"published every {show_ns(driver.period_ns)}",
+        also=((topic.symbol.span, f"no older than {show_ns(max_age_ns)}"),),
+        notes=AGES,
+        helps=helps,
+    )
+
+
+def _runs_alone(system: System) -> bool:
+    """Whether runs of a system are meant: it is no part of another, and no mere subject of tests.
+
+    Who has it as a part drives its inputs, and a test says how they are drawn.
+    """
+    systems = system.program.systems
+    symbol = systems.get(system.name)
+    if symbol is None or any(i.what is symbol for s in systems.values() for i in s.instances):
+        return False
+    tested = any(t.system is symbol for t in system.program.tests.values())
+    return symbol.default or symbol.until is not None or not tested
+
+
+def _drawn_rarely(
+    system: System, topic: Topic, module: Module, every_ns: int | None, diagnostics: Diagnostics
+) -> None:
+    """Of an input topic: in runs of this system it is drawn too rarely, or never."""
+    max_age_ns = topic.max_age_ns
+    assert max_age_ns is not None
+    if every_ns is not None and every_ns <= max_age_ns:
+        return
+    where = f"in system `{system.name}`"
+    when = f"is drawn every {show_ns(every_ns)}" if every_ns else "nothing drives"
+    message = f"input topic `{topic.name}`, which module `{module.symbol.name}` reads, "
+    message += f"is too old between two draws {where}" if every_ns else f"is never drawn {where}"
+    symbol, often = system.program.systems[system.name], write_ns(max_age_ns)
+    item = next((i for i in symbol.inputs if i.topic is topic.symbol), None)
+    drawn = added(symbol, f"input {topic.symbol.name} every {often};")
+    if item is not None:
+        drawn = replace(item.every.span, often, f"draw it every {often} at least")
+    diagnostics.warning(
+        "W028",
+        message,
+        topic.symbol.span,
+        f"no older than {show_ns(max_age_ns)}, and {when}" + ("" if every_ns else " it"),
+        notes=AGES if every_ns else (f"from {show_ns(max_age_ns)} on AC has no control",),
+        helps=(drawn, "or leave its `max_age` out"),
+    )
+
+
+def doubt_property_times(system: System, diagnostics: Diagnostics) -> None:
+    """W026 for a comparison with `time` that does not hold before the system ends."""
+    if system.until_ns is None:
+        return
+    for p in system.properties[:PROPERTIES_MAX]:
+        for n in nodes([p.condition]) if p.component is None else ():
+            if isinstance(n, typed.TypedBinary) and n.op in COMPARISONS and _speaks_of_time(n):
+                _doubt_time(system, p, n, diagnostics)
+
+
+def _speaks_of_time(e: typed.TypedExpr) -> bool:
+    return any(isinstance(n, typed.TimeRead) for n in nodes([e]))
+
+
+def _doubt_time(
+    system: System, p: Property, comparison: typed.TypedBinary, diagnostics: Diagnostics
+) -> None:
+    assert system.until_ns is not None
+    before, ever = Range(0.0, system.until_ns / 1e9), Range(0.0, math.inf)
+    if (
+        _truth(p.scope, comparison, {"time": before}) != FALSE
+        or _truth(p.scope, comparison, {"time": ever}) == FALSE
+    ):
+        return
+    diagnostics.warning(
+        "W026",
+        "this condition never holds",
+        comparison.span,
+        f"system `{system.name}` ends at {show_ns(system.until_ns)}",
+        also=((p.span, f"so `{p.kind}` says nothing of it"),) if p.kind == "never" else (),
+        notes=("`time` is in seconds",),
+        helps=("compare it with a time before the end, or let the system go on: `until ...;`",),
+    )
+
+
+def _truth(scope: Scope, comparison: typed.TypedExpr, ranges: Mapping[str, Range]) -> Range:
+    """What a comparison is while `time`, or an `age`, is in a range, whatever else it reads."""
+
+    def read(place: ReadPlace) -> Range:
+        known = ranges[place.kind] if place.kind in ranges else anything(place.type)
+        if not isinstance(known, Range):
+            raise TooHardError
+        return known
+
+    evaluator = RangeEvaluator(scope, 0, read)
+    evaluator.left = BUDGET
+    try:
+        return evaluator.number(comparison)
+    except TooHardError:
+        return anything(comparison.type)  # type: ignore[no-any-return]

@@ -21,16 +21,15 @@ from soter.language.elaborate.lints.contradictory_predicates import (
     trials_of,
     tried_topics,
 )
+from soter.language.elaborate.step_times import fresh_ages_ns
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
 from soter.language.model import typed
-from soter.language.model.durations import show_ns, write_ns
-from soter.language.model.least_ages import fresh_ages_ns
 from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import chooses, nodes, topic_reads
-from soter.language.model.types import FloatType, IntType
+from soter.language.model.types import FloatType, IntType, show_ns, write_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -211,7 +210,7 @@ def doubt_constants(
     ttf_always, safer_always = _always(system, module, trials, (ttf, safer))
     if (ttf_always, safer_always) == (None, None):
         return False
-    from soter.language.evaluate.numbers_in_predicates import maybe_nan  # noqa: PLC0415 - seldom
+    from soter.language.evaluate.predicates import maybe_nan  # noqa: PLC0415 - seldom
 
     if maybe_nan(system, module):
         return False  # the ranges of IEEE's comparisons, and a NaN is danger

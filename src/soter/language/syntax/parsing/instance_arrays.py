@@ -2,7 +2,7 @@
 
 Purpose: `for i in 0..3 { items }`, `r[i].pose`, `r[i]: What`, `set r[i].GAIN = 2.0`.
 Non-goals: the items (`systems.py`), what a loop comes to
-(`language/check/parts/instance_arrays.py`).
+(`language/check/parts/instances.py`).
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Purpose: `Item` and its kinds (`once`, `often`, `each`); what the rows are made of: steps, each of
 which reads a part (`expr`, `time`, `word`, ...), and `made`, which makes a node of what they read.
 Frames of bodies, "stands twice", loops and the editor's completion are read off these tables.
-Non-goals: the tables (`nodes.py`, `verification.py`, `functions_and_plants.py`, `systems.py`).
+Non-goals: the tables (`declarations.py`, `modules.py`, `declarations.py`, `systems.py`).
 """
 
 from __future__ import annotations

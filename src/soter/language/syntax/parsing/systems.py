@@ -1,6 +1,6 @@
-"""Systems and tests: which parts run together, and what is asked of them.
+"""Systems and tests: which parts run together, what goes wrong, and what is asked of them.
 
-Purpose: the bodies of `system` and `test`, item by item.
+Purpose: the bodies of `system`, its `faults` and `test`, item by item.
 Non-goals: composition and well-formedness (`language/elaborate/`).
 """
 
@@ -12,7 +12,6 @@ from soter.diagnostics.diagnostic import Span, exchange, replace
 from soter.language.syntax import tree
 from soter.language.syntax.parsing import instance_arrays
 from soter.language.syntax.parsing.bodies import LEADERLESS
-from soter.language.syntax.parsing.faults import FAULT_ITEMS
 from soter.language.syntax.parsing.instance_arrays import dotted
 from soter.language.syntax.parsing.items import (
     Item,
@@ -44,10 +43,62 @@ from soter.language.syntax.tokens import EOF, NAME, visible
 from soter.language.syntax.words import meaning
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from soter.language.syntax.parsing.bodies import BodyParser
     from soter.language.syntax.parsing.items import Parts, Step
+
+
+GIVEN = ("late", "overrun", "bias", "noise", "scale")
+"""Kinds that say by how much."""
+TIMED = ("late", "overrun")
+"""Those of them that say it in time."""
+
+
+def _fault(parser: BodyParser, kind: str, start: int) -> tree.SystemFault:
+    """`kind target [by X] [at N per T] [for T];`."""
+    target = instance_arrays.path(parser, f"what `{kind}` is about")
+    by: tuple[tree.SyntaxExpr, ...] = ()
+    if kind in GIVEN:
+        parser.expect_word("by", f"and how much, after what `{kind}` is about")
+        by = _amounts(parser, parser.time if kind in TIMED else parser.expr)
+    rate = per = lasts = None
+    if kind != "late" or parser.is_word("at"):
+        parser.expect_word("at", "and how often: `at 2 per 1h`")
+        rate = parser.expr("how often")
+        parser.expect_word("per", "after the number: `at 2 per 1h`")
+        per = parser.time("`per`")
+        if parser.accept("for"):
+            lasts = parser.time("`for`")
+    parser.semicolon("the fault")
+    return tree.SystemFault(kind, target, by, rate, per, lasts, parser.span_from(start))
+
+
+def _amounts(
+    parser: BodyParser, one: Callable[[str], tree.SyntaxExpr]
+) -> tuple[tree.SyntaxExpr, ...]:
+    """`X`, or `[X, Y, ...]`."""
+    if not parser.accept("["):
+        return (one("how much"),)
+    amounts = [one("how much")]
+    while parser.accept(","):
+        amounts.append(one("how much"))
+    parser.expect("]", "after the last of them")
+    return tuple(amounts)
+
+
+_order = spanned(word("any", "after `order`"), semicolon("the order"))
+OF_TESTS = ("late", "skip", "overrun")
+"""Kinds that a test knows, too."""
+KINDS = (*OF_TESTS, "nan", "stuck", "silent", "saturated", "bias", "noise", "scale")
+FAULT_ITEMS: Items = {
+    "order": often(
+        "faults",
+        lambda *at: tree.SystemFault("order", None, (), None, None, None, _order(*at)),
+        "order any",
+    ),
+    **dict.fromkeys(KINDS, often("faults", _fault)),
+}
 
 
 def system(parser: BodyParser) -> tree.Decl:
@@ -386,10 +437,7 @@ _IN_BOTH: Items = {
         ),
     ),
     "set": often("sets", _set),
-    "input": often(
-        "inputs",
-        _input,
-    ),
+    "input": often("inputs", _input),
     "always": often("properties", _always),
     "never": often("properties", _always),
 }  # fmt: skip
@@ -426,9 +474,8 @@ TEST_ITEMS: Items = {
     "guarantees": often("stated", _stated),
 }
 _IN_LOOPS = dict(SYSTEM_ITEMS)
-_IN_LOOPS["for"] = SYSTEM_ITEMS["for"] = Item(
-    {}, instance_arrays.loop(_IN_LOOPS, _instance), "loop"
-)
+_LOOP = Item({}, instance_arrays.loop(_IN_LOOPS, _instance), "loop")
+_IN_LOOPS["for"] = SYSTEM_ITEMS["for"] = _LOOP
 SYSTEM_ITEMS |= {
     "faults": once("faults", _faults, none=()),
     "measure": often(
@@ -439,11 +486,7 @@ SYSTEM_ITEMS |= {
             word("every", "after the bins"), time_value("`every`"),
         ),
     ),
-    "external": often(
-        "externals",
-        _external,
-        "external topic",
-    ),
+    "external": often("externals", _external, "external topic"),
 }  # fmt: skip
 TEST_ITEMS["for"] = Item({}, instance_arrays.loop(TEST_ITEMS, _leads_to), "loop")
 LEADERLESS["test"] = ("`p leadsto q`",)

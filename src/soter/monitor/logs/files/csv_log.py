@@ -16,7 +16,7 @@ from typing import IO, TYPE_CHECKING, BinaryIO
 
 from soter.diagnostics.diagnostic import reason
 from soter.diagnostics.similar_names import nearest_or_all
-from soter.language.load.bounded_read import opened
+from soter.language.load.named_files import opened
 from soter.monitor.logs.files.log_columns import (
     COMMAS,
     FileFacts,

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import reason
-from soter.language.load.bounded_read import opened
+from soter.language.load.named_files import opened
 from soter.monitor.logs.files.log_columns import damaged, is_plain, remedies, unusable
 
 if TYPE_CHECKING:

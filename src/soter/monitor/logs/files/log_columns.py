@@ -20,7 +20,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.load.bounded_read import opened
+from soter.language.load.named_files import opened
 from soter.mapping.message_types import HEADER_FRAME
 
 if TYPE_CHECKING:

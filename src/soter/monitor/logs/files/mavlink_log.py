@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, BinaryIO
 
 from soter.diagnostics.diagnostic import reason
-from soter.language.load.bounded_read import opened
+from soter.language.load.named_files import opened
 from soter.mapping.mavlink import require_mavlink_package
 from soter.monitor.logs.files.log_columns import Writers, damaged, unusable
 

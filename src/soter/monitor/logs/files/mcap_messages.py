@@ -14,7 +14,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
-from soter.language.load.bounded_read import opened
+from soter.language.load.named_files import opened
 from soter.monitor.logs.files.log_columns import Writers, damaged, remedies, unusable
 from soter.monitor.logs.files.ros_messages import (
     UndecodableError,

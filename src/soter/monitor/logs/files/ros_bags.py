@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError, reason
-from soter.language.load.bounded_read import opened, read_bytes
+from soter.language.load.named_files import opened, read_bytes
 from soter.mapping.message_types import require_ros_package
 from soter.monitor.logs.files.log_columns import REINDEX, damaged, remedies, unusable
 from soter.monitor.logs.files.mcap_messages import mcap_messages

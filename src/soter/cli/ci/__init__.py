@@ -1,1 +1,0 @@
-"""What continuous integration reads: SARIF, JUnit's XML, commands of GitHub's workflows."""

@@ -1,1 +1,0 @@
-"""C as a tree, its printer, names and types."""

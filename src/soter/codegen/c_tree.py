@@ -1,0 +1,405 @@
+"""A small syntax tree for C99, and choices in it made without a branch.
+
+Purpose: what the back end builds and `c_printer.py` prints; no text is pasted together.
+`branch_free` computes choices between two whole numbers by masks: a search by halving goes left or
+right like a coin, and a processor that guesses is wrong every second time; the numbers are equal.
+Non-goals: all of C, only what generated programs need; branches with more in them than one number,
+and in what ships, which is read.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import field, replace
+from typing import TYPE_CHECKING
+
+from soter.language.syntax.node import Node, node, parts
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+# ---------------------------------------------------------------- expressions
+
+
+@node()
+class CExpr(Node):
+    """Any C expression."""
+
+
+@node()
+class Name(CExpr):
+    """An identifier or a macro constant."""
+
+    text: str
+
+
+@node()
+class Number(CExpr):
+    """A literal, already spelled as C."""
+
+    text: str
+
+
+@node()
+class String(CExpr):
+    """A string literal; the printer escapes it."""
+
+    value: str
+
+
+@node()
+class Unary(CExpr):
+    """Prefix operator: - ! & *."""
+
+    op: str
+    operand: CExpr
+
+
+@node()
+class Binary(CExpr):
+    """Infix operator."""
+
+    op: str
+    left: CExpr
+    right: CExpr
+
+
+@node()
+class Ternary(CExpr):
+    """c ? a : b."""
+
+    condition: CExpr
+    then: CExpr
+    otherwise: CExpr
+
+
+@node()
+class CallExpr(CExpr):
+    """f(a, b)."""
+
+    function: str
+    arguments: tuple[CExpr, ...]
+
+
+@node()
+class Member(CExpr):
+    """target.name; of what a pointer points to, pointer->name."""
+
+    target: CExpr
+    name: str
+
+
+@node()
+class Arrow(CExpr):
+    """target->name."""
+
+    target: CExpr
+    name: str
+
+
+@node()
+class IndexExpr(CExpr):
+    """target[index]."""
+
+    target: CExpr
+    index: CExpr
+
+
+@node()
+class Cast(CExpr):
+    """(type)operand."""
+
+    type: str
+    operand: CExpr
+
+
+@node()
+class Initializer(CExpr):
+    """{ .a = 1, .b = 2 } or { 1, 2 }; with a type, a compound literal."""
+
+    items: tuple[tuple[str | None, CExpr], ...]
+    type: str | None = None
+
+
+# ---------------------------------------------------------------- statements
+
+
+@node()
+class CStmt(Node):
+    """Any C statement."""
+
+
+@node()
+class Declare(CStmt):
+    """A declaration: `type name = value;`."""
+
+    type: str
+    name: str
+    value: CExpr | None
+    const: bool = False
+
+
+@node()
+class Assign(CStmt):
+    """An assignment."""
+
+    target: CExpr
+    value: CExpr
+
+
+@node()
+class Do(CStmt):
+    """An expression for its effect."""
+
+    expression: CExpr
+
+
+@node()
+class Unused(CStmt):
+    """Marks a name as unused on purpose: `(void)name;`; not printed where the body reads it."""
+
+    name: str
+
+
+@node()
+class IfStmt(CStmt):
+    """if (c) { ... } else { ... }."""
+
+    condition: CExpr
+    then: tuple[CStmt, ...]
+    otherwise: tuple[CStmt, ...] = ()
+
+
+@node()
+class For(CStmt):
+    """for (int64_t name = low; name < high; name++) { ... }."""
+
+    name: str
+    low: CExpr
+    high: CExpr
+    body: tuple[CStmt, ...]
+
+
+@node()
+class Return(CStmt):
+    """A return."""
+
+    value: CExpr | None
+
+
+@node()
+class Comment(CStmt):
+    """A line comment among statements."""
+
+    text: str
+
+
+# ---------------------------------------------------------------- top level
+
+
+@node()
+class CTop(Node):
+    """Anything at file level."""
+
+
+@node()
+class FileComment(CTop):
+    """A block comment."""
+
+    lines: tuple[str, ...]
+
+
+@node()
+class Section(CTop):
+    """A heading between groups of definitions."""
+
+    title: str
+
+
+@node()
+class Include(CTop):
+    """#include; system headers in angle brackets."""
+
+    path: str
+    system: bool = False
+
+
+@node()
+class Guarded(CTop):
+    """An include guard around everything after it."""
+
+    macro: str
+
+
+@node()
+class Define(CTop):
+    """#define name value."""
+
+    name: str
+    value: str
+
+
+@node()
+class StructMember(Node):
+    """A member: `type name[length];`."""
+
+    type: str
+    name: str
+    length: int | None = None
+    comment: str = ""
+
+
+@node()
+class StructDef(CTop):
+    """A named struct: `typedef struct { ... } name;`."""
+
+    name: str
+    members: tuple[StructMember, ...]
+    comment: str = ""
+
+
+@node()
+class Alias(CTop):
+    """Another name of a type: `typedef type name;`."""
+
+    type: str
+    name: str
+    comment: str = ""
+
+
+@node()
+class FunctionDef(CTop):
+    """A function; `doc` is the comment above it. An inline one need not be called (soter.h)."""
+
+    result: str
+    name: str
+    parameters: tuple[tuple[str, str], ...]
+    body: tuple[CStmt, ...] | None
+    doc: str = ""
+    static: bool = True
+    inline: bool = False
+
+
+@node()
+class VariableDef(CTop):
+    """A static const object, or an extern declaration (value None)."""
+
+    type: str
+    name: str
+    value: CExpr | None
+    array: bool = False
+    static: bool = True
+    comment: str = ""
+
+
+@node()
+class TableDef(CTop):
+    """A static const union of a value and its bytes: a table, by which compilers are not slowed."""
+
+    type: str
+    name: str
+    image: bytes
+    bytewise: bool = False
+    """Whether its elements are single bytes, which lie alike on every processor."""
+
+
+def address(e: CExpr) -> CExpr:
+    """Where something lies that has an address; of one of two things, that one's."""
+    if isinstance(e, Unary) and e.op == "*":
+        return e.operand
+    if isinstance(e, Ternary):
+        return Ternary(e.condition, address(e.then), address(e.otherwise))
+    return Unary("&", e)
+
+
+_NAME = re.compile(r"[A-Za-z_]\w*")
+
+
+def names_read(root: object) -> Iterator[str]:
+    """Names that a piece of C reads, in order; one that is only assigned to is not read."""
+    stack = [root]
+    while stack:
+        node = stack.pop()
+        if isinstance(node, Name):
+            yield from _NAME.findall(node.text)
+        elif isinstance(node, Assign):
+            target: CExpr = node.target
+            stack.append(node.value)
+            inner: list[CExpr] = []
+            while isinstance(target, (Member, IndexExpr)):
+                inner += [target.index] if isinstance(target, IndexExpr) else []
+                target = target.target
+            inner += [] if isinstance(target, Name) else [target]
+            stack.extend(reversed(inner))
+        elif isinstance(node, tuple):
+            stack.extend(reversed(node))
+        elif isinstance(node, (CExpr, CStmt)):
+            stack.extend(reversed(parts(node)))
+
+
+@node()
+class CFile(Node):
+    """A translation unit or header."""
+
+    items: tuple[CTop, ...] = field(default=())
+
+
+WHOLE = "int64_t"
+
+
+def branch_free(f: FunctionDef) -> FunctionDef:
+    """A function whose `if`s that only choose a whole number on each side are computed instead."""
+    if f.body is None:
+        return f
+    whole = {s.name for s in _all(f.body) if isinstance(s, Declare) and s.type == WHOLE}
+    return replace(f, body=tuple(_Masks(whole).block(f.body)))
+
+
+def _all(block: tuple[CStmt, ...]) -> Iterator[CStmt]:
+    for s in block:
+        yield s
+        if isinstance(s, For):
+            yield from _all(s.body)
+        elif isinstance(s, IfStmt):
+            yield from _all((*s.then, *s.otherwise))
+
+
+class _Masks:
+    """Names of masks, each its own."""
+
+    def __init__(self, whole: set[str]) -> None:
+        self._whole = whole
+        self._count = 0
+
+    def block(self, block: tuple[CStmt, ...]) -> Iterator[CStmt]:
+        """The same statements."""
+        for s in block:
+            if isinstance(s, For):
+                yield replace(s, body=tuple(self.block(s.body)))
+            elif isinstance(s, IfStmt):
+                yield from self._chosen(s)
+            else:
+                yield s
+
+    def _chosen(self, s: IfStmt) -> Iterator[CStmt]:
+        then, otherwise = self._choice(s.then), self._choice(s.otherwise)
+        if then is None or otherwise is None:
+            sides = (tuple(self.block(side)) for side in (s.then, s.otherwise))
+            yield IfStmt(s.condition, *sides)
+            return
+        self._count += 1
+        on = Name(f"given_mask_{self._count}")
+        off = Unary("~", on)
+        yield Declare(WHOLE, on.text, Unary("-", Cast(WHOLE, s.condition)), const=True)
+        for side, there, elsewhere in ((then, on, off), (otherwise, off, on)):
+            taken, left = Binary("&", side.value, there), Binary("&", side.target, elsewhere)
+            yield Assign(side.target, Binary("|", taken, left))
+
+    def _choice(self, side: tuple[CStmt, ...]) -> Assign | None:
+        """The one assignment of a side, if it is that of a whole number to a local."""
+        (made, *more) = side or (None,)
+        if more or not isinstance(made, Assign):
+            return None
+        names = [x for x in (made.target, made.value) if isinstance(x, Name)]
+        return made if len(names) == 2 and {x.text for x in names} <= self._whole else None

@@ -1,0 +1,478 @@
+"""Check calls: declared functions, built-in operations, `mode(M)`, `age(t)`.
+
+Purpose: what may be called with what, and what it gives.
+Non-goals: the operations themselves (`arithmetic.py`), bodies of functions
+(`language/check/declarations.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import replace
+from soter.diagnostics.similar_names import likely
+from soter.language.check import call_hints, unknown_names
+from soter.language.check.checker_interface import SPECIALS
+from soter.language.check.expression_base import (
+    a_type,
+    error_expr,
+    float_literal,
+    is_error,
+    unify_literals,
+)
+from soter.language.check.field import FieldChecker, find_instance, flat_names
+from soter.language.model import typed
+from soter.language.model.types import (
+    FLOAT,
+    INT,
+    MODE,
+    DurationType,
+    ErrorType,
+    FloatType,
+    IntType,
+    Type,
+    is_vector,
+)
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.diagnostics.diagnostic import Help, Span
+    from soter.language.check.checker_interface import Context
+    from soter.language.check.scope import Entry
+
+
+TAKES = {
+    "sqrt": "a float",
+    "floor": "a float",
+    "abs": "a float or an int",
+    "min": "two floats or two ints",
+    "max": "two floats or two ints",
+    "dot": "two vectors of one type",
+    "norm": "a vector: a record or an array of floats",
+    "saturate": "a float or a vector, and a float",
+    "seconds": "a duration",
+    "float": "an int",
+    "int": "a float",
+}
+ARITY = {"min": 2, "max": 2, "dot": 2, "saturate": 2}
+
+
+class CallChecker(FieldChecker):
+    """The part of the expression checker that knows calls."""
+
+    def call(self, expr: tree.CallExpr, context: Context, expected: Type | None) -> typed.TypedExpr:
+        """`callee(arguments)`."""
+        callee = expr.callee
+        if isinstance(callee, tree.NameExpr):
+            name = callee.name.text
+            if context.find_local(name) is not None:
+                return self._no_function("a variable", name, expr, context)
+            entry = self.names.find(context.scope, name)
+            if entry is None and name in SPECIALS:
+                return self._no_function("a value", name, expr, context)
+            if entry is None:
+                return self._builtin(name, expr, context, expected)
+        elif isinstance(callee, tree.FieldExpr) and isinstance(callee.target, tree.NameExpr):
+            name = f"{callee.target.name.text}.{callee.field.text}"
+            first = callee.target.name.text
+            if context.find_local(first) is not None or first in context.scope.entries:
+                return self._no_function("a field", name, expr, context)
+            if first not in context.scope.imports and first in unknown_names.LIBRARIES:
+                return self._of_a_library(expr, context, expected)
+            entry = self.names.find_in_import(context.scope, callee.target.name, callee.field)
+            if entry is None:
+                return self._failed(expr, context)
+        else:
+            return self._no_name_called(expr, context, expected)
+        return self._declared_called(entry, name, expr, context)
+
+    def _declared_called(
+        self, entry: Entry, name: str, expr: tree.CallExpr, context: Context
+    ) -> typed.TypedExpr:
+        """A call of what a file declares; T004 unless it is a function."""
+        if entry.kind == "type":
+            return self._type_called(entry, expr)
+        if entry.kind != "function":
+            return self._no_function(f"a {entry.kind}", name, expr, context)
+        fun = self.shared.resolve(entry, expr.callee.span)
+        if not isinstance(fun, typed.FunSymbol):
+            return self._failed(expr, context)
+        return self._call_fun(fun, expr, context)
+
+    def _no_name_called(
+        self, expr: tree.CallExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """T004 for a call of what is neither a name nor one behind an import."""
+        callee = expr.callee
+        names = flat_names(callee)
+        if isinstance(callee, tree.ErrorExpr):
+            self.names.losses += 1
+        elif names and names[0].text in unknown_names.LIBRARIES:
+            return self._of_a_library(expr, context, expected)
+        elif isinstance(callee, tree.FieldExpr):
+            return self._no_function("a field", callee.span.text, expr, context)
+        else:
+            self.diagnostics.error(
+                "T004",
+                "only functions can be called",
+                callee.span,
+                notes=("a call is the name of a function and its arguments",),
+            )
+        return self._failed(expr, context)
+
+    def _failed(self, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
+        """An error that was reported; the arguments may have errors of their own."""
+        for argument in expr.arguments:
+            self.check(argument, context)
+        return error_expr(expr.span)
+
+    def _of_a_library(
+        self, expr: tree.CallExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """N006 for `np.clip(...)` and `random.uniform(...)`."""
+        callee = expr.callee
+        assert isinstance(callee, tree.FieldExpr)
+        helps = self._meant(callee.field.text, callee.span, expr, context, expected)
+        self.diagnostics.error(
+            "N006",
+            f"there is no `{' '.join(callee.span.text.split())}`",
+            callee.span,
+            notes=("the functions and types of the prelude need no import",),
+            helps=helps,
+        )
+        return error_expr(expr.span) if helps else self._failed(expr, context)
+
+    def _meant(
+        self, name: str, span: Span, expr: tree.CallExpr, context: Context, expected: Type | None
+    ) -> tuple[Help, ...]:
+        """What an unknown function was meant to be; `span` is what would be replaced."""
+        helps = (
+            call_hints.of_chance(name, expr, context)
+            or call_hints.of_another_language(name, expr)
+            or call_hints.of_a_literal(name, expr, expected)
+            or unknown_names.a_function(expr, name, span)
+        )
+        if not helps and self._takes(name, context) == len(expr.arguments):
+            helps = (replace(span, name),)
+        return helps
+
+    def _near(self, name: str, context: Context) -> tuple[Help, ...]:
+        """The function of a similar name that takes another number of arguments."""
+        public = (n for n in (*context.scope.entries, *self.names.prelude) if n[0] != "_")
+        near = likely(name, [n for n in public if self._takes(n, context) is not None])
+        entry = context.scope.entries.get(near or "") or self.names.prelude.get(near or "")
+        if entry is None or not isinstance(entry.decl, tree.FunDecl):
+            return ()
+        parameters = ", ".join(p.text for p, _ in entry.decl.parameters)
+        return (f"there is `{near}({parameters})`",)
+
+    def _takes(self, name: str, context: Context) -> int | None:
+        """How many arguments the function of a name takes; None where there is none."""
+        if name in TAKES:
+            return ARITY.get(name, 1)
+        entry = context.scope.entries.get(name) or self.names.prelude.get(name)
+        decl = entry.decl if entry is not None else None
+        return len(decl.parameters) if isinstance(decl, tree.FunDecl) else None
+
+    def _no_function(
+        self, what: str, name: str, expr: tree.CallExpr, context: Context
+    ) -> typed.TypedExpr:
+        """T004, with what can be done with a value or a type of that name."""
+        callee = expr.callee
+        last = name.rpartition(".")[2]
+        helps: tuple[Help, ...] = ()
+        if isinstance(callee, tree.FieldExpr) and last in ("size", "length", "len", "count"):
+            length = f"{callee.target.span.text}.len"
+            helps = (replace(expr.span, length, f"its length is `{length}`"),)
+        elif isinstance(callee, tree.FieldExpr) and last in call_hints.ITSELF:
+            whole = callee.target.span.text
+            helps = (replace(expr.span, whole, f"a value has no methods: `{whole}` is enough"),)
+        elif (
+            isinstance(callee, tree.FieldExpr)
+            and context.where != f"function `{last}`"
+            and (self._takes(last, context) == len(expr.arguments) + 1)
+        ):
+            helps = call_hints.as_function(last, expr, callee.target.span)
+        else:
+            helps = self._of_value(expr, context)
+        self.diagnostics.error(
+            "T004", f"`{name}` is {what}, not a function", callee.span, helps=helps
+        )
+        return self._failed(expr, context)
+
+    def _type_called(self, entry: Entry, expr: tree.CallExpr) -> typed.TypedExpr:
+        """T004 for `Vec2(1.0, 2.0)`; its arguments are looked at where they stand in a literal."""
+        symbol = self.shared.resolve(entry, expr.callee.span)
+        self.diagnostics.error(
+            "T004",
+            f"`{expr.callee.span.text}` is a type, not a function",
+            expr.callee.span,
+            helps=call_hints.of_a_type(symbol, expr) if isinstance(symbol, Type) else (),
+        )
+        return error_expr(expr.span)
+
+    def _of_value(self, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
+        """The value alone, or an element of it; nothing where it is none at this place."""
+        with self.diagnostics.trial() as sound:
+            value = self.container(expr.callee, context)
+        return call_hints.of_a_value(value, expr) if sound() and not is_error(value) else ()
+
+    def _call_fun(
+        self, fun: typed.FunSymbol, expr: tree.CallExpr, context: Context
+    ) -> typed.TypedExpr:
+        self.shared.calls.call(fun, expr.span)
+        if len(expr.arguments) != len(fun.parameters) and fun in self.shared.damaged:
+            self.names.losses += 1
+            return self._failed(expr, context)
+        if len(expr.arguments) != len(fun.parameters):
+            signature = ", ".join(f"{p.name}: {p.type}" for p in fun.parameters)
+            self.diagnostics.error(
+                "T003",
+                _count(fun.name, len(fun.parameters), len(expr.arguments)),
+                expr.span,
+                also=((fun.span, "declared here"),),
+                notes=(f"it is declared as `{fun.name}({signature}): {fun.result}`",),
+            )
+            return self._failed(expr, context)
+        arguments = [
+            self.check(a, context, p.type, (p.span, f"`{p.name}` is `{p.type}`"))
+            for a, p in zip(expr.arguments, fun.parameters, strict=True)
+        ]
+        if isinstance(fun.result, ErrorType):
+            self.names.losses += 1
+            return error_expr(expr.span)
+        if is_error(*arguments):
+            return error_expr(expr.span)
+        return typed.TypedCall(fun.result, expr.span, fun, tuple(arguments))
+
+    # ------------------------------------------------------------ built in
+
+    def _builtin(
+        self, name: str, expr: tree.CallExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        span = expr.span
+        if name in {"mode", "margin", "age"}:
+            return self._mode_or_age(name, expr, context)
+        if name not in TAKES:
+            assert isinstance(expr.callee, tree.NameExpr)
+            self._unknown_function(expr.callee.name, expr, context, expected)
+            return self._failed(expr, context)
+        arity = ARITY.get(name, 1)
+        if not self._counted(name, expr, arity, context):
+            return self._failed(expr, context)
+        hint = _hint(name, expected)
+        arguments = [self.dispatch(a, context, hint) for a in expr.arguments]
+        if is_error(*arguments):
+            return error_expr(span)
+        if arity == 2:
+            arguments = list(unify_literals(*arguments))
+        result = _result(name, arguments)
+        if result is None:
+            self._wrong_arguments(name, expr, arguments)
+            return error_expr(span)
+        first = arguments[0]
+        if name == "float" and isinstance(first, typed.Literal):
+            return typed.Literal(FLOAT, span, float(first.value))
+        if name in {"float", "int"} and type(first.type) is type(result):
+            return first
+        return typed.Builtin(result, span, name, tuple(arguments))
+
+    def _unknown_function(
+        self, name: tree.Name, expr: tree.CallExpr, context: Context, expected: Type | None
+    ) -> None:
+        """N001, with the functions that take as many arguments."""
+        fits = [
+            n
+            for n in (*TAKES, *context.scope.entries, *self.names.prelude)
+            if n[0] != "_" and self._takes(n, context) == len(expr.arguments)
+        ]
+        self.unknown(
+            name,
+            context,
+            helps=self._meant(name.text, expr.callee.span, expr, context, expected),
+            among=fits,
+            otherwise=self._near(name.text, context),
+        )
+
+    def _counted(self, name: str, expr: tree.CallExpr, wanted: int, context: Context) -> bool:
+        if len(expr.arguments) == wanted:
+            return True
+        takes = TAKES.get(name, "a topic" if name == "age" else "a module")
+        a_range = name == "saturate" and len(expr.arguments) == 3
+        helps: tuple[Help, ...] = (replace(expr.callee.span, "clamp"),) if a_range else ()
+        if a_range:
+            with self.diagnostics.trial() as sound:
+                value = self.dispatch(expr.arguments[0], context, None)
+            if sound() and is_vector(value.type):
+                first, _, high = (a.span.text for a in expr.arguments)
+                helps = (replace(expr.span, f"saturate({first}, {high})"),)
+        if name in {"min", "max"} and len(expr.arguments) > wanted:
+            helps = (call_hints.nested(name, expr),)
+        self.diagnostics.error(
+            "T003",
+            _count(name, wanted, len(expr.arguments)),
+            expr.span,
+            notes=(f"`{name}` takes {takes}",),
+            helps=helps,
+        )
+        return False
+
+    def _wrong_arguments(
+        self, name: str, expr: tree.CallExpr, arguments: list[typed.TypedExpr]
+    ) -> None:
+        shown = " and ".join(f"`{a.type}`" for a in arguments)
+        kinds = {type(a.type) for a in arguments}
+        helps: tuple[Help, ...] = ()
+        if name == "abs" and is_vector(arguments[0].type):
+            helps = (replace(expr.callee.span, "norm"),)
+        elif name in {"min", "max"} and kinds == {IntType, FloatType}:
+            helps = ("convert the int: `float(...)`",)
+        elif name in {"sqrt", "floor"} and kinds == {IntType}:
+            helps = (f"convert the int: `{name}(float(...))`",)
+        self.diagnostics.error(
+            "T002",
+            f"`{name}` does not apply to {shown}",
+            expr.span,
+            also=tuple(
+                (e.span, f"`{a.type}`") for e, a in zip(expr.arguments, arguments, strict=True)
+            ),
+            notes=(f"`{name}` takes {TAKES[name]}",),
+            helps=helps,
+        )
+
+    # ------------------------------------------------------------ modes and ages
+
+    def _mode_or_age(self, name: str, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
+        span = expr.span
+        if not self._counted(name, expr, 1, context):
+            return error_expr(span)
+        argument = expr.arguments[0]
+        if name == "age":
+            read = self.check(argument, context)
+            if is_error(read):
+                return error_expr(span)
+            if isinstance(read, typed.TopicRead):
+                return typed.AgeRead(FLOAT, span, read.topic)
+            self.diagnostics.error(
+                "T002",
+                "`age` takes a topic",
+                argument.span,
+                f"this is {a_type(read.type)}",
+                notes=("a topic as a whole has an age, a part of it has none",),
+            )
+            return error_expr(span)
+        if not context.has_modes:
+            self.diagnostics.error(
+                "T013",
+                f"`{name}` has no meaning in {context.where}",
+                span,
+                notes=(f"only nodes, modules and properties see the {name} of a module",),
+            )
+            return error_expr(span)
+        module = self._module(argument, context, name)
+        if module is None:
+            return error_expr(span)
+        if name == "margin":
+            return typed.MarginRead(FLOAT, span, module)
+        return typed.ModeRead(MODE, span, module)
+
+    def _module(
+        self, argument: tree.SyntaxExpr, context: Context, asked: str
+    ) -> typed.ModuleSymbol | str | None:
+        names = flat_names(argument)
+        what = "an expression"
+        if isinstance(argument, tree.ErrorExpr):
+            self.names.losses += 1
+            return None
+        if names is not None and names[0].text in context.lost:
+            self.names.losses += 1
+            return None
+        if names is not None and context.find_local(names[0].text) is not None:
+            what = "a variable"
+        elif names is not None:
+            target, depth = find_instance(context.instances or {}, names)
+            if isinstance(target, typed.ModuleSymbol) and _is_below(target, names[depth:]):
+                return ".".join(n.text for n in names)
+            if not depth and len(names) <= 2:
+                return self._declared_module(names, argument, context, asked)
+            what = "an instance of something else" if depth else "nothing that is known"
+        self._no_module(asked, argument.span, what)
+        return None
+
+    def _declared_module(
+        self, names: Sequence[tree.Name], argument: tree.SyntaxExpr, context: Context, asked: str
+    ) -> typed.ModuleSymbol | None:
+        """The module that a file declares under these names; None after a report."""
+        ref = tree.Ref(names[0] if len(names) > 1 else None, names[-1], argument.span)
+        entry = self.names.find_ref(context.scope, ref)
+        if entry is None:
+            return None
+        symbol = self.shared.resolve(entry, argument.span)
+        if entry.kind == "module":
+            return symbol if isinstance(symbol, typed.ModuleSymbol) else None
+        helps = entry.instead("module", argument.span)
+        self._no_module(asked, argument.span, f"a {entry.kind}", helps)
+        return None
+
+    def _no_module(self, asked: str, span: Span, what: str, helps: tuple[Help, ...] = ()) -> None:
+        """T002 where `mode` or `margin` is asked of something else."""
+        self.diagnostics.error(
+            "T002", f"`{asked}` takes a module", span, f"this is {what}", helps=helps
+        )
+
+
+def _count(name: str, wanted: int, count: int) -> str:
+    s = "" if wanted == 1 else "s"
+    none = "none are" if count == 0 else f"{count} {'is' if count == 1 else 'are'}"
+    return f"`{name}` takes {wanted or 'no'} argument{s}, but {none} given"
+
+
+_CONVERSIONS: dict[str, tuple[Type, tuple[type[Type], ...]]] = {
+    "float": (FLOAT, (IntType, FloatType)),
+    "int": (INT, (IntType, FloatType)),
+    "seconds": (FLOAT, (DurationType,)),
+}
+
+
+def _result(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
+    """Result type of a builtin, None when it does not apply; may convert literals in place."""
+    first = arguments[0].type
+    if name in {"sqrt", "floor"}:
+        as_float = float_literal(arguments[0])
+        if as_float is not None:
+            arguments[0] = as_float
+            return FLOAT
+        return FLOAT if isinstance(first, FloatType) else None
+    if name in _CONVERSIONS:
+        result, takes = _CONVERSIONS[name]
+        return result if isinstance(first, takes) else None
+    if name in {"abs", "min", "max"}:
+        kinds = {type(a.type) for a in arguments}
+        return FLOAT if kinds == {FloatType} else INT if kinds == {IntType} else None
+    if name in {"dot", "norm"}:
+        return FLOAT if is_vector(first) and first == arguments[-1].type else None
+    return _saturated(arguments)
+
+
+def _saturated(arguments: list[typed.TypedExpr]) -> Type | None:
+    """What `saturate` gives, None where it does not apply; may convert its bound in place."""
+    first = arguments[0].type
+    bound = float_literal(arguments[1]) or arguments[1]
+    if isinstance(bound.type, FloatType) and (is_vector(first) or isinstance(first, FloatType)):
+        arguments[1] = bound
+        return first
+    return None
+
+
+def _is_below(module: typed.ModuleSymbol, names: Sequence[tree.Name]) -> bool:
+    """Whether the names lead from a module to one below it (`ac module`), or to itself."""
+    own = [m.name.rpartition(".")[2] for m in module.below]
+    return [n.text for n in names] == own[: len(names)]
+
+
+def _hint(name: str, expected: Type | None) -> Type | None:
+    """What the arguments of a function may be expected to be."""
+    keeps = isinstance(expected, FloatType) and name in {"abs", "min", "max"}
+    return FLOAT if keeps or name in {"sqrt", "floor"} else None

@@ -1,0 +1,185 @@
+"""What a call was meant to be, where nothing of that name can be called.
+
+Purpose: helps for values called as functions (`time()`, `rays(1)`), types (`Vec2(1.0, 2.0)`),
+methods (`v.norm()`), chance (`randint(0, 1)`), literals (`zeros(3)`) and names that are nearly
+right. Every edit has been compared with the types at hand: what would be an error again is not
+proposed.
+Non-goals: reporting (`language/check/call.py`); words that only another language has
+(`unknown_names.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import replace
+from soter.language.model import typed
+from soter.language.model.types import ArrayType, EnumType, FloatType, ListType, RecordType
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.diagnostics.diagnostic import Help, Span
+    from soter.language.check.checker_interface import Context
+    from soter.language.model.types import Type
+
+
+RANDOM = frozenset(
+    ["random", "rand", "randint", "randrange", "randn", "uniform", "gauss", "normal", "choice",
+     "drand48", "unifrnd", "noise", "gaussian", "randi", "normalvariate", "sample", "integers"]
+)  # fmt: skip
+FILLED = {"zeros": "0.0", "ones": "1.0", "zeros_like": "0.0", "empty": "0.0"}
+WRAPPED = ("array", "asarray", "list", "tuple", "vector", "matrix")
+ELEMENTS_MAX = 16
+
+
+def of_a_value(
+    value: typed.TypedExpr, expr: tree.CallExpr, what: str = "it is"
+) -> tuple[Help, ...]:
+    """For `rays(1)` and `speed()`: brackets, or the name alone."""
+    text = expr.callee.span.text
+    if isinstance(value.type, (ArrayType, ListType)) and len(expr.arguments) == 1:
+        index = expr.arguments[0]
+        if isinstance(index, tree.IntLit) and index.value > 0:
+            first = f"{text}[{index.value - 1}]"
+            return (replace(expr.span, first, f"indices begin at 0: `{first}`"),)
+        return (replace(expr.span, f"{text}[{index.span.text}]"),)
+    if not expr.arguments:
+        return (replace(expr.span, text, f"{what} a value, without parentheses: `{text}`"),)
+    return ()
+
+
+def of_a_type(of: Type, expr: tree.CallExpr) -> tuple[Help, ...]:
+    """For `Vec2(1.0, 2.0)`, `Report(lamp=lamp)` and `Gear(1)`."""
+    if isinstance(of, EnumType):
+        return (f"name the case: `{expr.callee.span.text}.{of.members[0]}`",)
+    if not isinstance(of, RecordType):
+        return ("a value is of its type by itself: leave the name out",)
+    names = [name for name, _ in of.fields]
+    given = _fields_given(expr.arguments, names)
+    if given is None:
+        shown = ", ".join(f"{n}: ..." for n in names[:ELEMENTS_MAX])
+        return (f"a record is written with its fields: `{{ {shown} }}`",)
+    if set(given) != set(names):
+        return ()
+    fields = ", ".join(f"{n}: {given[n]}" for n in names)
+    return (replace(expr.span, f"{{ {fields} }}"),)
+
+
+def _fields_given(
+    arguments: Sequence[tree.SyntaxExpr], names: Sequence[str]
+) -> dict[str, str] | None:
+    """The text of each field that is given, by its name or its place; None if they are too few."""
+    values = [_named(a, names) for a in arguments]
+    if len(values) != len(names) or None in values:
+        return None
+    given = dict(v for v in values if v is not None and v[0])
+    return given or dict(zip(names, [a.span.text for a in arguments], strict=True))
+
+
+def _named(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[str, str] | None:
+    """`lamp=x`, which is read as a comparison, as a field and its value; ("", x) for `x` alone."""
+    if not isinstance(argument, tree.BinaryExpr) or argument.op != "==":
+        return "", argument.span.text
+    name = argument.left
+    if not isinstance(name, tree.NameExpr) or name.name.text not in names:
+        return None
+    return name.name.text, argument.right.span.text
+
+
+def of_chance(name: str, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
+    """For `randint(0, 1)`, `np.random.uniform(-a, a)`."""
+    if name not in RANDOM:
+        return ()
+    bounds = [a.span.text for a in expr.arguments[:2]] if len(expr.arguments) == 2 else []
+    if isinstance(context.owner, typed.PlantSymbol):
+        low, high = bounds or ("-0.1", "0.1")
+        return (
+            f"chance in a plant is declared: `disturbance w: float in [{low}, {high}];`, read `w`",
+        )
+    if context.choices is None:
+        return ("only steps and plants leave something open: pass what is drawn as an argument",)
+    whole = len(bounds) == 2 and all(_is_int(a) for a in expr.arguments)
+    if whole:
+        return (replace(expr.span, f"choose [{bounds[0]}, {bounds[1]}]"),)
+    return (
+        "a step leaves open which of several values: `choose { -1.0, 0.0, 1.0 }`",
+        "what is drawn from an interval is an input: `input topic noise: float in [-1.0, 1.0];`",
+    )
+
+
+def _is_int(e: tree.SyntaxExpr) -> bool:
+    if isinstance(e, tree.UnaryExpr) and e.op == "-":
+        e = e.operand
+    return isinstance(e, tree.IntLit)
+
+
+def of_a_literal(name: str, expr: tree.CallExpr, expected: Type | None) -> tuple[Help, ...]:
+    """For `zeros(3)` and `np.array([1.0, 2.0])`."""
+    arguments = expr.arguments
+    if name in WRAPPED and len(arguments) == 1:
+        return (replace(expr.span, arguments[0].span.text),)
+    if name not in FILLED:
+        return ()
+    if expected is not None:
+        text = filled(expected, FILLED[name])
+        return (replace(expr.span, text),) if text else ()
+    count = arguments[0].value if arguments and isinstance(arguments[0], tree.IntLit) else 0
+    if not 0 < count <= ELEMENTS_MAX:
+        return ("a list is written out: `[0.0, 0.0, 0.0]`",)
+    return (replace(expr.span, f"[{', '.join([FILLED[name]] * count)}]"),)
+
+
+def filled(of: Type, value: str) -> str:
+    """A literal of a type of floats, each of them `value`; "" where there is none."""
+    if isinstance(of, FloatType):
+        return value
+    if isinstance(of, ArrayType) and of.size <= ELEMENTS_MAX:
+        part = filled(of.element, value)
+        return f"[{', '.join([part] * of.size)}]" if part else ""
+    if isinstance(of, RecordType):
+        parts = [filled(f, value) for _, f in of.fields]
+        pairs = zip(of.fields, parts, strict=True)
+        return f"{{ {', '.join(f'{n}: {p}' for (n, _), p in pairs)} }}" if all(parts) else ""
+    return ""
+
+
+def as_function(name: str, expr: tree.CallExpr, target: Span) -> tuple[Help, ...]:
+    """`norm(v)` for `v.norm()`."""
+    arguments = [target.text, *(a.span.text for a in expr.arguments)]
+    return (replace(expr.span, f"{name}({', '.join(arguments)})"),)
+
+
+def of_another_language(name: str, expr: tree.CallExpr) -> tuple[Help, ...]:
+    """For `round(x)`, `ceil(x)`, `sum(xs)`."""
+    if name in ("mod", "fmod", "rem") and len(expr.arguments) == 2:
+        a, b = (x.span.text for x in expr.arguments)
+        return (replace(expr.span, f"({a}) % {b}"),)
+    if name == "round" and len(expr.arguments) == 2:
+        return ("a number keeps all its digits: leave `round` out, or `floor(x + 0.5)`",)
+    if len(expr.arguments) != 1:
+        return ()
+    text = expr.arguments[0].span.text
+    if name in ("round", "rint", "nearbyint"):
+        return (replace(expr.span, f"floor({text} + 0.5)"),)
+    if name in ("ceil", "ceiling"):
+        return (replace(expr.span, f"-floor(-({text}))"),)
+    if name in ("sum", "mean", "average", "avg", "any", "all"):
+        return (f"a loop looks at each of them: `for x in {text} {{ ... }}`",)
+    return ()
+
+
+ITSELF = frozenset(
+    ["iter", "iter_mut", "into_iter", "cloned", "clone", "copy", "to_vec", "items", "values",
+     "tolist", "as_slice", "data", "begin"]
+)  # fmt: skip
+"""Methods that give what they are called on."""
+
+
+def nested(name: str, expr: tree.CallExpr) -> Help:
+    """`max(a, max(b, c))` for `max(a, b, c)`."""
+    *rest, whole = [a.span.text for a in expr.arguments]
+    for text in reversed(rest):
+        whole = f"{name}({text}, {whole})"
+    return replace(expr.span, whole)

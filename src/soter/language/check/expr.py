@@ -1,0 +1,427 @@
+"""Check expressions: names, types, conversions made explicit.
+
+Purpose: syntax expression + context -> typed expression; on a mistake one diagnostic and an
+expression of ERROR type, which keeps everything above it silent. Here: literals, names, records
+and lists; operators, dots and calls in the modules this one stands on.
+Non-goals: evaluation, declarations, statements.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from soter.diagnostics.diagnostic import replace
+from soter.language.check import unknown_names
+from soter.language.check.call import CallChecker
+from soter.language.check.checker_interface import SPECIALS
+from soter.language.check.expression_base import (
+    error_expr,
+    float_literal,
+    is_error,
+    plain,
+)
+from soter.language.check.field import listed
+from soter.language.check.operators_and_choices import ChooseChecker, OperatorChecker
+from soter.language.check.scope import BUILTIN_FUNCTIONS
+from soter.language.model import typed
+from soter.language.model.types import (
+    BOOL,
+    DURATION,
+    FLOAT,
+    INT,
+    INT_MAX,
+    ArrayType,
+    FloatType,
+    ListType,
+    RecordType,
+    Type,
+    leaf_count,
+)
+from soter.language.model.values import VALUE_MAX, Table
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.diagnostics.diagnostic import Help, Span
+    from soter.language.check.checker_interface import Context
+    from soter.language.check.scope import Entry
+
+__all__ = ["ExprChecker", "error_expr", "float_literal", "is_error", "plain"]
+
+
+class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
+    """Checks expressions of one program."""
+
+    def dispatch(
+        self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """The typed expression, not yet converted; `expected` is a hint for literals."""
+        typed_expr = self._any(expr, context, expected)
+        if not isinstance(typed_expr, typed.Literal) or not isinstance(typed_expr.value, Table):
+            return typed_expr
+        self.diagnostics.error(
+            "T021",
+            f"the table `{typed_expr.name}` is too large to be a value",
+            expr.span,
+            f"{leaf_count(typed_expr.type)} numbers",
+            notes=(f"what is passed on is copied, and has at most {VALUE_MAX} numbers",),
+            helps=("read elements of it: `TABLE[i]`, `TABLE.len`, `for x in TABLE { ... }`",),
+        )
+        return error_expr(expr.span)
+
+    def container(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
+        """The typed expression of which a part is read in place: it may be a table."""
+        return self._any(expr, context, None)
+
+    def _any(
+        self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        method = self._METHODS.get(type(expr))
+        if method is None:  # what could not be parsed
+            self.names.losses += 1
+            return error_expr(expr.span)
+        return method(self, expr, context, expected)
+
+    # ------------------------------------------------------------ literals
+
+    def _int(self, expr: tree.IntLit, _: Context, expected: Type | None) -> typed.TypedExpr:
+        if isinstance(expected, FloatType):
+            return typed.Literal(FLOAT, expr.span, float(expr.value))
+        # -2^63 is written as a negated 2^63, which does not fit itself: see `unary`
+        if expr.value > INT_MAX:
+            self.diagnostics.error(
+                "T016",
+                f"{expr.value} does not fit into 64 bits",
+                expr.span,
+                f"the largest int is {INT_MAX}",
+                helps=(f"as a float it is `{float(expr.value)!r}`",) if expected is None else (),
+            )
+            return error_expr(expr.span)
+        return typed.Literal(INT, expr.span, expr.value)
+
+    def _float(self, expr: tree.FloatLit, _: Context, __: Type | None) -> typed.TypedExpr:
+        return typed.Literal(FLOAT, expr.span, expr.value)
+
+    def _bool(self, expr: tree.BoolLit, _: Context, __: Type | None) -> typed.TypedExpr:
+        return typed.Literal(BOOL, expr.span, expr.value)
+
+    def _duration(self, expr: tree.DurationLit, _: Context, __: Type | None) -> typed.TypedExpr:
+        if expr.value_ns is None or expr.value_ns > INT_MAX:
+            self.diagnostics.error(
+                "C005",
+                f"`{expr.text}` is not a whole number of nanoseconds",
+                expr.span,
+                notes=("time is counted in whole nanoseconds, so that calendars are exact",),
+            )
+            return error_expr(expr.span)
+        return typed.Literal(DURATION, expr.span, expr.value_ns)
+
+    # ------------------------------------------------------------ names
+
+    def _name(self, expr: tree.NameExpr, context: Context, _: Type | None) -> typed.TypedExpr:
+        name, span = expr.name.text, expr.span
+        local = context.find_local(name)
+        if local is not None:
+            local.used = True
+            if is_error(read := typed.VarRead(local.type, span, local)):
+                self.names.losses += 1
+            return read
+        if context.hidden is not None:
+            hidden = context.hidden.find_local(name)
+            if hidden is not None:
+                hidden.used = True
+                self._not_constant(f"`{name}`", span, hidden.span, context)
+                return error_expr(span)
+        if name in context.private:
+            self._private(context.private[name], span, context)
+            return error_expr(span)
+        entry = self.names.find(context.scope, name)
+        if entry is not None:
+            return self.entry(entry, span, context)
+        if name in SPECIALS:
+            return self._special(name, span, context)
+        if name in context.lost:
+            self.names.losses += 1
+            return error_expr(span)
+        if context.instances is not None and name in context.instances:
+            return self.no_value(context.instances[name].what, name, span)
+        if name in BUILTIN_FUNCTIONS and not context.broken:
+            self.diagnostics.error(
+                "N003",
+                f"`{name}` is a function, not a value",
+                span,
+                helps=(f"call it: `{name}(...)`",),
+            )
+        else:
+            self.unknown(expr.name, context, SPECIALS, helps=self._state(name, span, context))
+        return error_expr(span)
+
+    def _state(self, name: str, span: Span, context: Context) -> tuple[Help, ...]:
+        """`c.truth.x` for `x` in a system, where one instance's plant has a state of this name."""
+        owners = [
+            path
+            for path, instance in (context.instances or {}).items()
+            if isinstance(instance.what, typed.PlantSymbol)
+            and instance.what.truth.index(name) is not None
+        ]
+        if len(owners) != 1 or context.constant:
+            return ()
+        return (replace(span, f"{owners[0]}.truth.{name}"),)
+
+    def _special(self, name: str, span: Span, context: Context) -> typed.TypedExpr:
+        if context.constant:
+            self._not_constant(f"`{name}`", span, None, context)
+        elif name == "in_control" and context.node is not None:
+            return typed.InControl(BOOL, span)
+        elif name == "time" and context.has_time:
+            return typed.TimeRead(FLOAT, span)
+        elif name == "dt" and context.has_period:
+            return typed.PeriodRead(FLOAT, span)
+        else:
+            self.diagnostics.error(
+                "T013",
+                f"`{name}` has no meaning in {context.where}",
+                span,
+                notes=(SPECIALS[name],),
+                helps=("pass it as an argument",) if context.result is not None else (),
+            )
+        return error_expr(span)
+
+    def _private(self, local: typed.Variable, span: Span, context: Context) -> None:
+        local.used = True
+        self.diagnostics.error(
+            "T013",
+            f"`{local.name}` has no meaning in {context.where}",
+            span,
+            also=((local.span, "a local of the node"),),
+            notes=("a contract speaks about what a node reads and publishes",),
+            helps=("check it in the step: `assert ...;`",),
+        )
+
+    def _not_constant(self, what: str, span: Span, declared: Span | None, context: Context) -> None:
+        """T008, or T007 in the bound of a loop: known only when the program runs."""
+        step = context.constant == "T007" and context.where == "the bound of a loop"
+        what_runs = context.constant == "T007" and not step
+        self.diagnostics.error(
+            context.constant or "T008",
+            f"{context.where} cannot depend on {what}",
+            span,
+            "known only when the program runs",
+            also=((declared, "declared here"),) if declared is not None else (),
+            notes=("every step must end within a bound that is known beforehand",)
+            if step
+            else ("it is computed when the program is compiled",),
+            helps=("loop up to a constant maximum, and leave out rounds with `if` inside",)
+            if step
+            else ("how many there are is for a `const` to say",)
+            if what_runs
+            else (),
+        )
+
+    def entry(self, entry: Entry, span: Span, context: Context) -> typed.TypedExpr:
+        """A declaration used as a value."""
+        symbol = self.shared.resolve(entry, span)
+        if symbol is None:
+            return error_expr(span)
+        if isinstance(symbol, typed.ConstSymbol):
+            return typed.Literal(symbol.type, span, symbol.value, symbol.name)
+        if isinstance(symbol, typed.ParamSymbol):
+            self.shared.calls.param(symbol, span)
+            if context.constant:
+                self._not_constant(f"the parameter `{symbol.name}`", span, symbol.span, context)
+                return error_expr(span)
+            return typed.ParamRead(symbol.type, span, symbol)
+        if isinstance(symbol, typed.TopicSymbol):
+            return self.topic_read(symbol, span, context)
+        self.diagnostics.error(
+            "N003",
+            f"`{entry.decl.name.text}` is a {entry.kind}, not a value",
+            span,
+            also=((entry.decl.name.span, "declared here"),),
+            helps=self._value_of(entry, symbol, span, context),
+        )
+        return error_expr(span)
+
+    def _value_of(
+        self, entry: Entry, symbol: object, span: Span, context: Context
+    ) -> tuple[Help, ...]:
+        """The value that is meant by the name of a function, module, plant, node or type."""
+        name = entry.decl.name.text
+        if isinstance(symbol, typed.FunSymbol):
+            given = ", ".join(p.name for p in symbol.parameters)
+            title = f"call it: `{name}({given})`"
+            return (title if given else replace(span, f"{name}()", title),)
+        if isinstance(symbol, typed.ModuleSymbol):
+            return (f"its mode is `mode({name})`",)
+        if isinstance(symbol, typed.PlantSymbol) and context.instances is not None:
+            mine = [i for i, s in context.instances.items() if s.what is symbol]
+            if mine and span.source.text[span.end :].startswith(".truth"):
+                return (replace(span, mine[0]),)
+            return (f"its state is `{mine[0]}.truth`",) if mine else ()
+        if entry.kind in ("node", "plant") and not context.constant:
+            return entry.instead("value", span)
+        return self.value_of_type(entry.decl.name, context) if entry.kind == "type" else ()
+
+    def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
+        """A read of a topic, if this place may read it."""
+        if context.constant:
+            self._not_constant(f"topic `{topic.name}`", span, topic.span, context)
+            return error_expr(span)
+        if context.topics is None:
+            in_function = context.result is not None
+            self.diagnostics.error(
+                "M010",
+                f"topic `{topic.name}` cannot be read in {context.where}",
+                span,
+                notes=("functions see their arguments, constants and parameters only",)
+                if in_function
+                else ("this is computed before the program runs",),
+                helps=("pass its value as an argument",) if in_function else (),
+            )
+            return error_expr(span)
+        if context.topics != "any" and topic not in context.topics:
+            self._not_subscribed(topic, span, context)
+            return error_expr(span)
+        context.topics_read.setdefault(topic)
+        queue = context.queues.get(topic)
+        t = topic.type if queue is None else ListType(topic.type, queue)
+        return typed.TopicRead(t, span, topic)
+
+    def _not_subscribed(self, topic: typed.TopicSymbol, span: Span, context: Context) -> None:
+        if context.owner in self.shared.damaged:  # it may be the one that could not be read
+            self.names.losses += 1
+            return
+        if context.node is not None and topic in context.node.publishes:
+            message = f"{context.where} publishes `{topic.name}` and cannot read it back"
+            helps: tuple[Help, ...] = ("keep the value in a local `var`",)
+        else:
+            verb = "read" if context.inputs == "reads" else "subscribe to"
+            message = f"{context.where} does not {verb} `{topic.name}`"
+            helps = (f"add `{topic.name}` to `{context.inputs}`",)
+            if isinstance(context.owner, (typed.NodeSymbol, typed.PlantSymbol)):
+                helps = (unknown_names.listed_too(context.inputs, span.text, context.owner.span),)
+        self.diagnostics.error("M010", message, span, helps=helps)
+
+    # ------------------------------------------------------------ records and lists
+
+    def _record(
+        self, expr: tree.RecordExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        target = expected if isinstance(expected, RecordType) else None
+        wanted = dict(target.fields) if target else {}
+        values: dict[str, typed.TypedExpr] = {}
+        first: dict[str, Span] = {}
+        failed = False
+        for name, value in expr.fields:
+            checked = self.check(value, context, wanted.get(name.text))
+            failed = failed or is_error(checked)
+            if name.text in values:
+                self.diagnostics.error(
+                    "T010",
+                    f"field `{name.text}` is given twice",
+                    name.span,
+                    "given again here",
+                    also=((first[name.text], "first given here"),),
+                )
+                failed = True
+            elif target and name.text not in wanted:
+                self.diagnostics.error(
+                    "N004",
+                    f"`{target}` has no field `{name.text}`",
+                    name.span,
+                    notes=(f"its fields are {listed(list(wanted))}",),
+                    helps=self.diagnostics.did_you_mean(name.text, wanted, name.span),
+                )
+                failed = True
+            values[name.text] = checked
+            first[name.text] = name.span
+        missing = [n for n in wanted if n not in values]
+        if target and missing and len(values) < len(wanted):
+            self.diagnostics.error(
+                "T010",
+                f"`{target}` needs {listed(missing)} too",
+                expr.span,
+                f"without {listed(missing)}",
+                notes=("a record is given with all of its fields",),
+            )
+            failed = True
+        if failed:
+            return error_expr(expr.span)
+        return _aggregate(expr, values, target)
+
+    def _list(
+        self, expr: tree.ListExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        element = expected.element if isinstance(expected, (ArrayType, ListType)) else None
+        items = [self.check(e, context, element) for e in expr.elements]
+        count = len(items)
+        if isinstance(expected, ListType):
+            if count > expected.capacity:
+                self._too_many(
+                    f"{count} elements do not fit into `{expected}`",
+                    expr.elements[expected.capacity].span,
+                    f"element number {expected.capacity + 1}",
+                )
+                return error_expr(expr.span)
+            target: Type = expected
+        elif isinstance(expected, ArrayType):
+            if count != expected.size:
+                are = f"{count} {'is' if count == 1 else 'are'} given"
+                self._too_many(
+                    f"`{expected}` has {expected.size} elements, but {are}", expr.span, ""
+                )
+                return error_expr(expr.span)
+            target = expected
+        elif not items:
+            self.diagnostics.error(
+                "T019",
+                "an empty list needs a type",
+                expr.span,
+                helps=("say it where it is declared: `var xs: float[<=8] = [];`",),
+            )
+            return error_expr(expr.span)
+        else:
+            first = plain(items[0].type)
+            if any(isinstance(i.type, FloatType) for i in items):
+                first = FLOAT
+            items = [self.convert(i, first) for i in items]
+            target = ArrayType(first, count)
+        if is_error(*items):
+            return error_expr(expr.span)
+        return typed.Aggregate(target, expr.span, tuple(items))
+
+    def _too_many(self, message: str, span: Span, label: str) -> None:
+        self.diagnostics.error("T019", message, span, label)
+
+    _METHODS: ClassVar[
+        dict[type[tree.SyntaxExpr], Callable[[Any, Any, Context, Any], typed.TypedExpr]]
+    ] = {
+        tree.NameExpr: _name,
+        tree.IntLit: _int,
+        tree.FloatLit: _float,
+        tree.BoolLit: _bool,
+        tree.DurationLit: _duration,
+        tree.FieldExpr: CallChecker.field,
+        tree.IndexExpr: CallChecker.index,
+        tree.CallExpr: CallChecker.call,
+        tree.UnaryExpr: OperatorChecker.unary,
+        tree.BinaryExpr: OperatorChecker.binary,
+        tree.ConditionalExpr: OperatorChecker.conditional,
+        tree.RecordExpr: _record,
+        tree.ListExpr: _list,
+        tree.ChooseExpr: ChooseChecker.choose,
+    }
+
+
+def _aggregate(
+    expr: tree.RecordExpr, values: dict[str, typed.TypedExpr], target: RecordType | None
+) -> typed.TypedExpr:
+    """The record, and in which order its fields were written."""
+    if target is None:
+        target = RecordType(tuple((n, plain(v.type)) for n, v in values.items()))
+    names = [n for n, _ in target.fields]
+    order = tuple(names.index(n) for n in values)
+    straight = order == tuple(range(len(names)))
+    elements = tuple(values.values())
+    return typed.Aggregate(target, expr.span, elements, None if straight else order)

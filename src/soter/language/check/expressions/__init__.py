@@ -1,1 +1,0 @@
-"""Expressions, calls, fields and choices."""

@@ -1,0 +1,494 @@
+"""Check operators (unary, binary, conditional) and `choose` among finitely many values.
+
+Purpose: which operators apply to which types and what they give; a `choose` becomes a
+`typed.TypedChoose`, with the hidden local of a fair one.
+Non-goals: the arithmetic (`evaluate/arithmetic.py`); which alternative is taken (`environment.py`
+and who runs the step).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Span, replace, texts
+from soter.language.check.checker_interface import Context
+from soter.language.check.expression_base import (
+    ExprBase,
+    a_type,
+    error_expr,
+    float_literal,
+    is_error,
+    of_a_case,
+    of_a_list,
+    plain,
+    unify_literals,
+)
+from soter.language.evaluate.environment import MAX_FAIR
+from soter.language.model import typed
+from soter.language.model.types import (
+    BOOL,
+    DURATION,
+    FLOAT,
+    INT,
+    INT_MIN,
+    ArrayType,
+    BoolType,
+    DurationType,
+    EnumType,
+    ErrorType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    is_vector,
+)
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.diagnostics.diagnostic import Help
+    from soter.language.model.types import Type
+
+
+MAX_CHOICES = 1_024
+"""Alternatives of one choice: each of them is a branch of every execution."""
+
+AGE = IntType(0, 255)
+
+
+class ChooseChecker(ExprBase):
+    """The part of the expression checker that knows `choose`."""
+
+    def choose(
+        self, expr: tree.ChooseExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """The typed choice; checked for what it chooses from also where it cannot stand."""
+        if context.choices is None:
+            self._misplaced(expr.span, context)
+        if expr.interval is not None:
+            choice = self._between(expr, expr.interval, context)
+        elif expr.type is not None:
+            choice = self._of_type(expr, expr.type, context)
+        else:
+            choice = self._among(expr, context, expected)
+        if not isinstance(choice, typed.TypedChoose) or context.choices is None:
+            return error_expr(expr.span)
+        if not self._countable(expr, choice.count):
+            return error_expr(expr.span)
+        if expr.fair and isinstance(context.owner, typed.PlantSymbol):
+            self._fair_in_a_plant(expr.span, context)
+            return error_expr(expr.span)
+        if expr.fair:
+            name = f"fair {len(context.choices) + 1}"
+            ages = ArrayType(AGE, choice.count)
+            choice.ages = typed.Variable(name, ages, "local", expr.span, used=True)
+            context.choices.append(choice.ages)
+        return choice
+
+    def _misplaced(self, span: Span, context: Context) -> None:
+        note = "what is left open is decided anew in each step of a node or a plant, and only there"
+        help_, where = "choose in the `step` of a node", context.where
+        if isinstance(context.owner, typed.PlantSymbol):
+            where = f"a derivative of {where}"
+            note = "a derivative is evaluated several times a step, at the stages of the scheme"
+            help_ = "choose in a `let`, which then has one value a step"
+        elif context.result is not None:
+            help_ = "choose in the step and pass the value as an argument"
+        message = f"`choose` cannot stand in {where}"
+        self.diagnostics.error("E001", message, span, notes=(note,), helps=(help_,))
+
+    def _fair_in_a_plant(self, span: Span, context: Context) -> None:
+        self.diagnostics.error(
+            "E014",
+            f"`fair choose` cannot stand in {context.where}",
+            span,
+            notes=("who chooses fairly remembers what it took before, and a plant has its states",),
+            helps=("write `choose`, or count in a state",),
+        )
+
+    # ------------------------------------------------------------ the three kinds
+
+    def _between(
+        self, expr: tree.ChooseExpr, interval: tree.IntervalExpr, context: Context
+    ) -> typed.TypedExpr:
+        """`choose [low, high]` with constant ints."""
+        what = "the bound of a choice"
+        constant = Context(context.scope, what, constant="T008", hidden=context)
+        ends = [self.check(e, constant) for e in (interval.low, interval.high)]
+        if is_error(*ends):
+            return error_expr(expr.span)
+        if any(isinstance(e.type, FloatType) for e in ends):
+            self._infinite("all floats of an interval", interval.span)
+            return error_expr(expr.span)
+        bounds = [self.shared.evaluate(self.convert(e, INT), what) for e in ends]
+        low, high = bounds
+        if low is None or high is None:
+            return error_expr(expr.span)
+        if low > high:
+            self._empty(f"[{low}, {high}] is empty", interval.span, (f"write `[{high}, {low}]`",))
+            return error_expr(expr.span)
+        return typed.TypedChoose(IntType(low, high), expr.span, high - low + 1, low, (), None)
+
+    def _of_type(
+        self, expr: tree.ChooseExpr, type_: tree.TypeExpr, context: Context
+    ) -> typed.TypedExpr:
+        """`choose bool`, `choose Enum`, and a named `int in [a, b]`."""
+        t = self.shared.resolve_type(type_, context.scope)
+        count, low = 0, 0
+        if isinstance(t, BoolType):
+            count = 2
+        elif isinstance(t, EnumType):
+            count = len(t.members)
+        elif isinstance(t, IntType) and not t.is_full:
+            count, low = t.high - t.low + 1, t.low
+        elif not isinstance(t, ErrorType):
+            self._infinite(f"the values of `{t}`", type_.span)
+        if not count:
+            return error_expr(expr.span)
+        return typed.TypedChoose(t, expr.span, count, low, (), None)
+
+    def _among(
+        self, expr: tree.ChooseExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """`choose { e1, e2 }`: values of one type."""
+        if not expr.options:
+            self._empty("there is nothing to choose from", expr.span, ())
+            return error_expr(expr.span)
+        items = [self.check(e, context, expected) for e in expr.options]
+        if is_error(*items):
+            return error_expr(expr.span)
+        t = expected
+        if t is None:
+            t = plain(items[0].type)
+            if any(isinstance(i.type, FloatType) for i in items):
+                t = FLOAT
+            because = (items[0].span, f"the first one is {a_type(t)}")
+            items = [self.convert(i, t, None if i is items[0] else because) for i in items]
+        if is_error(*items):
+            return error_expr(expr.span)
+        return typed.TypedChoose(t, expr.span, len(items), 0, tuple(items), None)
+
+    # ------------------------------------------------------------ what cannot be chosen
+
+    def _empty(self, message: str, span: Span, helps: tuple[str, ...]) -> None:
+        self.diagnostics.error(
+            "E002",
+            message,
+            span,
+            "an empty choice",
+            notes=("a step must be able to go on: a choice has at least one alternative",),
+            helps=helps,
+        )
+
+    def _infinite(self, what: str, span: Span) -> None:
+        self.diagnostics.error(
+            "E003",
+            f"{what} cannot be tried one by one",
+            span,
+            notes=("a choice has few alternatives: each of them is explored",),
+            helps=("list the values that matter: `choose { a, b, c }`",),
+        )
+
+    def _countable(self, expr: tree.ChooseExpr, count: int) -> bool:
+        most = MAX_FAIR if expr.fair else MAX_CHOICES
+        if count <= most:
+            return True
+        self.diagnostics.error(
+            "E004",
+            f"a {'fair ' if expr.fair else ''}choice of {count} alternatives is too wide",
+            expr.span,
+            f"at most {most} are possible",
+            notes=("every alternative is a branch of every execution",),
+            helps=("list the values that matter: the ends, the middle, the one that breaks it",),
+        )
+        return False
+
+
+COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
+
+
+class OperatorChecker(ExprBase):
+    """The part of the expression checker that knows operators."""
+
+    def unary(
+        self, expr: tree.UnaryExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """`-e` and `!e`."""
+        if expr.op == "!":
+            operand = self.check(expr.operand, context, BOOL)
+            return operand if is_error(operand) else typed.TypedUnary(BOOL, expr.span, "!", operand)
+        if (
+            isinstance(expr.operand, tree.IntLit)
+            and expr.operand.value == -INT_MIN
+            and not isinstance(expected, FloatType)
+        ):
+            return typed.Literal(INT, expr.span, INT_MIN)  # its positive twin does not exist
+        operand = self.dispatch(expr.operand, context, _number_hint(expected))
+        if is_error(operand):
+            return operand
+        t = operand.type
+        if isinstance(operand, typed.Literal) and operand.name is None:
+            if isinstance(t, FloatType):
+                return typed.Literal(FLOAT, expr.span, -operand.value)
+            if isinstance(t, IntType) and operand.value != INT_MIN:
+                return typed.Literal(INT, expr.span, -operand.value)
+        if isinstance(t, IntType):
+            return typed.TypedUnary(INT, expr.span, "-", operand)
+        if isinstance(t, FloatType) or is_vector(t):
+            return typed.TypedUnary(t, expr.span, "-", operand)
+        self._no_negation(expr, t)
+        return error_expr(expr.span)
+
+    def _no_negation(self, expr: tree.UnaryExpr, t: Type) -> None:
+        """T002 for `-` before a bool, a time or something that is no number at all."""
+        helps: tuple[Help, ...] = ()
+        sign = Span(expr.span.source, expr.span.start, expr.operand.span.start)
+        if isinstance(t, BoolType):
+            helps = (replace(sign, "!", "for the opposite of a bool write `!`"),)
+        elif isinstance(t, DurationType):
+            helps = (replace(sign, "", f"no time is below 0: write `{expr.operand.span.text}`"),)
+        self.diagnostics.error(
+            "T002",
+            f"`-` does not apply to `{t}`",
+            expr.operand.span,
+            f"this is `{t}`",
+            helps=helps,
+        )
+
+    def binary(
+        self, expr: tree.BinaryExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """All operators with two sides."""
+        op = expr.op
+        if op in {"&&", "||"}:
+            left = self.check(expr.left, context, BOOL)
+            right = self.check(expr.right, context, BOOL)
+            if is_error(left, right):
+                return error_expr(expr.span)
+            return typed.TypedBinary(BOOL, expr.span, op, left, right)
+        hint = None
+        if op in {"+", "-"}:
+            hint = _number_hint(expected)
+        elif op in {"*", "/"} and isinstance(expected, FloatType):
+            hint = expected
+        left = self.dispatch(expr.left, context, hint)
+        right = self.dispatch(expr.right, context, hint)
+        if is_error(left, right):
+            return error_expr(expr.span)
+        left, right = unify_literals(left, right)
+        result = self._compared(expr, left, right) if op in COMPARISONS else None
+        if op not in COMPARISONS:
+            result = _arithmetic(expr, left, right)
+        if result is None:
+            self._does_not_apply(expr, left, right, expected)
+            return error_expr(expr.span)
+        if op == "/":
+            self._nothing_left(expr, left, right)
+        return result
+
+    def _nothing_left(
+        self, expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
+    ) -> None:
+        """W030 for `1 / 2` among ints: beside a float the two are floats, and it is 0.5."""
+        pair = [x.value for x in (left, right) if isinstance(x, typed.Literal) and x.name is None]
+        ints = isinstance(left.type, IntType) and isinstance(right.type, IntType)
+        if len(pair) != 2 or not ints or not 0 < abs(pair[0]) < abs(pair[1]):
+            return
+        a, b = float(pair[0]), float(pair[1])
+        self.diagnostics.warning(
+            "W030",
+            f"an integer division: `{expr.span.text}` is 0",
+            expr.span,
+            "two ints: what is behind the point is cut off",
+            helps=(f"two floats keep it: `{a!r} / {b!r}`",),
+        )
+
+    def _compared(
+        self, expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
+    ) -> typed.TypedExpr | None:
+        lt, rt = left.type, right.type
+        ordered = isinstance(lt, (IntType, FloatType, DurationType))
+        same = type(lt) is type(rt) and (not isinstance(lt, EnumType) or lt == rt)
+        equality = expr.op in {"==", "!="} and isinstance(lt, (BoolType, EnumType))
+        if same and (ordered or equality):
+            return typed.TypedBinary(BOOL, expr.span, expr.op, left, right)
+        return None
+
+    def _does_not_apply(
+        self,
+        expr: tree.BinaryExpr,
+        left: typed.TypedExpr,
+        right: typed.TypedExpr,
+        expected: Type | None,
+    ) -> None:
+        lt, rt = left.type, right.type
+        self.diagnostics.error(
+            "T002",
+            f"`{expr.op}` does not apply to `{lt}` and `{rt}`",
+            expr.span,
+            also=((expr.left.span, f"`{lt}`"), (expr.right.span, f"`{rt}`")),
+            helps=of_a_list(left, rt)
+            or of_a_list(right, lt)
+            or _of_a_case(left, right, expected)
+            or _operator_help(expr, lt, rt, expected),
+        )
+
+    def conditional(
+        self, expr: tree.ConditionalExpr, context: Context, expected: Type | None
+    ) -> typed.TypedExpr:
+        """`c ? a : b`."""
+        condition = self.check(expr.condition, context, BOOL)
+        then = self.check(expr.then, context, expected)
+        otherwise = self.check(expr.otherwise, context, expected)
+        if is_error(condition, then, otherwise):
+            return error_expr(expr.span)
+        then, otherwise = unify_literals(then, otherwise)
+        t = then.type
+        if isinstance(t, IntType) and isinstance(otherwise.type, IntType):
+            t = t if t == otherwise.type else INT
+        elif t != otherwise.type:
+            self.diagnostics.error(
+                "T001",
+                f"the two sides of `?:` differ: `{t}` and `{otherwise.type}`",
+                expr.span,
+                also=((then.span, f"`{t}`"), (otherwise.span, f"`{otherwise.type}`")),
+            )
+            return error_expr(expr.span)
+        return typed.Conditional(t, expr.span, condition, then, otherwise)
+
+
+def _number_hint(expected: Type | None) -> Type | None:
+    """The hint for the operands of `+` and `-`: they have the type of the result."""
+    if isinstance(expected, FloatType) or (expected is not None and is_vector(expected)):
+        return expected
+    return None
+
+
+_RESULTS: Mapping[tuple[type[Type], str, type[Type]], Type] = {
+    **{(IntType, op, IntType): INT for op in "+-*/%"},
+    **{(FloatType, op, FloatType): FLOAT for op in "+-*/"},
+    **{(DurationType, op, DurationType): DURATION for op in "+-"},
+    **{(DurationType, op, IntType): DURATION for op in "*/"},
+    (IntType, "*", DurationType): DURATION,
+}
+"""What an operator gives between two single values."""
+
+
+def _arithmetic(
+    expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
+) -> typed.TypedExpr | None:
+    op, lt, rt, span = expr.op, left.type, right.type, expr.span
+    result = _RESULTS.get((type(lt), op, type(rt)))
+    if result is not None:
+        return typed.TypedBinary(result, span, op, left, right)
+    if is_vector(lt) and lt == rt and op in {"+", "-"}:
+        return typed.Vector(lt, span, op, left, right)
+    if is_vector(rt) and op == "*" and (scalar := _scalar(left)) is not None:
+        return typed.Vector(rt, span, op, scalar, right)
+    if is_vector(lt) and op in {"*", "/"} and (scalar := _scalar(right)) is not None:
+        return typed.Vector(lt, span, op, left, scalar)
+    return None
+
+
+def _scalar(factor: typed.TypedExpr) -> typed.TypedExpr | None:
+    """A float that a vector may be multiplied with; None for anything else."""
+    return factor if isinstance(factor.type, FloatType) else float_literal(factor)
+
+
+def _of_a_case(
+    left: typed.TypedExpr, right: typed.TypedExpr, expected: Type | None
+) -> tuple[Help, ...]:
+    """`Gear.Drive` where an enum is compared with 1; `b ? 1.0 : 0.0` where a bool is a number."""
+    for one, other in ((left, right), (right, left)):
+        if isinstance(one.type, EnumType) and isinstance(other.type, (IntType, FloatType)):
+            return of_a_case(one.type, other)
+        if isinstance(one.type, BoolType) and isinstance(other.type, (IntType, FloatType)):
+            values = "1.0 : 0.0" if isinstance(other.type, FloatType) else "1 : 0"
+            text = one.span.text
+            text = text if text.startswith("(") else f"({text})"
+            if isinstance(expected, BoolType):
+                return ()
+            return (replace(one.span, f"({text} ? {values})", f"as a number: `b ? {values}`"),)
+        if isinstance(one.type, RecordType) and isinstance(other.type, (IntType, FloatType)):
+            names = [n for n, t in one.type.fields if type(t) is type(other.type)]
+            if names and isinstance(one, (typed.TopicRead, typed.VarRead, typed.TypedField)):
+                return (f"name one of its fields: `{one.span.text}.{names[0]}`",)
+    return ()
+
+
+def _by_components(expr: tree.BinaryExpr, of: Type) -> Help:
+    """`{ x: a.x * b.x, y: a.y * b.y }` for `a * b`."""
+    names = [name for name, _ in of.fields] if isinstance(of, RecordType) else []
+    a, b = expr.left, expr.right
+    plain = isinstance(a, (tree.NameExpr, tree.FieldExpr)) and isinstance(
+        b, (tree.NameExpr, tree.FieldExpr)
+    )
+    left, right = (a.span.text, b.span.text) if plain else ("a", "b")
+    fields = ", ".join(f"{n}: {left}.{n} {expr.op} {right}.{n}" for n in names)
+    whole = f"{{ {fields} }}" if names else f"[{left}[0] {expr.op} {right}[0], ...]"
+    title = f"by components: `{whole}`"
+    return replace(expr.span, whole, title) if plain and names else title
+
+
+def _operator_help(
+    expr: tree.BinaryExpr, lt: Type, rt: Type, expected: Type | None
+) -> tuple[Help, ...]:
+    op, kinds = expr.op, {type(lt), type(rt)}
+    if op == "+" and isinstance(lt, ListType) and isinstance(rt, (ListType, ArrayType)):
+        return (_push_instead(expr),)
+    if is_vector(lt) and is_vector(rt):
+        return _vector_help(expr, lt, rt, expected)
+    if kinds <= {IntType, FloatType, DurationType}:
+        return _number_help(expr, lt, rt)
+    if op in COMPARISONS and kinds <= {RecordType, ArrayType, ListType}:
+        return ("compare the parts one by one",)
+    if op in COMPARISONS and kinds <= {BoolType, EnumType} and lt == rt:
+        return ("only `==` and `!=` compare these",)
+    return ()
+
+
+def _push_instead(expr: tree.BinaryExpr) -> str:
+    """`push xs, x;` for `xs + [x]`."""
+    one = expr.right.elements if isinstance(expr.right, tree.ListExpr) else ()
+    what = one[0].span.text if len(one) == 1 else "x"
+    loop = "" if len(one) == 1 else f" in a loop, `for x in {expr.right.span.text} {{ ... }}`"
+    return f"a statement adds to a list: `push {expr.left.span.text}, {what};`{loop}"
+
+
+def _vector_help(
+    expr: tree.BinaryExpr, lt: Type, rt: Type, expected: Type | None
+) -> tuple[Help, ...]:
+    """For an operator between two vectors: the scalar product, or component by component."""
+    op = expr.op
+    if op in "*/" and expected is not None and lt == rt == expected:
+        return (_by_components(expr, lt),)
+    if op == "*" and lt == rt and (expected is None or isinstance(expected, FloatType)):
+        title = "for the scalar product write `dot(a, b)`"
+        if expected is None:
+            return (title, texts([_by_components(expr, lt)])[0])
+        product = f"dot({expr.left.span.text}, {expr.right.span.text})"
+        return (replace(expr.span, product, title),)
+    if op in {"+", "-"}:
+        return ("both sides must be vectors of one type",)
+    comparable = op in COMPARISONS and {type(lt), type(rt)} <= {RecordType, ArrayType}
+    return ("compare the parts one by one",) if comparable else ()
+
+
+def _number_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...]:
+    """For an operator between numbers or times of two types: one side converted."""
+    op, left, right, kinds = expr.op, expr.left.span, expr.right.span, {type(lt), type(rt)}
+    if kinds == {IntType, FloatType}:
+        of = left if isinstance(lt, IntType) else right
+        return (replace(of, f"float({of.text})", "convert the int: `float(...)`"),)
+    if op == "%" and kinds == {FloatType}:
+        x, y = left.text, right.text
+        rest = f"({x}) - floor(({x}) / ({y})) * ({y})"
+        return (replace(expr.span, rest, "for floats write `x - floor(x / y) * y`"),)
+    if DurationType not in kinds:
+        return ()
+    title = "`seconds(d)` is a time as a `float`"
+    if op in "*/%" or kinds != {DurationType, FloatType}:
+        return (title,)
+    of = left if isinstance(lt, DurationType) else right
+    return (replace(of, f"seconds({of.text})", title),)

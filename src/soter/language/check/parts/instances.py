@@ -1,0 +1,435 @@
+"""Instances: arrays of them made ordinary ones, and where the far ends of their wires are.
+
+Purpose: `for i in 0..3 { r[i]: Robot; }` becomes instances called `r[0]`, `r[1]`, `r[2]`, and
+`r[(i + 1) % 3].pose` the name of one of them; whoever comes later sees names. `Wires` finds the
+topic at the far end of a wire, and says what is wrong with one.
+Non-goals: what the items mean (`system.py`); where wires lead in a flat system
+(`language/elaborate/`); loops of steps (`language/check/statements.py`).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from soter.diagnostics.diagnostic import insert
+from soter.language.check.field import find_instance, flat_names
+from soter.language.model import typed
+from soter.language.model.types import INT
+from soter.language.syntax import tree
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from soter.diagnostics.codes import Code
+    from soter.diagnostics.diagnostic import Help, Span
+    from soter.language.check.checker_interface import Shared
+    from soter.language.check.scope import FileScope
+
+    Values = Mapping[str, int]
+
+_VARIABLE = re.compile(r"[A-Za-z_]\w*")
+_Item = TypeVar("_Item")
+
+ITEMS_MAX = 10_000
+"""Items that the loops of one system or test may come to."""
+
+
+class _LostError(Exception):
+    """An item that cannot be read; reported."""
+
+
+class Unroller:
+    """Unrolls the loops of one system or test.
+
+    `instances`: those that elements may be named of, once they are known.
+    """
+
+    def __init__(
+        self,
+        shared: Shared,
+        scope: FileScope,
+        what: str,
+        instances: Mapping[str, typed.InstanceSymbol] | None = None,
+    ) -> None:
+        self.shared = shared
+        self.scope = scope
+        self.what = what
+        self.instances = {} if instances is None else instances
+        self._left = ITEMS_MAX
+        self._arrays: dict[int, dict[str, int]] = {}
+
+    # ------------------------------------------------------------ loops
+
+    def names(
+        self, items: Sequence[tree.Instance | tree.Repeated]
+    ) -> Iterator[tuple[tree.Name, tree.Instance, Values]]:
+        """Every instance with its name and the loop variables around it."""
+        for item, values in self._each(items, {}):
+            assert isinstance(item, tree.Instance)
+            try:
+                yield self._name(item.name, values), item, values
+            except _LostError:
+                self.shared.names.losses += 1
+        self._arrays.clear()  # now that all instances are known
+
+    def items(self, items: Sequence[_Item | tree.Repeated]) -> list[_Item]:
+        """Every item, loop variables and elements filled in."""
+        concrete_items = []
+        for item, values in self._each(items, {}):
+            filled = self.filled(item, values)
+            if filled is not None:
+                concrete_items.append(cast("_Item", filled))
+        return concrete_items
+
+    def filled(self, item: object, values: Values) -> object | None:
+        """One item with its loop variables and elements filled in; None after a report."""
+        try:
+            concrete_item = self._rewritten(item, values)
+        except _LostError:
+            self.shared.names.losses += 1
+            return None
+        if values and isinstance(concrete_item, tree.PropertyItem):
+            return replace(concrete_item, in_loop=True)
+        return concrete_item
+
+    def _each(self, items: Sequence[object], values: Values) -> Iterator[tuple[object, Values]]:
+        for item in items:
+            if not isinstance(item, tree.Repeated):
+                yield item, values
+                continue
+            try:
+                bound = f"the bound of a loop of {self.what}"
+                low, high = (self._int(e, values, bound, "T007") for e in (item.low, item.high))
+            except _LostError:
+                self.shared.names.losses += 1
+                continue
+            if high < low and not values:
+                self._backwards(item, low, high)
+            for i in range(low, high):
+                if self._left <= 0:
+                    self._too_many(item)
+                    self._left = -1
+                    return
+                self._left -= len(item.items)
+                yield from self._each(item.items, {**values, item.name.text: i})
+
+    @property
+    def too_many(self) -> bool:
+        """Whether there was no end to the items; reported."""
+        return self._left < 0
+
+    def _too_many(self, item: tree.Repeated) -> None:
+        if self._left < 0:
+            return  # reported
+        self.shared.names.losses += 1
+        self.shared.diagnostics.error(
+            "M007",
+            f"the loops of {self.what} come to more than {ITEMS_MAX} items",
+            item.low.span.to(item.high.span),
+            "here at the latest",
+            notes=("everything that runs has a place in memory of its own from the start",),
+        )
+
+    def _backwards(self, item: tree.Repeated, low: int, high: int) -> None:
+        """W011: the loop ends before it begins, and no loop around it has set its bounds.
+
+        Where it ends as it begins, that may be meant.
+        """
+        name = item.name.text
+        self.shared.diagnostics.warning(
+            "W011",
+            f"the loop over `{name}` makes nothing: it goes from {low} up to before {high}",
+            item.low.span.to(item.high.span),
+            "the end is less than the beginning",
+            helps=(
+                f"the end is the first number that is left out: `for {name} in 0..3` is 0, 1, 2",
+            ),
+        )
+
+    def _int(self, expr: tree.SyntaxExpr, values: Values, what: str, code: Code = "T008") -> int:
+        """The value of a constant expression over loop variables."""
+        expr = self._expr(expr, values)
+        if isinstance(expr, tree.IntLit):
+            return expr.value
+        value = self.shared.constant(expr, self.scope, INT, what, None, code)
+        if not isinstance(value, int):
+            raise _LostError
+        return value
+
+    # ------------------------------------------------------------ filling in
+
+    def _expr(self, expr: tree.SyntaxExpr, values: Values) -> tree.SyntaxExpr:
+        concrete_expr = self._rewritten(expr, values)
+        assert isinstance(concrete_expr, tree.SyntaxExpr)
+        return concrete_expr
+
+    def _rewritten(self, node: object, values: Values) -> object:
+        """The same syntax with numbers for loop variables and names for elements."""
+        if isinstance(node, tuple):
+            parts = tuple(self._rewritten(x, values) for x in node)
+            return parts if any(a is not b for a, b in zip(parts, node, strict=True)) else node
+        if isinstance(node, tree.NameExpr):
+            return self._variable(node, values)
+        if isinstance(node, tree.Name):
+            return self._name(node, values)
+        if isinstance(node, tree.DottedPath):
+            return self._path(node, values)
+        if isinstance(node, tree.IndexExpr):
+            return self._index(node, values)
+        if not isinstance(node, _FILLED):
+            return node
+        called = isinstance(node, tree.CallExpr)
+        changed: dict[str, Any] = {}
+        for field in ["arguments"] if called else [f.name for f in fields(node)]:
+            old = getattr(node, field)
+            new = self._rewritten(old, values)
+            if new is not old:
+                changed[field] = new
+        return replace(node, **changed) if changed else node
+
+    def _variable(self, node: tree.NameExpr, values: Values) -> tree.SyntaxExpr:
+        value = values.get(node.name.text)
+        if value is None:
+            return node
+        literal = tree.IntLit(node.span, abs(value))
+        return literal if value >= 0 else tree.UnaryExpr(node.span, "-", literal)
+
+    # ------------------------------------------------------------ elements
+
+    def _name(self, name: tree.Name, values: Values) -> tree.Name:
+        """`r[i]` as the name `r[0]`."""
+        if not isinstance(name, tree.ElementName):
+            return name
+        what = f"the index of `{name.text}`"
+        numbers = [self._int(i, values, what) for i in name.indices]
+        text = name.text + "".join(f"[{n}]" for n in numbers)
+        if any(n < 0 for n in numbers):
+            self._no_element(text, name.span, (), name.indices, values)
+        return tree.Name(text, name.span)
+
+    def _path(self, path: tree.DottedPath, values: Values) -> tree.DottedPath:
+        """A path with its elements named; each of them is one of an array that there is."""
+        if not any(isinstance(p, tree.ElementName) for p in path.parts):
+            return path
+        names: list[tree.Name] = []
+        for part in path.parts:
+            name = self._name(part, values)
+            if isinstance(part, tree.ElementName):
+                inside = self._inside(names)
+                if inside is not None and name.text not in inside:
+                    known = _elements(inside, part.text)
+                    self._no_element(name.text, name.span, known, part.indices, values)
+            names.append(name)
+        return tree.DottedPath(tuple(names), path.span)
+
+    def _index(self, node: tree.IndexExpr, values: Values) -> tree.SyntaxExpr:
+        """`r[i]` as the name of an element where `r` is an array of instances."""
+        base: tree.SyntaxExpr = node
+        indices: list[tree.SyntaxExpr] = []
+        while isinstance(base, tree.IndexExpr):
+            indices.append(base.index)
+            base = base.target
+        base = self._expr(base, values)
+        names = flat_names(base)
+        inside = self._inside(names[:-1]) if names else None
+        count = self._dimensions(inside, names[-1].text) if names and inside is not None else 0
+        if not names or not 0 < count <= len(indices):
+            target = self._expr(node.target, values)
+            return replace(node, target=target, index=self._expr(node.index, values))
+        assert inside is not None
+        numbers = [self._int(i, values, f"the index of `{names[-1].text}`") for i in indices[::-1]]
+        text = names[-1].text + "".join(f"[{n}]" for n in numbers[:count])
+        if text not in inside:
+            known = _elements(inside, names[-1].text)
+            self._no_element(text, node.span, known, indices[::-1], values)
+        name = tree.Name(text, node.span)
+        result: tree.SyntaxExpr = tree.NameExpr(node.span, name)
+        if isinstance(base, tree.FieldExpr):
+            result = tree.FieldExpr(node.span, base.target, name)
+        for i in indices[: len(indices) - count][::-1]:
+            result = tree.IndexExpr(node.span, result, self._expr(i, values))
+        return result
+
+    def _inside(self, names: Sequence[tree.Name]) -> Mapping[str, typed.InstanceSymbol] | None:
+        """The instances beside the last part of a path; None where there is no such system."""
+        inside = self.instances
+        for name in names:
+            instance = inside.get(name.text)
+            if instance is None or not isinstance(instance.what, typed.SystemSymbol):
+                return None
+            inside = instance.what.by_name
+        return inside
+
+    def _dimensions(self, inside: Mapping[str, typed.InstanceSymbol], array: str) -> int:
+        """How many indices the elements of an array of instances have; 0 where there is none."""
+        known = self._arrays.get(id(inside))
+        if known is None:
+            known = self._arrays[id(inside)] = {
+                n.partition("[")[0]: n.count("[") for n in inside if "[" in n
+            }
+        return known.get(array, 0)
+
+    def _no_element(
+        self,
+        text: str,
+        span: Span,
+        known: Sequence[str],
+        indices: Sequence[tree.SyntaxExpr],
+        values: Values,
+    ) -> None:
+        notes: tuple[str, ...] = ()
+        if known:
+            last = f" to `{known[-1]}`" if len(known) > 1 else ""
+            notes = (f"there is `{known[0]}`{last}",)
+        variables = dict.fromkeys(v for i in indices for v in _VARIABLE.findall(i.span.text))
+        at = " and ".join(f"`{v}` is {values[v]}" for v in variables if v in values)
+        helps: tuple[Help, ...] = ()
+        if len(indices) == 1 and isinstance(indices[0], tree.BinaryExpr) and at:
+            index = indices[0].span.text
+            below = "[-" in text
+            around = f"({index}{f' + {len(known)}' if below else ''}) % {len(known) or 1}"
+            sooner = f"let the loop {'begin later' if below else 'end sooner'}"
+            helps = (sooner, f"or go around: `{around}`") if known else (sooner,)
+        array = text.partition("[")[0]
+        self.shared.diagnostics.error(
+            "M020",
+            f"the array of instances `{array}` has no `{text}`",
+            span,
+            f"where {at}" if at else "",
+            notes=notes,
+            helps=helps,
+        )
+        raise _LostError
+
+
+def _elements(inside: Mapping[str, object], array: str) -> list[str]:
+    return [n for n in inside if n.partition("[")[0] == array and "[" in n]
+
+
+_FILLED = (
+    tree.SyntaxExpr,
+    tree.IntervalExpr,
+    tree.Instance,
+    tree.PropertyItem,
+    tree.Force,
+    tree.Inline,
+    tree.Replace,
+    tree.SetParam,
+    tree.DriveInput,
+    tree.StatedValues,
+    tree.TimingFaultItem,
+    tree.SystemFault,
+)
+"""What has expressions or paths inside; references and types have none."""
+
+
+class Wires:
+    """Finds topics that instances are wired to."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.shared = shared
+
+    def end(
+        self,
+        path: tree.DottedPath,
+        instances: dict[str, typed.InstanceSymbol],
+        scope: FileScope,
+    ) -> typed.TopicSymbol | None:
+        """`topic`, `file.topic` or `instance.topic`; None after a report."""
+        names = path.parts
+        what, depth = find_instance(instances, names)
+        if depth == 0 or (len(names) == 1 and "[" not in names[0].text):
+            return self._beside(path, scope)
+        if isinstance(what, typed.SystemSymbol) and len(names) == depth + 1:
+            for topic in self.shared.topics_of(what):
+                if topic.name.rsplit(".", 1)[-1] == names[-1].text:
+                    prefix = [n.text for n in names[:-1]]
+                    return self.shared.stand_in(what, prefix, topic, names[-1].span)
+        if what in self.shared.damaged:
+            self.shared.names.losses += 1
+            return None
+        self._no_topic(path, what, depth)
+        return None
+
+    def is_parameter(self, inner: tree.Ref, outer: tree.DottedPath, scope: FileScope) -> bool:
+        """Whether a parameter stands where a topic is wired: N003, as it is set."""
+        entry = scope.entries.get(inner.name.text) if inner.qualifier is None else None
+        if entry is None or entry.kind != "parameter":
+            return False
+        self.shared.diagnostics.error(
+            "N003",
+            f"`{inner.text}` is a parameter, not a topic",
+            inner.span,
+            also=((entry.decl.name.span, "declared here"),),
+            helps=(insert(inner.span, "set ", f"write `set {inner.text} = {outer.text}`"),),
+        )
+        return True
+
+    def backwards(
+        self,
+        inner: tree.Ref,
+        outer: tree.DottedPath,
+        topic: typed.TopicSymbol,
+    ) -> None:
+        """M011 for a wire from the publisher to the input of another instance."""
+        helps: tuple[Help, ...] = ("wire it to a topic that is declared without `input`",)
+        names = outer.span.text.rpartition(".")
+        if names[0]:
+            turned = f"{names[2]} = {names[0]}.{inner.text}"
+            helps = (f"a wire stands with the instance whose input it feeds: `{turned}`",)
+        self.shared.diagnostics.error(
+            "M011",
+            f"`{inner.text}` is driven by this instance, `{outer.span.text}` is an input topic",
+            inner.span.to(outer.span),
+            "an input topic is not driven through a wire of another instance",
+            also=((topic.span, "declared `input` here"),) if not names[0] else (),
+            helps=helps,
+        )
+
+    def is_reversed(self, what: object, inner: typed.TopicSymbol, outer: typed.TopicSymbol) -> bool:
+        """Whether an instance of `what` would drive, through its topic `inner`, an input topic."""
+        return outer.input and not inner.input and self._drives(what, inner)
+
+    def _drives(self, what: object, topic: typed.TopicSymbol) -> bool:
+        if isinstance(what, typed.NodeSymbol):
+            return topic in what.publishes
+        if isinstance(what, typed.PlantSymbol):
+            return any(t is topic for t, _ in what.drives)
+        if isinstance(what, typed.ModuleSymbol):
+            return topic in what.sc.publishes
+        if not isinstance(what, typed.SystemSymbol):
+            return False
+        return any(
+            self._drives(i.what, inner)
+            for i in what.instances
+            for inner in (topic, *(k for k, outer in i.renames.items() if outer is topic))
+            if inner is not topic or topic not in i.renames
+        )
+
+    def _beside(self, path: tree.DottedPath, scope: FileScope) -> typed.TopicSymbol | None:
+        names = path.parts
+        if len(names) <= 2:
+            first = names[0] if len(names) == 2 else None
+            return self.shared.topic_ref(tree.Ref(first, names[-1], path.span), scope)
+        self._no_topic(path, None, 0)
+        return None
+
+    def _no_topic(self, path: tree.DottedPath, what: object, depth: int) -> None:
+        """N004 for a path that leads to no topic."""
+        helps: tuple[Help, ...] = ()
+        notes: tuple[str, ...] = ("right of `=` stands a topic, or a topic of another instance",)
+        prefix = ".".join(n.text for n in path.parts[:depth])
+        rest = path.parts[depth] if depth < len(path.parts) else path.parts[-1]
+        if isinstance(what, typed.SystemSymbol):
+            topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of(what)]
+            helps = self.shared.diagnostics.did_you_mean(rest.text, topics, rest.span)
+        elif what is not None:
+            notes = (*notes, "only a system has topics of its own: others use those beside them")
+        message = (
+            f"`{prefix}` has no topic `{rest.text}`" if depth else f"`{path.text}` is no topic"
+        )
+        if depth == len(path.parts):
+            message = f"`{prefix}` is an instance, not a topic"
+        self.shared.diagnostics.error("N004", message, path.span, notes=notes, helps=helps)

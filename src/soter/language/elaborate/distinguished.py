@@ -1,0 +1,354 @@
+"""As a test is elaborated: which values, and which comparisons of times, it can tell apart.
+
+Purpose: of what a stand-in publishes, values between which no step, predicate, contract or property
+can tell do the same, so one of them stands for all (docs/testing.md, "Values that nobody can tell
+apart"): of a part that nobody reads any value; of a number that is only compared with constants one
+at each constant, one between two that follow each other, one beyond them. Of times: into how many
+parts the grid of a test is cut.
+Non-goals: which values are published (`language/elaborate/stand_ins.py`), what is put into a local,
+an argument or a calculation, which counts as told apart; thresholds and the greatest common divisor
+(`elaborate/time_grid.py`).
+
+Times of steps are the nodes of a graph, time zero one of them: what cannot be late stands with it.
+A comparison of two is an edge, its length a multiple of the greatest common divisor g. That the
+comparisons of an execution hold, and the order of its steps, is that every circle has a length of
+at least zero, and of more, so of g, where one of its edges is strict. If no circle has more than s
+strict edges, each of them can be made shorter by g/s: then there are times on the grid of g/s at
+which the same comparisons hold. That a configuration is observable is an edge as well, and strict:
+it comes before the end of every window that is still open.
+"""
+
+from __future__ import annotations
+
+import itertools
+import operator
+import sys
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from soter.language.model import typed
+from soter.language.model.tree_walk import children, nodes, plant_code
+from soter.language.model.types import FloatType, IntType
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from soter.diagnostics.diagnostic import Span
+    from soter.language.model.system import Bound, Component, Module, Scope, System
+    from soter.language.model.types import Value
+
+    Constant = Callable[[typed.TypedExpr, Scope], Value | None]
+
+
+_HOLDS = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "==": operator.eq,
+    "!=": operator.ne,
+}
+_TURNED = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
+_CLOSED = (
+    typed.Literal,
+    typed.ParamRead,
+    typed.TypedUnary,
+    typed.TypedBinary,
+    typed.Builtin,
+    typed.TypedField,
+)
+"""What a constant is made of."""
+
+Path = tuple[int, ...]
+"""Fields of a record, from the whole topic inwards."""
+Comparison = tuple[str, int | float]
+"""An operator, and the constant that a number is compared with."""
+
+
+@dataclass
+class ReadTopic:
+    """What is read of a topic: parts as they are (and where), numbers against constants."""
+
+    whole: dict[Path, Span] = field(default_factory=dict)
+    compared: dict[Path, set[Comparison]] = field(default_factory=dict)
+
+    def told_apart(self, path: Path) -> Span | None:
+        """Where this part, or one in which it lies, is read as it is; None: nowhere."""
+        return next((s for p, s in self.whole.items() if path[: len(p)] == p), None)
+
+
+class Readers:
+    """What everybody in a system reads of each topic. `constant`: the value of a closed expression.
+
+    `heard`: topics of which somebody can tell whether, or when, they were published.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        asked: Iterable[tuple[typed.TypedExpr, Scope]],
+        constant: Constant,
+    ) -> None:
+        """`asked`: further conditions that are judged, each with what its names mean."""
+        self._constant = constant
+        self.topics: dict[int, ReadTopic] = {}
+        self.heard: set[int] = set()
+        for m in system.modules:
+            if m.symbol.ttf is None or m.symbol.safer is None:  # computed later on
+                for topic in system.topics:
+                    self._all_of(topic.index, m.symbol.span)
+        for c in system.components:
+            self._component(c)
+        for m in system.modules:
+            self._module(m)
+        for p in system.properties:
+            self._read((p.condition,), p.scope)
+        for condition, scope in asked:
+            self._read((condition,), scope)
+        for topic in system.topics:
+            if topic.queue_of is not None:
+                self._all_of(topic.queue_of, topic.symbol.span)
+        self._contracts([c for c in system.components if c.stands_for is not None])
+
+    def of(self, topic: int) -> ReadTopic:
+        """What is read of one of them."""
+        return self.topics.setdefault(topic, ReadTopic())
+
+    def _all_of(self, topic: int, span: Span) -> None:
+        self.heard.add(topic)
+        self.of(topic).whole.setdefault((), span)
+
+    def _component(self, c: Component) -> None:
+        if c.node is not None and c.stands_for is None:
+            node = c.node
+            self._read((*node.step, *(node.takeover or ()), *node.assumes), c.scope)
+            self._read(node.guarantees, c.scope)
+            if c.extern:
+                for s in node.subscribes:
+                    self._all_of(c.scope.topics[s.topic], s.span)
+            self.heard |= {c.scope.topics[s.topic] for s in node.subscribes}
+        elif c.plant is not None:
+            self._read(plant_code(c.plant), c.scope)
+            self.heard |= {*c.reads}
+
+    def _contracts(self, stand_ins: list[Component]) -> None:
+        """What contracts read, of those of whom somebody hears something."""
+        waiting = stand_ins
+        while True:
+            heard = [c for c in waiting if self.hears(c)]
+            waiting = [c for c in waiting if c not in heard]
+            if not heard:
+                return
+            for c in heard:
+                assert c.stands_for is not None
+                self._read(c.stands_for.asked, c.scope)
+
+    def hears(self, c: Component) -> bool:
+        """Whether anybody but itself can tell what, or when, a stand-in publishes.
+
+        The DM of a module can of who stands for a controller alone.
+        """
+        assert c.node is not None
+        outputs = {*c.writes}
+        return c.module is not None or bool(outputs & self.heard)
+
+    def _module(self, m: Module) -> None:
+        symbol = m.symbol
+        self._read([e for e in (symbol.safe, symbol.ttf, symbol.safer) if e is not None], m.scope)
+        self.heard |= {*m.reads}
+        if m.acknowledgement is not None:
+            self._all_of(m.acknowledgement, m.symbol.span)
+        if m.shield is not None:
+            for topic in m.outputs:
+                self._all_of(topic, m.symbol.span)
+
+    # ------------------------------------------------------------ code
+
+    def _read(self, roots: Iterable[object], scope: Scope) -> None:
+        todo = list(roots)
+        while todo:
+            node = todo.pop()
+            if isinstance(node, typed.AgeRead):
+                self.heard.add(scope.topics[node.topic])
+            elif isinstance(node, typed.TypedBinary) and self._compared(node, scope):
+                continue
+            elif isinstance(node, (typed.TopicRead, typed.TypedField)):
+                place = self._place(node, scope)
+                if place is not None:
+                    self.heard.add(place[0])
+                    self.of(place[0]).whole.setdefault(place[1], node.span)
+                    continue
+            todo += children(node)
+
+    def _compared(self, e: typed.TypedBinary, scope: Scope) -> bool:
+        """Whether it compares a number of a topic with a constant: then that is noted."""
+        if e.op not in _HOLDS or not isinstance(e.left.type, (FloatType, IntType)):
+            return False
+        for read, other in ((e.left, e.right), (e.right, e.left)):
+            place = self._place(read, scope)
+            if place is None or not all(isinstance(n, _CLOSED) for n in nodes([other])):
+                continue
+            value = self._constant(other, scope)
+            if value is None:
+                return False
+            self.heard.add(place[0])
+            op = e.op if read is e.left else _TURNED[e.op]
+            self.of(place[0]).compared.setdefault(place[1], set()).add((op, value))
+            return True
+        return False
+
+    def _place(self, e: object, scope: Scope) -> tuple[int, Path] | None:
+        """The topic, and the field of it, that an expression is; None: it is another one."""
+        path: list[int] = []
+        while isinstance(e, typed.TypedField):
+            path.append(e.index)
+            e = e.target
+        if not isinstance(e, typed.TopicRead):
+            return None
+        return scope.topics[e.topic], tuple(reversed(path))
+
+
+def representatives(
+    compared: set[Comparison], bound: Bound | None, t: IntType | FloatType, first: Value
+) -> list[int | float]:
+    """A number for each that the comparisons can tell apart, `first` foremost.
+
+    `bound` is the set that it is of; `first` one of it.
+    """
+    constants = {c for _, c in compared}
+    low: float
+    high: float
+    if isinstance(t, IntType):
+        low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
+    elif bound is None:
+        low, high = _below(constants), _above(constants)
+    else:
+        low, high = bound.low, bound.high
+    cuts = sorted({low, high, *(c for c in constants if low <= c <= high)})
+    between = [_between(a, b, t) for a, b in itertools.pairwise(cuts)]
+    by_answers: dict[tuple[bool, ...], int | float] = {}
+    for number in (first, *cuts, *between):
+        answers = tuple(_HOLDS[op](number, c) for op, c in compared)
+        by_answers.setdefault(answers, number)
+    return list(by_answers.values())
+
+
+def _between(a: float, b: float, t: IntType | FloatType) -> float:
+    """A number between two others, where there is one."""
+    if isinstance(t, IntType):
+        return (int(a) + int(b)) // 2
+    return float((Fraction(a) + Fraction(b)) / 2)
+
+
+def _below(constants: set[int | float]) -> float:
+    least = float(min(constants))
+    return max(least - max(1.0, abs(least)), -sys.float_info.max)
+
+
+def _above(constants: set[int | float]) -> float:
+    greatest = float(max(constants))
+    return min(greatest + max(1.0, abs(greatest)), sys.float_info.max)
+
+
+FINEST = 8
+"""Into so many parts a grid is cut at most."""
+AT_A_STEP = 2
+"""Edges of a circle at one time."""
+
+
+@dataclass
+class ReadClocks:
+    """The clocks that one text reads: of a `component`, or of a property that is looked at.
+
+    `ages`: topic indices; `now`: `time`; `kept`: locals that hold a time of an earlier step;
+    `crossed`: whether a clock is compared with a clock. `looks`: of a property, so many moments
+    decide on it; `deadline`: of which kind.
+    """
+
+    component: int | None = None
+    looks: int = 1
+    deadline: str = ""
+    ages: set[int] = field(default_factory=set)
+    now: bool = False
+    kept: bool = False
+    crossed: bool = False
+    compared: list[Span] = field(default_factory=list)
+
+    @property
+    def clocks(self) -> int:
+        """How many it reads."""
+        return len(self.ages) + self.now + self.kept
+
+
+def together(system: System, watched: Sequence[ReadClocks]) -> int:
+    """Strict comparisons in one circle of times at most: the parts that the grid is cut into."""
+    late = _may_be_late(system)
+    if not late:
+        return 1
+    moved = _published_late(system, late)
+    in_steps, looked_at, seen, from_zero, clocks = 0, 0, 0, False, 0
+    for w in watched:
+        free = late if w.component is None else late & {w.component}
+        ages = {_source(system, t) for t in w.ages}
+        edges, moving, has_zero = _edges(w, ages, moved, free=bool(free))
+        from_zero |= has_zero
+        clocks += moving
+        if w.component is not None:
+            in_steps += edges * releases(system, w.component)
+        else:
+            looks = w.looks * edges + (w.deadline in {"leadsto", "invariant"})
+            looked_at, seen = max(looked_at, looks), max(seen, looks + (edges < AT_A_STEP))
+    strict = in_steps + (looked_at + 2 if from_zero else seen)
+    asked = any(w.deadline == "invariant" for w in watched)
+    return max(strict, 2) if clocks or asked else 1
+
+
+def _may_be_late(system: System) -> set[int]:
+    """Components whose steps may be late."""
+    assert system.test is not None
+    late = {f.component for f in system.test.faults if f.kind != "skip" and f.by_ns}
+    if system.test.skew_ns:
+        late |= {c.index for c in system.components if c.plant is None}
+    return late
+
+
+def _edges(w: ReadClocks, ages: set[int], moved: set[int], *, free: bool) -> tuple[int, int, bool]:
+    """Strict edges each time a text is run, clocks in it that move, whether time zero is a node.
+
+    `ages`: of which topics, `moved`: those with stamps of steps that may be late; `free`: whether
+    the text itself may run late.
+    """
+    loose = len(ages & moved)
+    loose += w.kept if free or loose else 0
+    edges = 0
+    if w.crossed and loose:
+        edges = loose + free
+    elif free:
+        edges = min(loose, AT_A_STEP)
+    fixed = ages - moved if free else ages & moved
+    clocks = (loose if free else 0) + len(fixed) + (free and w.now)
+    return edges, clocks, bool(fixed) or (free and (w.now or w.deadline == "eventually"))
+
+
+def _published_late(system: System, late: set[int]) -> set[int]:
+    """Topics whose stamps are times of steps that may be late."""
+    return {
+        c.scope.topics[t]
+        for c in system.components
+        if c.index in late and c.node is not None
+        for t in c.node.publishes
+    }
+
+
+def _source(system: System, topic: int) -> int:
+    """The topic itself, or of a queue that which fills it: its age is that one's."""
+    of = system.topics[topic].queue_of
+    return topic if of is None else of
+
+
+def releases(system: System, component: int) -> int:
+    """Of a component, up to the horizon."""
+    assert system.test is not None
+    c = system.components[component]
+    return max(0, (system.test.horizon_ns - c.phase_ns) // c.period_ns + 1)

@@ -1,0 +1,489 @@
+"""The `faults { ... }` of a system: which component, how often, inside which assumption.
+
+Purpose: `SystemFaultSymbol`s become `Fault`s, one a component that is hit, with diagnostics where
+it cannot happen; whether a proof's assumptions still hold with it. `named` finds a component by the
+path that a fault or a test gives, or says what to write.
+Non-goals: what a fault does (`semantics/faults.py`, `codegen/faults.py`), tests
+(`language/elaborate/tested_system.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.language.check.field import listed
+from soter.language.elaborate.step_times import waiting
+from soter.language.model.system import Fault, claims_nothing
+from soter.language.model.types import FloatType, IntType, has_list, leaves, show_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from soter.diagnostics.diagnostic import Diagnostics, Span
+    from soter.language.elaborate.topics import Topics
+    from soter.language.model import typed
+    from soter.language.model.system import Component, Module, System, Topic
+
+
+def named(system: System, path: str) -> list[Component]:
+    """The components with this full name, else those that may be called so."""
+    matches = [c for c in system.components if c.name == path]
+    return matches or [c for c in system.components if path in _aliases(system, c)]
+
+
+def _aliases(system: System, c: Component) -> set[str]:
+    """What a component may be called beside its full name, as in `replace`."""
+    if c.node is None:
+        return set()
+    symbols = [c.node]
+    aliases: set[str] = set()
+    if c.module is not None:
+        module = system.modules[c.module]
+        symbols.append(module.symbol.ac if c.role == "ac" else module.symbol.sc)
+        aliases |= {f"{module.name}.{_short(s.name)}" for s in symbols}
+    return aliases | {s.name for s in symbols} | {_short(s.name) for s in symbols}
+
+
+def nobody(
+    system: System, path: str, span: Span, diagnostics: Diagnostics, *, verb: str, plants: bool
+) -> None:
+    """E009: no component is called so; `verb`: what it could do, `plants`: whether they can."""
+    known = [c.name for c in system.components if plants or c.role != "plant"]
+    head, _, last = path.rpartition(".")
+    inside = [n for n in known if n.startswith(f"{head}.") and n.endswith(f".{last}")]
+    helps = diagnostics.did_you_mean(path, known, span)
+    if len(inside) == 1:
+        helps = (f"of a module's controller the name has the module's in it: `{inside[0]}`",)
+    if any(m.name == path for m in system.modules):
+        helps = (f"its decision module is `{path}.dm`",)
+    what = "component" if plants else "node"
+    diagnostics.error(
+        "E009",
+        f"this system has no {what} `{path}` that could {verb}",
+        span,
+        notes=(f"what steps is {listed(known)}",) if known else (),
+        helps=helps,
+    )
+
+
+def _short(name: str) -> str:
+    return name.rpartition(".")[2]
+
+
+GROUPS = ("all", "modules")
+"""Targets of faults of time: every node and DM, or those of modules."""
+APART = ("late", "skip", "silent")
+"""Kinds of which nothing may last longer than was said: never in two slots in a row."""
+APART_MOST = 0.25
+"""The largest share of slots that can be faulty so: one in four."""
+OFTEN = 0.999
+"""A release that is skipped more probably than this would leave nothing that runs."""
+ALWAYS = 1.0
+LATE_MAX_NS = 3_600_000_000_000
+TIMED = ("late", "overrun")
+GIVEN = (*TIMED, "bias", "noise", "scale")
+
+
+def place_faults(elaborator: Topics, system: System) -> None:
+    """Fill in what goes wrong in a system, from its symbol."""
+    places = _Places(elaborator, system)
+    faults = [f for item in elaborator.symbol.faults for f in places.of(item)]
+    places.decide(faults)
+    system.shuffled = any(item.kind == "order" for item in elaborator.symbol.faults)
+    system.faults = waiting(system.modules, faults, shuffled=system.shuffled)
+
+
+class _Places:
+    def __init__(self, elaborator: Topics, system: System) -> None:
+        self.elaborator = elaborator
+        self.diagnostics = elaborator.diagnostics
+        self.system = system
+        self.streams: dict[str, int] = {}
+
+    def of(self, item: typed.SystemFaultSymbol) -> Iterator[Fault]:
+        """The faults of one item, one for each component."""
+        if item.kind == "order":
+            return
+        lasts = self._lasts(item)
+        amount = self._amount(item, lasts)
+        rate = self._rate(item)
+        if amount is None or rate is None:
+            return
+        streams: dict[int, str] = {}
+        now_and_then = item.kind == "late" and item.rate is not None
+        together = item.path in GROUPS and now_and_then
+        shared = self._stream(item) if together else None
+        slot = int(amount[0]) if now_and_then else lasts
+        apart = slot > 0 and item.kind in APART
+        for c, topic, leaf_indices, disturbance in self._targets(item):
+            p = self._probability(item, rate, slot or c.period_ns, apart=apart)
+            if p is None or self._leaves_no_release(item, amount, c):
+                return
+            if c.index not in streams:
+                streams[c.index] = shared or self._stream(item, c)
+            fault = Fault(
+                kind=item.kind,
+                component=c.index,
+                stream=streams[c.index],
+                probability=p,
+                slot_ns=slot,
+                amount=amount,
+                topic=topic,
+                leaves=leaf_indices,
+                disturbance=disturbance,
+                apart=apart,
+                text=item.text,
+            )
+            yield fault
+
+    def _leaves_no_release(
+        self, item: typed.SystemFaultSymbol, amount: tuple[float, ...], c: Component
+    ) -> bool:
+        """Whether a component would always be so late that it never runs, which is reported."""
+        never = item.kind == "late" and item.rate is None and amount[0] >= c.period_ns
+        if never:
+            self._wrong(item, f"leaves `{c.name}` no release: each is lost to the next one")
+        return never
+
+    def _stream(self, item: typed.SystemFaultSymbol, c: Component | None = None) -> str:
+        """A stream of its own: a second fault of the same kind in the same place has another."""
+        where = item.path if c is None or c.name == item.path else f"{c.name}.{item.path}"
+        name = f"fault.{item.kind}.{where}"
+        count = self.streams[name] = self.streams.get(name, 0) + 1
+        return name if count == 1 else f"{name}#{count}"
+
+    # ------------------------------------------------------------ numbers
+
+    def _lasts(self, item: typed.SystemFaultSymbol) -> int:
+        if item.lasts is None:
+            return 0
+        return self.elaborator.duration(item.lasts, f"how long `{item.kind}` lasts") or 0
+
+    def _rate(self, item: typed.SystemFaultSymbol) -> float | None:
+        """Per second; of a lateness that always is, 0."""
+        if item.rate is None or item.per is None:
+            return 0.0
+        rate = self.elaborator.number(item.rate, "how often")
+        per = self.elaborator.duration(item.per, "`per`")
+        if rate is None or per is None:
+            return None
+        if not (math.isfinite(rate) and rate >= 0.0):
+            self._wrong(item, f"cannot happen {rate!r} times: give a number that is not negative")
+            return None
+        return float(rate) / (per / 1e9)
+
+    def _amount(self, item: typed.SystemFaultSymbol, lasts: int) -> tuple[float, ...] | None:
+        numbers = [self.elaborator.number(e, f"`{item.kind}`") for e in item.by]
+        values = [v for v in numbers if v is not None]
+        if len(values) != len(numbers):
+            return None
+        if not values and item.kind in GIVEN:
+            return None  # it is reported
+        if item.kind == "overrun":
+            if not 0 < values[0] <= LATE_MAX_NS:
+                self._wrong(item, "is by a time of more than 0 and at most 1 h")
+                return None
+            return (values[0],)
+        if item.kind == "late":
+            return self._lateness(item, values, lasts)
+        if any(not math.isfinite(v) for v in values) or len(values) > 1:
+            self._wrong(item, "is by one finite number")
+            return None
+        return tuple(float(v) for v in values)
+
+    def _lateness(
+        self, item: typed.SystemFaultSymbol, values: list[float], lasts: int
+    ) -> tuple[float, ...] | None:
+        """How late, or from and to how late, in ns."""
+        if any(not 0 <= v <= LATE_MAX_NS for v in values) or values != sorted(values):
+            self._wrong(item, "is by times from 0 to 1 h, the shorter ones first")
+            return None
+        if item.rate is not None and (len(values) > 1 or values[0] <= 0 or lasts):
+            self._wrong(item, "that happens now and then is by one time, which is its length")
+            return None
+        if item.rate is None and len(values) == 1:
+            values = [0, *values]
+        return tuple(values)
+
+    def _probability(
+        self, item: typed.SystemFaultSymbol, rate: float, slot_ns: int, *, apart: bool
+    ) -> float | None:
+        """Of a slot, so that on average as many are faulty as was said; None after a report."""
+        if item.rate is None:
+            return 1.0
+        share = rate * (slot_ns / 1e9)
+        most = APART_MOST if apart else ALWAYS if item.kind != "skip" else OFTEN
+        if share > most:
+            often = show_ns(round(slot_ns / most))
+            what = f"lasts {show_ns(slot_ns)}" if item.lasts or apart else "is about one release"
+            self._wrong(item, f"happens too often: it {what}, so at most once in {often}")
+            return None
+        return (1.0 - math.sqrt(1.0 - 4.0 * share)) / 2.0 if apart else share
+
+    def _wrong(self, item: typed.SystemFaultSymbol, what: str) -> None:
+        self.diagnostics.error("V011", f"`{item.kind}` {what}", item.span)
+
+    # ------------------------------------------------------------ targets
+
+    def _group(
+        self, item: typed.SystemFaultSymbol
+    ) -> list[tuple[Component, int | None, tuple[int, ...], int | None]]:
+        if item.kind == "overrun":
+            self._impossible(item, f"not all nodes of `{item.path}` can: name those that shall")
+            return []
+        if item.kind not in {"late", "skip"}:
+            self._impossible(item, f"`{item.path}` stands for nodes whose time is disturbed")
+            return []
+        wanted = ("dm", "sc", "ac") if item.path == "modules" else ("dm", "sc", "ac", "node")
+        components = [c for c in self.system.components if c.role in wanted]
+        return [(c, None, (), None) for c in components]
+
+    def _targets(
+        self, item: typed.SystemFaultSymbol
+    ) -> list[tuple[Component, int | None, tuple[int, ...], int | None]]:
+        """The components of a group, or those that a path begins with, and what follows."""
+        if item.path in GROUPS:
+            return self._group(item)
+        parts = item.path.split(".")
+        for count in range(len(parts), 0, -1):
+            components = named(self.system, ".".join(parts[:count]))
+            if components:
+                return [x for c in components for x in self._hit(item, c, parts[count:])]
+        if not self.elaborator.partial:
+            verb = f"have a fault `{item.kind}`"
+            nobody(self.system, item.path, item.span, self.diagnostics, verb=verb, plants=True)
+        return []
+
+    def _hit(
+        self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
+    ) -> Iterator[tuple[Component, int | None, tuple[int, ...], int | None]]:
+        if item.kind in {"late", "skip"}:
+            if rest:
+                self._impossible(item, f"`{c.name}` has no `{'.'.join(rest)}` that is released")
+            elif c.plant is not None:
+                self._impossible(item, "physical time is never skewed")
+            else:
+                yield c, None, (), None
+            return
+        if item.kind == "overrun":
+            why = _why_no_overrun(c, rest)
+            if why is None:
+                yield c, None, (), None
+            else:
+                self._impossible(item, why)
+            return
+        if c.role == "dm":
+            self._impossible(item, "a decision module publishes nothing")
+            return
+        drawn = [i for i, d in enumerate(c.disturbances) if [d.variable.name] == list(rest[:1])]
+        if drawn and item.kind == "scale":
+            if len(rest) > 1:
+                self._impossible(item, f"all of `{c.name}.{rest[0]}` is scaled, no part of it")
+                return
+            yield c, None, (), drawn[0]
+            return
+        yield from self._published(item, c, rest)
+
+    def _published(
+        self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
+    ) -> Iterator[tuple[Component, int | None, tuple[int, ...], int | None]]:
+        parts = [x for part in rest for x in part.replace("[", ".[").split(".") if x]
+        topics = [t for t in c.published if not parts or t.name.rpartition(".")[2] == parts[0]]
+        hit, below = False, parts[1:]
+        for symbol in topics:
+            if item.kind != "silent" and not _is_one_value(c, symbol):
+                if rest:
+                    self._impossible(item, f"`{symbol.name}` is not one value of fixed size")
+                    return
+                continue
+            topic = c.scope.topics[symbol]
+            indices = _leaves(item.kind, self.system.topics[topic], below)
+            if indices:
+                hit = True
+                yield c, topic, indices, None
+        if not hit:
+            self._nothing_to_hit(item, c, rest)
+        elif c.plant is not None and item.kind == "nan":
+            self._impossible(item, "a reading that is no number reaches no topic: say `silent`")
+
+    def _nothing_to_hit(
+        self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
+    ) -> None:
+        what = f"`{'.'.join(rest)}` of `{c.name}`" if rest else f"what `{c.name}` publishes"
+        there = [t.name.rpartition(".")[2] for t in c.published]
+        also = [f"`{c.name}` publishes {listed(there)}"] if there else []
+        self._impossible(item, f"{what} is nothing that `{item.kind}` could hit", *also)
+
+    def _impossible(self, item: typed.SystemFaultSymbol, *why: str) -> None:
+        self.diagnostics.error(
+            "E018", f"`{item.kind} {item.path}` cannot happen", item.span, notes=why
+        )
+
+    # ------------------------------------------------------------ inside or outside
+
+    def decide(self, faults: Sequence[Fault]) -> None:
+        """Which of them are inside; latenesses of one component add up."""
+        for f in faults:
+            f.inside = self._inside(f, self.system.components[f.component], faults)
+
+    def _inside(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
+        """The assumption of the proofs that still holds; None: one may not hold."""
+        if c.role == "ac" and not self._must_speak(c, fault):
+            return "AC may do anything"
+        if c.module is not None and claims_nothing(self.system, self.system.modules[c.module]):
+            return "nothing is claimed of its module"
+        if fault.disturbance is not None:
+            d = c.disturbances[fault.disturbance]
+            low, high = sorted(fault.amount[0] * x for x in (d.low, d.high))
+            return "in its declared range" if d.low <= low and high <= d.high else None
+        if fault.kind in TIMED:
+            return self._declared_time(fault, c, faults)
+        if fault.kind == "silent" and c.plant is not None:
+            return self._declared_dropout(fault, c, faults)
+        return None
+
+    def _must_speak(self, c: Component, fault: Fault) -> bool:
+        """Whether a proof takes for granted that this AC steps and publishes when it is released.
+
+        Inductions do, of every node that they meet.
+        """
+        blocks = [m.symbol.verify for m in self.system.modules]
+        return fault.kind in {"late", "skip", "silent", "overrun"} and any(
+            b.induction is not None
+            for m, b in zip(self.system.modules, blocks, strict=True)
+            if c.index == m.ac or c.index in self._about(m)
+        )
+
+    def _number(self, m: Module, expr: typed.TypedExpr | None) -> float | None:
+        """A time of a `verify` block, under the parameters of its module."""
+        if expr is None:
+            return None
+        with self.elaborator.under(m.scope.params):
+            value = self.elaborator.number(expr, "a time of `verify`")
+        return None if value is None else float(value)
+
+    def _declared_time(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
+        """`late` or `response`, if all such faults of the component together keep to it."""
+        own = [f for f in faults if f.kind in TIMED and f.component == c.index]
+        most = sum(int(f.amount[-1]) for f in own if f.kind == fault.kind)
+        if fault.kind == "late":
+            return self._declared_late(c, most)
+        lost = sum(int(f.amount[-1]) for f in own) >= c.period_ns
+        return None if lost or c.takes_ns is not None else self._declared_response(c, most)
+
+    def _declared_late(self, c: Component, most: int) -> str | None:
+        """`late` of the verify blocks, of every module that depends on the component."""
+        said = []
+        for m in self.system.modules:
+            block = m.symbol.verify
+            by_name = _beside(m, block.late_of)
+            if c.index in (m.dm, m.sc):
+                said.append((m, block.late_dm if c.index == m.dm else block.late_sc))
+            elif c.name in by_name or (
+                (c.module is None or (c.role == "ac" and block.induction is not None))
+                and c.index in self._about(m)
+            ):
+                said.append((m, by_name.get(c.name)))
+        takes = 0 if c.takes_ns is None else c.takes_ns[1]
+        if not said or most >= c.period_ns or most + takes > c.period_ns:
+            return None  # a release would be lost
+        values = [self._number(m, e) for m, e in said]
+        return "as late as declared" if _keeps_to(values, most) else None
+
+    def _declared_response(self, c: Component, most: int) -> str | None:
+        """`response` of the verify blocks, of every module that depends on the component."""
+        said = []
+        for m in self.system.modules:
+            by_name = _beside(m, m.symbol.verify.response_of)
+            if c.name in by_name or c.index in self._about(m) or c.index == m.ac:
+                said.append(self._number(m, by_name.get(c.name)))
+        return "no longer than its declared `response`" if _keeps_to(said, most) else None
+
+    def _declared_dropout(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
+        """`dropout` of every module, for all that may be lost in a row, of all that it drives.
+
+        A silence shorter than a period still loses a release, and two may follow each other.
+        """
+        assert c.plant is not None
+        driven = {*c.writes}
+        if {f.topic for f in faults if f.stream == fault.stream} != driven:
+            return None  # what is read together would not be of one instant
+        silent = {f.stream: f for f in faults if f.kind == "silent" and f.component == c.index}
+        lost = sum(max(f.slot_ns - 1, 0) // c.period_ns + 1 for f in silent.values())
+        values = [self._number(m, m.symbol.verify.dropout) for m in self.system.modules]
+        fits = _keeps_to(values, lost * c.period_ns)
+        return "as silent as `dropout` says" if fits and fault.slot_ns else None
+
+    def _about(self, m: Module) -> set[int]:
+        """Nodes between sensors and a module, or between it and plants: their time may count."""
+        own = (m.sc, m.ac)
+        nodes = [c for c in self.system.components if c.node is not None and c.index not in own]
+        sc = self.system.components[m.sc]
+        read = {*m.inputs, *_read(self.system, sc)}
+        written = set(m.outputs)
+        node_indices: set[int] = set()
+        for _ in nodes:
+            for c in nodes:
+                made = {*c.writes}
+                if made & read:
+                    node_indices.add(c.index)
+                    read |= _read(self.system, c)
+                if _read(self.system, c) & written:
+                    node_indices.add(c.index)
+                    written |= made
+        return node_indices
+
+
+def _keeps_to(declared: Sequence[float | None], most: int) -> bool:
+    """Whether something is declared, and nothing less than `most`."""
+    return bool(declared) and all(v is not None and most <= v for v in declared)
+
+
+def _read(system: System, c: Component) -> set[int]:
+    """Topics that a node subscribes to; of a queue, whose it is."""
+    if c.node is None:
+        return set()
+    own = [system.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
+    return {t.index if t.queue_of is None else t.queue_of for t in own}
+
+
+def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
+    """Why no step of a component can last longer; None: it can (as one that `takes`)."""
+    if rest:
+        return f"`{c.name}` has no `{'.'.join(rest)}` that steps"
+    if c.role == "plant":
+        return "physical time is never skewed"
+    if c.role == "dm":
+        return "a decision module publishes nothing that could count later: say `late`"
+    if c.role == "sc":
+        return "what SC publishes has to count when the decision module calls for it: say `late`"
+    if c.node is None or not c.node.publishes:
+        return f"`{c.name}` publishes nothing that could count later"
+    for topic in c.node.bursts:
+        return f"a step publishes several messages on `{topic.name}`; one a topic can be held"
+    return None
+
+
+def _beside(m: Module, said: Mapping[str, typed.TypedExpr]) -> dict[str, typed.TypedExpr]:
+    """What a `verify` block says of nodes, by their names in the whole system."""
+    return {f"{m.name.removesuffix(m.name.rpartition('.')[2])}{n}": e for n, e in said.items()}
+
+
+def _is_one_value(c: Component, topic: typed.TopicSymbol) -> bool:
+    """Whether a step of a component publishes at most one message on a topic, of fixed size."""
+    return not has_list(topic.type) and not (c.node is not None and topic in c.node.bursts)
+
+
+def _leaves(kind: str, topic: Topic, path: Sequence[str]) -> tuple[int, ...]:
+    """The leaves below a path that a kind of fault can hit, by their numbers; (0,) of silent."""
+    if kind == "silent":
+        return () if path else (0,)
+    wanted = {"stuck": (object,), "saturated": (FloatType, IntType)}.get(kind, (FloatType,))
+    return tuple(
+        i
+        for i, (at, leaf) in enumerate(leaves(topic.type))
+        if at[: len(path)] == tuple(path)
+        and isinstance(leaf, wanted)
+        and (kind != "saturated" or topic.bounds[i] is not None)
+    )

@@ -1,0 +1,455 @@
+"""What the steps of nodes and plants do for certain, whatever they read, and what they leave out.
+
+Purpose: `doubt_steps`: W015 (a value that lies outside of the set of its topic), W025 (an index, an
+int or the bounds of a `clamp` that fault wherever they are reached): every expression is evaluated
+once over the declared ranges. W016 (an SC does not publish on every path). Of plants: W014 (a state
+that nothing moves), W032 (a derivative times `dt`), W019 (a scheme diverges where the plant does
+not).
+Non-goals: what may happen and need not: a search and a proof answer that; other step faults, which
+the first run tells; branches that are never taken (`soter test --coverage`).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from soter.diagnostics.diagnostic import Span, exchange, replace
+from soter.language.check.parts.plant import unmoved
+from soter.language.evaluate.integration_stability import diverging
+from soter.language.evaluate.range_evaluation import (
+    RangeEvaluator,
+    TooHardError,
+    anything,
+)
+from soter.language.evaluate.ranges import FALSE, TRUE, Range
+from soter.language.evaluate.topic_ranges import declared
+from soter.language.model import typed
+from soter.language.model import typed as t
+from soter.language.model.tree_walk import nodes
+from soter.language.model.typed import PeriodRead, TypedBinary, Vector
+from soter.language.model.types import (
+    BOOL,
+    ArrayType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    has_list,
+    leaves,
+    write_ns,
+)
+from soter.language.syntax.schemes import SCHEMES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.diagnostics.diagnostic import Diagnostics, Help
+    from soter.language.evaluate.integration_stability import Diverging
+    from soter.language.evaluate.range_evaluation import Known
+    from soter.language.model.system import Bound, Component, Module, System, Topic
+    from soter.language.model.typed import PlantSymbol
+    from soter.language.model.types import Type
+
+_COUNTED = re.compile(r"for\s+\w+\s+in\s+")
+SHOWN = 40
+"""Longer expressions are cut."""
+ROUNDS = 16
+"""Of longer loops not every round is looked at."""
+BUDGET = 2_000
+"""Expressions of one step: some milliseconds."""
+LEAVES_MAX = 64
+"""Larger publications are not compared leaf by leaf."""
+
+
+def doubt_steps(system: System, diagnostics: Diagnostics) -> None:
+    """Warn of what is certain in the steps of nodes and plants; of each declaration once."""
+    for c in system.components:
+        symbol = c.node if c.plant is None and c.role != "dm" else c.plant
+        if symbol is None or c.extern or c.stands_for is not None:
+            continue
+        key = (symbol, *(v for v in c.scope.params.values() if isinstance(v, (int, float))))
+        if key in system.program.doubted:
+            continue
+        system.program.doubted.add(key)
+        _StepRanges(system, c, diagnostics).look()
+
+
+class _StepRanges(RangeEvaluator):
+    """Evaluates a step over the declared ranges, and reports what is certain as it goes."""
+
+    def __init__(self, system: System, component: Component, diagnostics: Diagnostics) -> None:
+        super().__init__(component.scope, component.period_ns, declared(system))
+        self.left = BUDGET
+        self.system = system
+        self.component = component
+        self.diagnostics = diagnostics
+        self.silent = 0
+        """In how many functions of the prelude it is: nothing is said of those."""
+        self.loops: dict[t.Variable, t.ForRange] = {}
+
+    def look(self) -> None:
+        """Through the whole step, or what a plant says of its states."""
+        node, plant = self.component.node, self.component.plant
+        try:
+            if plant is not None:
+                self._look_at_plant(plant)
+            elif node is not None:
+                self._run(node.takeover or (), None, BOOL)
+                self.variables = {}
+                self._run(node.step, None, BOOL)
+        except TooHardError:
+            return  # what was certain so far was said
+
+    def _look_at_plant(self, plant: t.PlantSymbol) -> None:
+        for d in self.component.disturbances:
+            if isinstance(d.variable.type, FloatType):
+                self.variables[d.variable] = Range(d.low, d.high)
+        for variable, value in plant.lets:
+            self.variables[variable] = self.evaluate(value)
+        for value in (*plant.der.values(), *plant.next.values()):
+            self.evaluate(value)
+        for topic, value in plant.drives:
+            self._publish(topic, value)
+
+    def evaluate(self, e: t.TypedExpr) -> Known:
+        """What it may be; what is too hard is anything, as long as the budget lasts."""
+        try:
+            return super().evaluate(e)
+        except TooHardError:
+            if self.left < 0:
+                raise
+            return anything(e.type)
+
+    # ------------------------------------------------------------ statements
+
+    def _plain(self, s: t.TypedStmt) -> bool:
+        if isinstance(s, t.TypedPublish):
+            self._publish(s.topic, s.value)
+            return True
+        if isinstance(s, (t.TypedAssign, t.TypedPush)):
+            self._assigned_place(s.place)
+        return super()._plain(s)
+
+    def _loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
+        """Round by round where they are few; else the first, the last, and one for all others."""
+        if isinstance(s, t.ForRange):
+            self.loops[s.variable] = s
+            few = s.high - s.low <= ROUNDS
+            rounds = [Range(s.low, s.low), Range(s.low, s.high - 1), Range(s.high - 1, s.high - 1)]
+        else:
+            of_all = s.sequence.type
+            few = isinstance(of_all, ArrayType) and of_all.size <= ROUNDS
+            rounds = [anything(s.variable.type)]
+        if few:
+            return super()._loop(s, returned, of)
+        self._forget(s.body)
+        for value in rounds:
+            self.variables[s.variable] = value
+            returned, _ = self._run(s.body, returned, of)
+            self._forget(s.body)
+        return returned, True
+
+    def _forget(self, body: tuple[t.TypedStmt, ...]) -> None:
+        """What is assigned there may be anything: nobody knows how often it happens."""
+        for n in nodes(body):
+            if isinstance(n, t.Place):
+                self.variables[n.variable] = anything(n.variable.type)
+
+    def _publish(self, topic: t.TopicSymbol, value: t.TypedExpr) -> None:
+        flat = self.system.topics[self.scope.topics[topic]]
+        if has_list(topic.type) or len(flat.bounds) > LEAVES_MAX:
+            self.evaluate(value)
+            return
+        self._compare(flat, value, (), topic)
+
+    def _compare(
+        self, topic: Topic, value: t.TypedExpr, path: tuple[str, ...], symbol: t.TopicSymbol
+    ) -> None:
+        """W015 for a published value, or a part of it, that no round of the step brings inside."""
+        if isinstance(value, t.Conditional):
+            held = self.number(value.condition)
+            if held != FALSE:
+                self._compare(topic, value.then, path, symbol)
+            if held != TRUE:
+                self._compare(topic, value.otherwise, path, symbol)
+            return
+        of = value.type
+        if isinstance(value, t.Aggregate) and isinstance(of, (RecordType, ArrayType)):
+            order = value.order or range(len(value.elements))
+            for part, index in zip(value.elements, order, strict=True):
+                name = of.fields[index][0] if isinstance(of, RecordType) else f"[{index}]"
+                self._compare(topic, part, (*path, name), symbol)
+            return
+        self._compare_leaves(topic, value, path, symbol)
+
+    def _compare_leaves(
+        self, topic: Topic, value: t.TypedExpr, path: tuple[str, ...], symbol: t.TopicSymbol
+    ) -> None:
+        flat = self._flat(self.evaluate(value), value.type)
+        bounds = [
+            bound
+            for (leaf, _), bound in zip(leaves(topic.type), topic.bounds, strict=True)
+            if leaf[: len(path)] == path
+        ]
+        for known, bound in zip(flat, bounds, strict=True):
+            outside = bound is not None and (known.high < bound.low or known.low > bound.high)
+            if bound is not None and outside and not known.nan:
+                self._outside(symbol, value, known, bound)
+                return
+
+    def _outside(
+        self, topic: t.TopicSymbol, value: t.TypedExpr, known: Range, bound: Bound
+    ) -> None:
+        what = repr(known.low) if known.single else f"all of [{known.low!r}, {known.high!r}]"
+        nearest = repr(bound.low if known.high < bound.low else bound.high)
+        helps: tuple[Help, ...] = (f"or let the set of `{topic.name}` hold it",)
+        if isinstance(value.type, (FloatType, IntType)):
+            helps = (replace(value.span, nearest, f"the nearest value is `{nearest}`"), *helps)
+        why = {
+            "sc": "publishing it is a step fault, which a safe controller must never have",
+            "ac": "the gate stops it, and AC loses control",
+        }.get(self.component.role, "publishing it is a step fault")
+        self.diagnostics.warning(
+            "W015",
+            f"{what} is outside of the set of `{topic.name}`",
+            value.span,
+            f"[{bound.low!r}, {bound.high!r}] is allowed",
+            also=((topic.span, "declared here"),),
+            notes=(why,),
+            helps=helps,
+        )
+
+    # ------------------------------------------------------------ what faults for certain
+
+    def _call(self, e: t.TypedCall) -> Known:
+        if e.fun.prelude:
+            for a in e.arguments:
+                self.evaluate(a)
+        if e.fun.prelude and e.fun.name.rpartition(".")[2] != "clamp":
+            return anything(e.type)
+        if e.fun.prelude and not self.silent:
+            self._reversed(*e.arguments[1:])
+        self.silent += e.fun.prelude
+        try:
+            return super()._call(e)
+        finally:
+            self.silent -= e.fun.prelude
+
+    def _reversed(self, low: t.TypedExpr, high: t.TypedExpr) -> None:
+        a, b = self.number(low), self.number(high)
+        if a.nan or b.nan or a.low <= b.high:
+            return
+        self._say(
+            "the bounds of `clamp` are the wrong way round",
+            low.span.to(high.span),
+            f"{low.span.text} is above {high.span.text}",
+            "no number lies between them: the result is no number (NaN), and publishing it faults",
+            (exchange(low.span, high.span, f"write `{high.span.text}, {low.span.text}`"),),
+        )
+
+    def _index(self, e: t.Index) -> Known:
+        self._inside(e.target.type, e.index)
+        return super()._index(e)
+
+    def _assigned_place(self, place: t.Place) -> None:
+        of: Type = place.variable.type
+        for step in place.path:
+            if isinstance(step, int):
+                of = of.fields[step][1] if isinstance(of, RecordType) else of
+                continue
+            self._inside(of, step)
+            of = of.element if isinstance(of, (ArrayType, ListType)) else of
+
+    def _inside(self, of: Type, index: t.TypedExpr) -> None:
+        """W025 for an index that is outside whenever it is reached, in this round at least."""
+        if not isinstance(of, (ArrayType, ListType)) or self.silent:
+            return
+        size = of.size if isinstance(of, ArrayType) else of.capacity
+        at = self.number(index)
+        if at.high >= 0 and at.low < size:
+            return
+        value = f"{at.low}" if at.single else f"from {at.low} to {at.high}"
+        helps: tuple[Help, ...] = (f"its elements are 0 to {size - 1}",)
+        loop = self.loops.get(index.variable) if isinstance(index, t.VarRead) else None
+        if loop is not None:
+            helps = (_counted_from_zero(loop, size),)
+        self._say(
+            f"`{_short(index.span)}` is outside of `{of}` where it is {value}",
+            index.span,
+            f"{_short(index.span)} is {value}, and 0 to {size - 1} are possible",
+            "reading or writing there is a step fault",
+            helps,
+        )
+
+    def _narrow(self, e: t.Narrow) -> Known:
+        assert isinstance(e.type, IntType)
+        if not self.silent:
+            a = self.number(e.operand)
+            if a.low < a.high and (a.low == e.type.high or a.high == e.type.low):
+                self._one_fits(e, a)
+            if a.high < e.type.low or a.low > e.type.high:
+                value = f"{a.low}" if a.single else f"from {a.low} to {a.high}"
+                inside = f"min(max({e.span.text}, {e.type.low}), {e.type.high})"
+                self._say(
+                    f"`{_short(e.span)}` does not fit into `{e.type}`",
+                    e.span,
+                    f"it is {value}",
+                    "putting it there is a step fault",
+                    (replace(e.span, inside, f"keep it inside: `{inside}`"),),
+                )
+        return super()._narrow(e)
+
+    def _one_fits(self, e: t.Narrow, known: Range) -> None:
+        """`n = max(n + 1, 9)` of an `int in [0, 9]`: only 9 fits, so that `n` never changes."""
+        assert isinstance(e.type, IntType)
+        only, keeps = (known.low, "min") if known.low == e.type.high else (known.high, "max")
+        self._say(
+            f"of what this may be only {only} fits into `{e.type}`",
+            e.span,
+            f"it is from {known.low} to {known.high}",
+            "putting anything else there is a step fault",
+            (f"keep it inside: `{keeps}(x, {only})`",),
+        )
+
+    def _say(
+        self, message: str, span: Span, label: str, note: str, helps: tuple[Help, ...]
+    ) -> None:
+        self.diagnostics.warning("W025", message, span, label, notes=(note,), helps=helps)
+
+    EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any], Known]]] = {
+        **RangeEvaluator.EXPRESSIONS,
+        t.TypedCall: _call,
+        t.Index: _index,
+        t.Narrow: _narrow,
+    }
+
+
+def _short(span: Span) -> str:
+    """What is written there, on one line."""
+    text = " ".join(span.text.split())
+    return text if len(text) <= SHOWN else f"{text[: SHOWN - 4]} ..."
+
+
+def _counted_from_zero(loop: t.ForRange, size: int) -> Help:
+    """A loop over all of it, where its range can be seen in the text."""
+    title = f"indices begin at 0: `for {loop.variable.name} in 0..{size} {{ ... }}`"
+    written = _COUNTED.match(loop.span.source.text, loop.span.start)
+    if written is None:
+        return title
+    end = loop.span.source.text.find("{", written.end())
+    whole = Span(loop.span.source, written.end(), end)
+    return replace(whole, f"0..{size} ", title)
+
+
+def doubt_publications(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """W016 for the safe controller of a module."""
+    sc = system.components[module.sc]
+    if sc.node is None or sc.extern:
+        return
+    publications = [n for n in nodes(sc.node.step) if isinstance(n, typed.TypedPublish)]
+    if sc.node.takeover is not None or any(
+        isinstance(n, typed.InControl) for n in nodes(sc.node.step)
+    ):
+        return  # it knows when it has control, and speaks when it means to
+    for topic in sc.node.publishes:
+        first = next((p for p in publications if p.topic is topic), None)
+        if first is None or _always(sc.node.step, topic):
+            continue
+        diagnostics.warning(
+            "W016",
+            f"`{sc.node.name}` does not publish `{topic.name}` on every path of its step",
+            first.span,
+            "published here",
+            also=((module.symbol.sc_span or module.symbol.span, "the safe controller"),),
+            notes=("where it is silent, the last value that AC published stays in force",),
+            helps=("publish on every path: what stands in an `if` also needs an `else`",),
+        )
+
+
+def _always(statements: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool:
+    """Whether every path through the statements publishes the topic."""
+    for s in statements:
+        if isinstance(s, typed.TypedPublish) and s.topic is topic:
+            return True
+        if isinstance(s, typed.TypedIf) and s.otherwise:
+            bodies = [*(body for _, body in s.arms), s.otherwise]
+            if all(_always(body, topic) for body in bodies):
+                return True
+        if isinstance(s, typed.ForRange) and s.low < s.high and _always(s.body, topic):
+            return True
+    return False
+
+
+ENDS = {1: "2", 2: "2", 3: "2.51", 4: "2.78"}
+"""Order of a scheme -> how much of a decay, rate times step, it follows at most."""
+
+
+def doubt_plant(system: System, component: Component, diagnostics: Diagnostics) -> None:
+    """W014, W032, and W019 for states that its scheme moves away from their solution."""
+    plant = component.plant
+    if plant is None:
+        return
+    _unmoved(plant, diagnostics)
+    _times_dt(plant, diagnostics)
+    for d in diverging(system, component):
+        names = ", ".join(f"`{n}`" for n in d.names)
+        end = ENDS[SCHEMES[plant.method].order]
+        rate = f"rate {d.rate:.3g} per second x step {d.step_s:.3g} s = {d.rate * d.step_s:.3g}"
+        diagnostics.warning(
+            "W019",
+            f"the scheme `{plant.method}` makes {names} of plant `{plant.name}` diverge",
+            d.variable.span,
+            f"every step multiplies {'it' if len(d.names) == 1 else 'them'} by {d.growth:.3g}",
+            notes=(f"{rate}; `{plant.method}` follows a decay up to {end}",),
+            helps=tuple(_helps(component, d)),
+        )
+
+
+def _helps(component: Component, d: Diverging) -> list[str]:
+    plant = component.plant
+    assert plant is not None
+    helps = []
+    if d.substeps is not None:
+        shorter = component.period_ns * component.substeps // d.substeps
+        helps.append(
+            f"`integrate {plant.method} substeps {d.substeps};`, or a period of the plant of at "
+            f"most {write_ns(max(1, shorter // component.substeps))}"
+        )
+    if d.other is not None:
+        helps.append(f"`integrate {d.other};` in place of `{plant.method}`")
+    return helps or ["leave out what is that fast: say where it comes to rest"]
+
+
+def _unmoved(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
+    """W014: the rule was forgotten, or it is no state."""
+    for state in unmoved(plant):
+        diagnostics.warning(
+            "W014",
+            f"the state `{state.name}` of plant `{plant.name}` never changes",
+            state.span,
+            "no `der` and no `next`",
+            notes=("what is constant is a `const`; a constant that is unknown has a set: `in`",),
+            helps=(f"say how it moves: `der {state.name} = ...;` or `next {state.name} = ...;`",),
+        )
+
+
+def _times_dt(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
+    """W032: `der x = v * dt` integrates twice over: the plant multiplies by its step itself."""
+    for state, slope in plant.der.items():
+        factors = [slope]
+        for e in factors:
+            if isinstance(e, (TypedBinary, Vector)) and e.op == "*":
+                factors += [e.left, e.right]
+        for e in factors:
+            if isinstance(e, PeriodRead):
+                diagnostics.warning(
+                    "W032",
+                    f"the derivative of `{state.name}` is multiplied by `dt`",
+                    e.span,
+                    "a time",
+                    also=((state.span, "this state"),),
+                    notes=("`der` says how fast a state moves: the plant integrates by itself",),
+                    helps=("leave `dt` out, or say what the state is after a step: `next`",),
+                )
+                return

@@ -1,0 +1,450 @@
+"""What stands in for a part of a test: what its contract allows, or values that the test states.
+
+Purpose: `replace M by contract;` (docs/testing.md, "Contracts") makes a node that publishes, at the
+releases of another one, nothing or any values of which the guarantees are true. Where these cannot
+be tried one by one, it takes those that the test states (`guarantees t.x in { a, b };`), and of the
+others one of each between which somebody can tell. Stated values become a condition by which the
+part is judged in each test in which it runs as it is; those of `assumes` are told as an assumption
+where no test asks for them.
+Non-goals: where a stand-in stands (`instantiate.py`), whether what it stands for keeps its contract
+(tests), which values can be told apart (`language/elaborate/distinguished.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Source, Span
+from soter.language.check.operators_and_choices import MAX_CHOICES
+from soter.language.elaborate.distinguished import (
+    representatives,
+)
+from soter.language.model import typed
+from soter.language.model.system import StandIn
+from soter.language.model.tree_walk import mode_reads, nodes, rewritten, topic_reads
+from soter.language.model.types import (
+    BOOL,
+    INT,
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.language.elaborate.distinguished import (
+        Path,
+        Readers,
+        ReadTopic,
+    )
+    from soter.language.model.system import Bound, Component, Topic
+    from soter.language.model.types import Type, Value
+
+    Put = Mapping[typed.TopicSymbol, tuple[typed.Variable, typed.Variable | None]]
+
+
+_BY_A_NODE = "replace it by a node that chooses the values that matter"
+
+
+@dataclass(frozen=True)
+class ContractStandIn:
+    """`of`: full name of the module or node that is replaced; `clauses`: those of its modules.
+
+    `role`: of the node that is stood for: "ac" or "sc" of a module, "node" elsewhere.
+    """
+
+    of: str
+    kind: str
+    role: str
+    clauses: tuple[typed.ClauseSymbol, ...]
+    span: Span
+
+
+class EndlessError(Exception):
+    """A topic has values that cannot be tried one by one; the message says which.
+
+    `part`: what of the topic it is; `where`: the read for which they have to be told apart, if any.
+    """
+
+    def __init__(self, why: str, where: Span | None = None, part: str = "") -> None:
+        super().__init__(why)
+        self.where = where
+        self.part = part
+
+
+def stand_in(
+    node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics
+) -> tuple[typed.NodeSymbol, StandIn]:
+    """The node in place of `node`, which does nothing until `give_step`; E015 if it never can."""
+    own = [("", e) for e in node.guarantees]
+    given = [(c.name, c.condition) for c in by.clauses if c.kind == "guarantees"]
+    said = [*given, *own]
+    used = [(n, e) for n, e in said if _can_be_asked(e, node)]
+    wholes = tuple(e for _, e in used)
+    if node.bursts:
+        _refuse_messages(node, by, diagnostics)
+    subscribes = tuple(
+        typed.Subscribed(t, None, "drop_oldest", by.span)
+        for t in topic_reads(*wholes)
+        if t not in node.publishes
+    )
+    made = node.doing((), subscribes)
+    told = [_told(n, e) for n, e in said]
+    left = [t for t, pair in zip(told, said, strict=True) if pair not in used]
+    kept = tuple(t for t in told if t not in left)
+    return made, StandIn(by.of, by.kind, by.role, kept, tuple(left), wholes, by.span)
+
+
+def _told(name: str, condition: typed.TypedExpr) -> str:
+    """A clause as it is told, on one line."""
+    text = " ".join(condition.span.text.split())
+    return f"{name}: {text}" if name else text
+
+
+def give_step(
+    c: Component,
+    topics: Sequence[Topic],
+    stated: Mapping[int, Mapping[Path, Sequence[Value]]],
+    readers: Readers,
+    diagnostics: Diagnostics,
+) -> None:
+    """What a stand-in does; E015 if its values are endless.
+
+    `stated`: by topic and part of it, the values that a test states.
+    """
+    assert c.node is not None
+    assert c.stands_for is not None
+    hears = readers.hears(c)
+    outputs = {s: topics[c.scope.topics[s]] for s in c.node.publishes if hears}
+    every = {s: _Values(t, stated.get(t.index, {}), None) for s, t in outputs.items()}
+    heard = {s: t for s, t in outputs.items() if c.module is not None or t.index in readers.heard}
+    few = {s: _Values(t, stated.get(t.index, {}), readers.of(t.index)) for s, t in heard.items()}
+    try:
+        try:
+            step = tuple(_step(every, c.stands_for))
+        except EndlessError:
+            step = tuple(_step(few, c.stands_for))
+    except EndlessError as problem:
+        note = "every value that a contract permits is a branch of every execution"
+        _refuse(str(problem), note, c.node, c.stands_for, diagnostics, problem)
+        return
+    c.node = replace(c.node, step=step)
+
+
+def _refuse_messages(node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics) -> None:
+    names = ", ".join(f"`{t.name}`" for t in node.bursts)
+    why = f"{node.name} may publish several messages on {names} in one step"
+    note = "a contract speaks of the last message; queues get all of them"
+    _refuse(why, note, node, by, diagnostics)
+
+
+def _refuse(
+    why: str,
+    note: str,
+    node: typed.NodeSymbol,
+    by: ContractStandIn | StandIn,
+    diagnostics: Diagnostics,
+    endless: EndlessError | None = None,
+) -> None:
+    also: tuple[tuple[Span, str], ...] = ()
+    helps: tuple[str, ...] = (_BY_A_NODE,)
+    if endless is not None and endless.where is not None:
+        also = ((endless.where, "tells them apart"),)
+        part = f"{endless.part} in {{ ... }};`"
+        held = f"state the values that it is held to where it runs as it is: `guarantees {part}"
+        tried = f"or, where it runs as it is in no test, those that are tried: `assumes {part}"
+        helps = (held, tried, f"or {_BY_A_NODE}")
+    diagnostics.error(
+        "E015",
+        f"`{by.of}` cannot be replaced by its contract: {why}",
+        by.span,
+        also=((node.span, "publishes it"), *also),
+        notes=(note,),
+        helps=helps,
+    )
+
+
+def _can_be_asked(e: typed.TypedExpr, node: typed.NodeSymbol) -> bool:
+    """Not of modes, of queues, or of the age of what has just been published."""
+    queued = {s.topic for s in node.subscribes if s.queue is not None}
+    aged = {n.topic for n in nodes([e]) if isinstance(n, typed.AgeRead)}
+    return not (mode_reads(e) or queued & topic_reads(e).keys() or aged & set(node.publishes))
+
+
+# ---------------------------------------------------------------- its step
+
+
+def _step(published: Mapping[typed.TopicSymbol, _Values], by: StandIn) -> Iterator[typed.TypedStmt]:
+    """For each topic: is it published, with which value; then all of them, if that is permitted."""
+    put: dict[typed.TopicSymbol, tuple[typed.Variable, typed.Variable | None]] = {}
+    single = len(published) == 1
+    inner: list[typed.TypedStmt] = []
+    alternatives = 1
+    for symbol, values in published.items():
+        value, count = values.any()
+        alternatives *= count
+        if alternatives > MAX_CHOICES:
+            raise EndlessError(f"there are more than {MAX_CHOICES} values of what it publishes")
+        short = symbol.name.rpartition(".")[2]
+        chosen = typed.Variable(short, symbol.type, "let", by.span, used=True)
+        if single:
+            put[symbol] = chosen, None
+        else:
+            is_put = typed.Variable(f"{short}_published", BOOL, "let", by.span, used=True)
+            put[symbol] = chosen, is_put
+            yield typed.TypedDeclare(by.span, is_put, _published(symbol))
+            read = typed.VarRead(BOOL, by.span, is_put)
+            value = typed.Conditional(symbol.type, by.span, read, value, _first(value))
+        inner.append(typed.TypedDeclare(by.span, chosen, value))
+    inner += _published_if(put, by.span, [_with(e, put) for e in by.asked])
+    if single:
+        arm = (_published(next(iter(published))), tuple(inner))
+        yield typed.TypedIf(by.span, (arm,), ())
+    elif published:
+        yield from inner
+
+
+def _published_if(put: Put, span: Span, holds: Sequence[typed.TypedExpr]) -> list[typed.TypedStmt]:
+    """Publish, where all guarantees hold."""
+    out: list[typed.TypedStmt] = []
+    for symbol, (chosen, is_put) in put.items():
+        value = typed.VarRead(symbol.type, span, chosen)
+        publish = typed.TypedPublish(span, symbol, value)
+        if is_put is None:
+            out.append(publish)
+        else:
+            out.append(typed.TypedIf(span, ((typed.VarRead(BOOL, span, is_put), (publish,)),), ()))
+    if not holds:
+        return out
+    condition = holds[0]
+    for other in holds[1:]:
+        condition = typed.TypedBinary(BOOL, span, "&&", condition, other)
+    return [typed.TypedIf(span, ((condition, tuple(out)),), ())]
+
+
+def _with(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
+    """An expression about topics with what is about to be published in their place."""
+
+    def value(read: typed.TypedExpr) -> typed.TypedExpr:
+        if not isinstance(read, typed.TopicRead) or read.topic not in put:
+            return read
+        chosen, is_put = put[read.topic]
+        said = typed.VarRead(read.type, read.span, chosen)
+        if is_put is None:
+            return said
+        asked = typed.VarRead(BOOL, read.span, is_put)
+        return typed.Conditional(read.type, read.span, asked, said, read)
+
+    new_expr: typed.TypedExpr = rewritten(e, value)
+    return new_expr
+
+
+# ---------------------------------------------------------------- any value
+
+
+class _Values:
+    """The values of a topic that are tried. `read`: what is read of it; None: all are tried."""
+
+    def __init__(
+        self, topic: Topic, stated: Mapping[Path, Sequence[Value]], read: ReadTopic | None
+    ) -> None:
+        self.topic = topic
+        self.stated = stated
+        self.read = read
+
+    def any(self) -> tuple[typed.TypedExpr, int]:
+        """An expression that may be each of them, and how many there are."""
+        topic = self.topic
+        return self._any(topic.type, topic.bounds, topic.default, topic.name, ())
+
+    def _any(
+        self, t: Type, bounds: Sequence[Bound | None], first: Value, name: str, path: Path | None
+    ) -> tuple[typed.TypedExpr, int]:
+        """Of a part within bounds, of which `first` is one value; no path: it is in an array."""
+        if path is not None and path in self.stated:
+            return _one_of(t, self.stated[path], name)
+        if isinstance(t, RecordType) or (isinstance(t, ArrayType) and self._told(path)):
+            return self._parts(t, bounds, first, name, path)
+        where = None
+        if self.read is not None and path is not None:
+            where = self.read.told_apart(path)
+            if where is None:
+                compared = self.read.compared.get(path)
+                if compared is None:
+                    return typed.Literal(t, _span(name), first), 1
+                assert isinstance(t, (IntType, FloatType))
+                return _one_of(t, representatives(compared, bounds[0], t, first), name)
+        return _each(t, bounds, name, where)
+
+    def _told(self, path: Path | None) -> bool:
+        """Whether the elements of an array have to be looked at."""
+        return self.read is None or path is None or self.read.told_apart(path) is not None
+
+    def _parts(
+        self,
+        t: RecordType | ArrayType,
+        bounds: Sequence[Bound | None],
+        first: Value,
+        name: str,
+        path: Path | None,
+    ) -> tuple[typed.TypedExpr, int]:
+        if isinstance(t, RecordType):
+            parts = [(f".{n}", f) for n, f in t.fields]
+        else:
+            parts = [(f"[{i}]", t.element) for i in range(t.size)]
+        elements: list[typed.TypedExpr] = []
+        total, at = 1, 0
+        for index, ((ending, part), value) in enumerate(zip(parts, first, strict=True)):
+            width = sum(1 for _ in leaves(part))
+            below = (*path, index) if path is not None and isinstance(t, RecordType) else None
+            inner, count = self._any(part, bounds[at : at + width], value, name + ending, below)
+            elements.append(inner)
+            total *= count
+            at += width
+        return typed.Aggregate(t, _span(name), tuple(elements)), total
+
+
+def _each(
+    t: Type, bounds: Sequence[Bound | None], name: str, where: Span | None
+) -> tuple[typed.TypedExpr, int]:
+    """Every value of a scalar."""
+    low, count = 0, 0
+    if isinstance(t, BoolType):
+        count = 2
+    elif isinstance(t, EnumType):
+        count = len(t.members)
+    elif isinstance(t, IntType):
+        bound = bounds[0]
+        low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
+        count = high - low + 1
+    if not count:
+        raise EndlessError(
+            f"the values of `{name}`, `{t}`, cannot be tried one by one", where, name
+        )
+    if count > MAX_CHOICES:
+        raise EndlessError(f"`{name}` has {count} values, more than {MAX_CHOICES}", where, name)
+    return typed.TypedChoose(t, _span(f"any {name}"), count, low, (), None), count
+
+
+def _one_of(t: Type, values: Sequence[Value], name: str) -> tuple[typed.TypedExpr, int]:
+    span = _span(f"any {name}")
+    options = tuple(typed.Literal(t, span, v) for v in values)
+    if len(options) == 1:
+        return options[0], 1
+    return typed.TypedChoose(t, span, len(options), 0, options, None), len(options)
+
+
+def _published(symbol: typed.TopicSymbol) -> typed.TypedExpr:
+    return typed.TypedChoose(BOOL, _span(f"publish {symbol.name}?"), 2, 0, (), None)
+
+
+def _first(value: typed.TypedExpr) -> typed.TypedExpr:
+    """One of the values, where it does not matter which."""
+    if isinstance(value, typed.Aggregate):
+        return replace(value, elements=tuple(_first(e) for e in value.elements))
+    if isinstance(value, typed.Literal):
+        return value
+    assert isinstance(value, typed.TypedChoose)
+    if value.options:
+        return value.options[0]
+    number = bool(value.low) if isinstance(value.type, BoolType) else value.low
+    return typed.Literal(value.type, value.span, number)
+
+
+def _span(words: str) -> Span:
+    """Words for people, as if they stood in a program: choices are told by them."""
+    return Span(Source("contract", words), 0, len(words))
+
+
+@dataclass(frozen=True)
+class StatedValues:
+    """Values of one part of a topic, whose index is `topic`; `first`: what that part has at first.
+
+    `promised`: whether they are a clause of the contract; `first` is one of them then.
+    """
+
+    topic: int
+    path: Path
+    values: tuple[Value, ...]
+    first: Value
+    promised: bool
+    text: str
+    span: Span
+
+    @property
+    def tried(self) -> tuple[Value, ...]:
+        """What a stand-in publishes: where the part is held to them, also what is there anyway."""
+        every = (self.first, *self.values) if self.promised else self.values
+        return tuple(dict.fromkeys(every))
+
+
+def field_path(read: typed.TypedExpr) -> tuple[typed.TopicSymbol, Path]:
+    """The topic that is read, and the field of it, from the whole inwards."""
+    path: list[int] = []
+    while isinstance(read, typed.TypedField):
+        path.append(read.index)
+        read = read.target
+    assert isinstance(read, typed.TopicRead)
+    return read.topic, tuple(reversed(path))
+
+
+def part_of(value: Value, path: Path) -> Value:
+    """The field of a value."""
+    for index in path:
+        value = value[index]
+    return value
+
+
+def with_part(value: Value, path: Path, part: Value) -> Value:
+    """A value with another field."""
+    if not path:
+        return part
+    inner = with_part(value[path[0]], path[1:], part)
+    return (*value[: path[0]], inner, *value[path[0] + 1 :])
+
+
+def is_one_of(read: typed.TypedExpr, values: Sequence[Value]) -> typed.TypedExpr:
+    """That what is read is one of the values, number by number (0.0 and -0.0 are one)."""
+    each = [_all([*_equal(read, v)], read.span) for v in values]
+    condition = each[0]
+    for other in each[1:]:
+        condition = typed.TypedBinary(BOOL, read.span, "||", condition, other)
+    return condition
+
+
+def _all(conditions: list[typed.TypedExpr], span: Span) -> typed.TypedExpr:
+    condition: typed.TypedExpr = typed.Literal(BOOL, span, True)
+    for i, other in enumerate(conditions):
+        condition = typed.TypedBinary(BOOL, span, "&&", condition, other) if i else other
+    return condition
+
+
+def _equal(read: typed.TypedExpr, value: Value) -> Iterator[typed.TypedExpr]:
+    t, span = read.type, read.span
+    if isinstance(t, RecordType):
+        for index, ((_, part), v) in enumerate(zip(t.fields, value, strict=True)):
+            yield from _equal(typed.TypedField(part, span, read, index), v)
+    elif isinstance(t, (ArrayType, ListType)):
+        if isinstance(t, ListType):
+            yield _same(typed.TypedLength(INT, span, read), len(value))
+        for index, v in enumerate(value):
+            at = typed.Literal(INT, span, index)
+            yield from _equal(typed.Index(t.element, span, read, at), v)
+    else:
+        yield _same(read, value)
+
+
+def _same(read: typed.TypedExpr, value: Value) -> typed.TypedExpr:
+    t: Type = read.type
+    if t == BOOL:
+        return read if value else typed.TypedUnary(BOOL, read.span, "!", read)
+    literal = typed.Literal(t, read.span, value)
+    return typed.TypedBinary(BOOL, read.span, "==", read, literal)

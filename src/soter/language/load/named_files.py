@@ -1,0 +1,245 @@
+"""Files that people name: read within bounds, never from a device by accident; and bindings.
+
+Purpose: one way to read programs, data, logs and what other commands wrote, with the reasons people
+need when it fails. Whatever is named, reading it ends. What an extern is bound to names files, too:
+`"python:file.py:name"`, `"c:file.c:name"`, `"onnx:file.onnx"`, `"sb3:file.zip"`,
+`"onnx:file.onnx:h0=hn"` and `"sb3:file.zip:vecnormalize.pkl"`, in their parts.
+Non-goals: what stands there, diagnostics: whoever asked for the file says; whether there are files
+of a binding (`simulate/externs/`).
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import stat
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+from soter.diagnostics.diagnostic import reason
+from soter.diagnostics.similar_names import closest
+
+MIB = 2**20
+TEXT_MAX = 64 * MIB
+"""Bytes of what other commands wrote as text: reports, mappings, times."""
+PIPE_MAX = 1024 * MIB
+"""Bytes that are read of a log that comes through a pipe."""
+NONBLOCK = getattr(os, "O_NONBLOCK", 0)
+
+
+class ReadError(OSError):
+    """A file that cannot be read; `missing` where there is none. The text says why."""
+
+    def __init__(self, why: str, *, missing: bool = False) -> None:
+        super().__init__(why)
+        self.missing = missing
+
+
+def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> bytes:
+    """The content of a file of at most `limit` bytes; raises `ReadError`.
+
+    Pipes and devices are read only where they are `special`ly allowed: an import of one would
+    wait for ever. Nobody waits for a pipe that nobody writes.
+    """
+    with opened(path, limit, pipes=special, devices=special) as file:
+        try:
+            size = 0 if isinstance(file, io.BytesIO) else os.fstat(file.fileno()).st_size
+            data = _read(file, limit + 1, size) if size <= limit else None
+        except OSError as error:
+            raise ReadError(reason(error)) from error
+    if data is None or len(data) > limit:
+        raise ReadError(f"it is too large: at most {limit // MIB} MiB are read")
+    return data
+
+
+def _read(file: BinaryIO, most: int, size: int) -> bytes:
+    """All of it, at most so many bytes; memory for what is there, not for what might be."""
+    parts, room = [], most
+    while part := file.read(min(room, size + MIB)):
+        parts.append(part)
+        room -= len(part)
+    return b"".join(parts)
+
+
+def read_json_text(path: Path) -> str:
+    """The text of a file that another command wrote, UTF-8; raises `ReadError`, ValueError."""
+    return read_bytes(path, special=True).decode("utf-8")
+
+
+def opened(
+    path: Path, limit: int = PIPE_MAX, *, pipes: bool = True, devices: bool = False
+) -> BinaryIO:
+    """A file to read from, whose end comes; raises `ReadError`.
+
+    Of a pipe at most `limit` bytes and one are read, at once.
+    """
+    try:
+        _require(path.stat().st_mode, pipes=pipes, devices=devices)
+        handle = os.open(path, os.O_RDONLY | NONBLOCK | getattr(os, "O_CLOEXEC", 0))
+        if stat.S_ISFIFO(os.fstat(handle).st_mode):
+            return io.BytesIO(_piped(handle, limit + 1))
+    except ReadError:
+        raise
+    except (FileNotFoundError, NotADirectoryError):
+        raise ReadError("there is no such file", missing=True) from None
+    except OSError as error:
+        raise ReadError(reason(error)) from error
+    except (ValueError, RuntimeError) as error:
+        raise ReadError(f"its name is impossible: {error}") from error
+    os.set_blocking(handle, True)
+    return os.fdopen(handle, "rb")
+
+
+def _require(mode: int, *, pipes: bool, devices: bool) -> None:
+    if stat.S_ISDIR(mode):
+        raise ReadError("it is a folder")
+    allowed = stat.S_ISREG(mode) or (stat.S_ISFIFO(mode) and pipes)
+    if not allowed and not (stat.S_ISCHR(mode) and devices):
+        raise ReadError("it is no ordinary file")
+
+
+def _piped(handle: int, most: int) -> bytes:
+    """What comes through a pipe; its handle is closed."""
+    with os.fdopen(handle, "rb", buffering=0) as pipe:
+        first = pipe.read(most)  # None: there is nothing yet, and somebody who writes
+        if first == b"":
+            raise ReadError("nobody writes into this pipe")
+        content = bytearray(first or b"")
+        os.set_blocking(handle, True)
+        while len(content) < most and (part := pipe.read(most - len(content))):
+            content += part
+    return bytes(content)
+
+
+def beside(path: Path, name: str) -> Path | None:
+    """The file that `path` calls `name`: in the folder of `path` as that is named.
+
+    None where it leads out of that folder; a link may lead to what lies beside what `path` itself
+    is a link to, as where both are kept elsewhere.
+    """
+    at = path.parent / name
+    try:
+        folders = (path.parent.resolve(), path.resolve().parent)
+        stays = any(at.resolve().is_relative_to(folder) for folder in folders)
+    except (OSError, ValueError, RuntimeError):
+        return None
+    return at if name and stays and not Path(name).is_absolute() else None
+
+
+def near_names(path: Path) -> tuple[str, ...]:
+    """A help line about a file that is missing: one with a similar name, or the folder."""
+    try:
+        with os.scandir(path.parent) as entries:
+            names = sorted(entry.name for entry in entries if _leads_to_a_file(entry))
+    except (OSError, ValueError):
+        return (f"there is no folder `{path.parent}`",)
+    close = closest(path.name, names)
+    return (f"did you mean `{path.parent / close[0]}`?",) if close else ()
+
+
+def _leads_to_a_file(entry: os.DirEntry[str]) -> bool:
+    try:
+        return entry.is_file()
+    except OSError:  # links in a circle, say
+        return False
+
+
+def parse_json(text: str | bytes) -> Any:  # noqa: ANN401  any JSON document
+    """The document; ValueError where it is none or gives a name twice, RecursionError too deep."""
+    return json.loads(text, object_pairs_hook=_named_once)
+
+
+def _named_once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    value_by_name: dict[str, object] = {}
+    for name, value in pairs:
+        if name in value_by_name:
+            raise ValueError(f"`{name[:40]}` is given twice")
+        value_by_name[name] = value
+    return value_by_name
+
+
+NAMED = ("python", "c")
+"""Kinds with a name inside of the file."""
+NO_STATISTICS = "none"
+"""In the place of a file of statistics: there is none, whatever lies beside the policy."""
+POLICIES = ("onnx", "sb3")
+"""Kinds of files that hold a learned policy."""
+CLIP = "clip"
+OF_ONNX = re.compile(rf"({CLIP}|[^=,]+=[^=,]+)(,[^=,]+=[^=,]+)*(,{CLIP})?")
+"""Of an ONNX file: answers are put into their sets; which output is the next value of an input."""
+FORMS = {
+    "python": "python:file.py:name",
+    "c": "c:file.c:name",
+    "onnx": "onnx:file.onnx",
+    "sb3": "sb3:file.zip",
+}
+
+
+class BindingText(NamedTuple):
+    """The parts; `name`: of what is in the file.
+
+    Of a policy the file of its statistics, or which outputs are remembered, or "".
+    """
+
+    kind: str
+    file: str
+    name: str
+
+    @property
+    def is_policy(self) -> bool:
+        """Whether a file of a learned policy answers."""
+        return self.kind in POLICIES
+
+    @property
+    def in_python(self) -> bool:
+        """Whether Python answers: what is in no C that is linked."""
+        return self.kind != "c"
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All files that are named."""
+        return (self.file, self.name) if self.statistics else (self.file,)
+
+    @property
+    def statistics(self) -> str:
+        """The file of a policy's statistics; "" where none is named."""
+        named = self.kind == "sb3" and self.name != NO_STATISTICS
+        return self.name if named else ""
+
+    @property
+    def remembered(self) -> str:
+        """Which outputs of an ONNX file are next values of inputs; "" where nothing is said."""
+        return ",".join(part for part in self.name.split(",") if part != CLIP)
+
+    @property
+    def clips(self) -> bool:
+        """Whether the answer of an ONNX file is put into the sets of its topics."""
+        return self.kind == "onnx" and CLIP in self.name.split(",")
+
+    def beside(self, folder: Path) -> BindingText:
+        """The same with its files looked for in a folder."""
+        name = str(folder / self.name) if self.statistics else self.name
+        return BindingText(self.kind, str(folder / self.file), name)
+
+    def __str__(self) -> str:
+        return ":".join(self if self.name else self[:2])
+
+
+def binding_of(text: str | None) -> BindingText | None:
+    """The parts of a text; None where it can be no binding."""
+    parts = (text or "").split(":")
+    if not all(parts) or parts[0] not in FORMS:
+        return None
+    name = parts[2] if len(parts) > 2 else ""
+    if parts[0] == "onnx" and name and not OF_ONNX.fullmatch(name):
+        return None
+    least = 3 if parts[0] in NAMED else 2
+    return BindingText(parts[0], parts[1], name) if (least <= len(parts) <= 3) else None
+
+
+def is_in_python(text: str | None) -> bool:
+    """Whether a text binds to what Python answers."""
+    binding = binding_of(text)
+    return binding is not None and binding.in_python

@@ -1,0 +1,290 @@
+"""Modules: the `rta` declaration, and its `verify` block.
+
+Purpose: their bodies, item by item; of the block grids, polytopes, abstractions, commands, times:
+what `soter verify` needs to know.
+Non-goals: what the names mean (`language/check/parts/verify_block.py`), well-formedness (P1a, P1b:
+`language/elaborate/wellformed.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.language.syntax import tree
+from soter.language.syntax.parsing.declarations import NODE_ITEMS
+from soter.language.syntax.parsing.instance_arrays import dotted
+from soter.language.syntax.parsing.items import (
+    NOTHING,
+    Items,
+    assign,
+    commas,
+    expr,
+    group,
+    made,
+    maybe,
+    name,
+    of_word,
+    often,
+    once,
+    only,
+    pair,
+    range_of,
+    ref,
+    semicolon,
+    spanned,
+    time_value,
+    value,
+    word,
+    word_of,
+)
+from soter.language.syntax.tokens import NAME, visible
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Span
+    from soter.language.syntax.parsing.bodies import BodyParser
+
+    Expr = tree.SyntaxExpr | None
+
+
+def verify(parser: BodyParser, _word: str, start: int) -> tree.VerifyBlock:
+    """`verify { ... }` of a module."""
+    parts = parser.body("this `verify` block", VERIFY_ITEMS)
+    return tree.VerifyBlock(**parts.fields(VERIFY_ITEMS), span=parser.span_from(start))
+
+
+def _view(parser: BodyParser, _word: str, start: int) -> tree.View:
+    name = parser.name("the name of a view")
+    parts = parser.body(f"view `{name.text}`", VIEW_ITEMS)
+    return tree.View(name, span=parser.span_from(start), **parts.fields(VIEW_ITEMS))
+
+
+def _open(parser: BodyParser) -> tuple[Expr, bool]:
+    """`open`, `open to e`: where the axis ends, and whether it has no end."""
+    if not parser.accept_word("open"):
+        return None, False
+    if parser.kinds[parser.i] in (",", ";"):
+        return None, True
+    parser.expect_word("to", "after `open`")
+    return parser.expr("where an open axis ends"), False
+
+
+def _grid_axis(*parts: object) -> tree.GridAxis:
+    *axis, end = parts
+    return tree.GridAxis(*axis, *end)  # type: ignore[misc, arg-type]
+
+
+def _abstracted(parser: BodyParser) -> object:
+    """`by` behind an abstracted plant, or another word in its place."""
+    if not parser.is_word("by") and parser.kinds[parser.i : parser.i + 2] == [NAME, NAME]:
+        parser.report("S005", f"expected `by` after the abstracted plant, found {parser.found()}")
+        parser.i += 1
+    else:
+        parser.expect_word("by", "after the abstracted plant")
+    return NOTHING
+
+
+def _delays(parser: BodyParser, word: str, _start: int) -> tree.Delays:
+    time_by_role: dict[str, tree.SyntaxExpr] = {}
+    nodes: list[tuple[tree.DottedPath, tree.SyntaxExpr]] = []
+    while True:
+        role = parser.texts[parser.i]
+        if not (role[:1].isalpha() or role[:1] == "_") or role in time_by_role:
+            message = f"expected `dm`, `sc` or a node and a time, found {parser.found()}"
+            raise parser.failure("S005", message, helps=(f"write `{word} dm 1ms, sc 1ms;`",))
+        if role in ("dm", "sc"):
+            parser.i += 1
+            time_by_role[role] = parser.time(f"`{role}`")
+        else:
+            path = parser.path("a node between plant and module")
+            nodes.append((path, parser.time(f"`{path.text}`")))
+        if not parser.accept(","):
+            break
+    parser.semicolon(f"the times of `{word}`")
+    return tree.Delays(time_by_role.get("dm"), time_by_role.get("sc"), tuple(nodes))
+
+
+def _acts(parser: BodyParser, _word: str, _start: int) -> tuple[Expr, Expr]:
+    """`acts within 10ms;`, or `acts within 1ms to 10ms;`."""
+    parser.expect_word("within", "after `acts`")
+    least, most = None, parser.time("`within`")
+    if parser.texts[parser.i] == "to":
+        parser.i += 1
+        least, most = most, parser.time("`to`")
+    parser.semicolon("`within`")
+    return least, most
+
+
+def _recover(parser: BodyParser, _word: str, start: int) -> tuple[Expr, Span | None]:
+    """`recover within 10s;`, or `recover never;`: SC may stop for good."""
+    if parser.texts[parser.i] != "never":
+        parser.expect_word("within", "after `recover`")
+        return parser.time_value("`within`"), None
+    parser.i += 1
+    parser.semicolon("`recover never`")
+    return None, parser.span_from(start)
+
+
+_CELLS = group(
+    _grid_axis, dotted("a topic or one of its fields"), word("in", "after the axis"),
+    range_of("the range of the axis"),
+    word("/", "and the number of cells after the range of the axis"),
+    expr("the number of cells"), _open,
+)  # fmt: skip
+_RANGE = group(
+    lambda place, within: tree.GridAxis(place, within, None),
+    dotted("a state or a field of a topic"), maybe("in", range_of("the range of the axis")),
+)  # fmt: skip
+_ABSTRACTION = group(
+    tree.Abstraction, name("the name of an abstraction"),
+    word(":", "after the name of the abstraction"), ref("the name of a plant"),
+    assign("after the abstract plant"), expr("the abstract state"),
+)  # fmt: skip
+VIEW_ITEMS: Items = {
+    "grid": often("groups", made(tree.AxisGroup, commas(_CELLS), semicolon("the grid"), kind=True)),
+    "polytope": often(
+        "groups", made(tree.AxisGroup, commas(_RANGE), semicolon("the polytope"), kind=True)
+    ),
+    "abstracts": often(
+        "abstracts",
+        only(
+            group(
+                pair, name("the name of a plant after `abstracts`"), _abstracted,
+                commas(_ABSTRACTION), semicolon("the abstractions"),
+            )
+        ),
+    ),
+}  # fmt: skip
+VERIFY_ITEMS: Items = {
+    **VIEW_ITEMS,
+    "view": often("views", _view),
+    "commands": often(
+        "commands",
+        made(
+            tree.CommandSet, dotted("an output topic or one of its fields"),
+            word("in", "after the output"), word("{", "before the commands"),
+            commas(expr("a command")), word("}", "after the commands"), semicolon("the commands"),
+        ),
+    ),
+    "core": once("core", only(value("the core"))),
+    "enters": once("enters", only(value("where views are entered"))),
+    "horizon": once("horizon", only(value("the horizon"))),
+    "levels": once("levels", only(value("the levels"))),
+    "late": once("late", _delays),
+    "response": once("response", _delays),
+    "acts": once({"acts_least": None, "acts": None}, _acts, "acts within"),
+    "recover": once({"recover": None, "stays": None}, _recover, "recover within", "recover never"),
+    "dropout": once("dropout", of_word("time_value")),
+    "induction": once("induction", spanned(semicolon("`induction`"))),
+    "lemma": often("lemmas", only(expr("the lemma"), semicolon("the lemma"))),
+    "progress": often(
+        "progress", only(expr("what progress rests on"), semicolon("what progress rests on"))
+    ),
+}  # fmt: skip
+
+
+def rta(parser: BodyParser) -> tree.Decl:
+    """A module."""
+    start = parser.starts[parser.i]
+    parser.i += 1
+    name = parser.declare("the name of the module")
+    parts = parser.body(f"module `{visible(name.text)}`", RTA_ITEMS)
+    return tree.RtaDecl(name, parser.span_from(start), **parts.fields(RTA_ITEMS))
+
+
+def _clause(parser: BodyParser, kind: str, start: int) -> tree.Clause:
+    """`assumes name: e;` and `guarantees name: e;`."""
+    what = "the assumption" if kind == "assumes" else "the guarantee"
+    if parser.kinds[parser.i] != NAME or parser.kinds[parser.i + 1] != ":":
+        raise parser.failure(
+            "S005",
+            f"expected a name and `:` after `{kind}`, found {parser.found()}",
+            notes=("reports tell the clauses of a module's contract by their names",),
+            helps=(f"write `{kind} bounded: ...;`",),
+        )
+    name = parser.name(f"the name of {what}")
+    parser.expect(":", f"after the name of {what}")
+    condition = parser.value(what)
+    return tree.Clause(kind, name, condition, parser.span_from(start))
+
+
+def _controller(parser: BodyParser, word: str, _start: int) -> object:
+    """A node; or `ac module Keep;`, itself a module; or `sc synthesized period 10ms;`: none yet."""
+    start, following = parser.starts[parser.i], parser.kinds[parser.i + 1]
+    if word == "sc" and parser.is_word("synthesized") and following != ".":
+        parser.i += 1
+        parser.expect_word("period", "after `synthesized`")
+        period = parser.time_value("`period`")
+        return tree.Synthesized(period, parser.span_from(start))
+    if word == "ac" and parser.is_word("module") and following == NAME:
+        parser.i += 1
+        module = parser.ref("the name of a module after `ac module`")
+        controller = tree.ModuleAsAc(module, parser.span_from(start))
+        parser.semicolon("the module of `ac`")
+        return controller
+    node = parser.ref(f"the name of a node after `{word}`")
+    parser.semicolon(f"the node of `{word}`")
+    return node
+
+
+def _returns(parser: BodyParser, _word: str, start: int) -> tree.Returns:
+    """`returns after button;`, or `returns never;`: the latch."""
+    topic: tree.Ref | None = None
+    if not parser.accept_word("never"):
+        parser.expect_word("after", "or `never` after `returns`")
+        topic = parser.ref("the name of a topic after `returns after`")
+    parser.semicolon("`returns`")
+    return tree.Returns(topic, parser.span_from(start))
+
+
+def _shield(parser: BodyParser, _word: str, start: int) -> tuple[object, bool]:
+    """`shield 8;`, `shield 8 toward sc;`, or `shield;`."""
+    what = "the value of `shield`"
+    no_number = parser.kinds[parser.i] == ";" or parser.texts[parser.i : parser.i + 2] == [
+        "toward",
+        "sc",
+    ]
+    cells = None if no_number else parser.expr(what)
+    toward = parser.accept_word("toward")
+    if toward:
+        parser.expect_word("sc", "after `toward`")
+    if cells is None:
+        parser.semicolon("`shield`")
+        return tree.EachCommand(parser.span_from(start)), toward
+    return parser.ended(cells, what), toward
+
+
+def _moves(parser: BodyParser) -> tuple[tree.Move, ...]:
+    """`moves x by d, gap by d down`, or nothing."""
+    return maybe("moves", commas(_MOVE))(parser) or ()
+
+
+_MOVE = group(
+    tree.Move, dotted("a topic or one of its fields"),
+    word("by", "and how far, behind what moves"), expr("how far it moves"), word_of("down", "up"),
+)  # fmt: skip
+
+
+RTA_ITEMS: Items = {
+    "ac": once("ac", _controller),
+    "sc": once("sc", _controller),
+    "period": once("period", only(time_value("`period`"))),
+    "wcet": NODE_ITEMS["wcet"],
+    "jitter": NODE_ITEMS["jitter"],
+    "safe": once("safe", only(value("the safe condition"))),
+    "safer": once("safer", only(value("the safer condition"))),
+    "ttf": once("ttf", only(value("the ttf condition"))),
+    "clean": once("clean", only(value("the value of `clean`"))),
+    "returns": once("returns", _returns, "returns after", "returns never"),
+    "shield": once({"shield": None, "toward_sc": False}, _shield),
+    "rest": once(
+        "rest",
+        made(
+            tree.Rest, expr("the condition of `rest`"), _moves,
+            word("within", "and a time at the end of `rest`"), time_value("the time of `rest`"),
+        ),
+    ),
+    "failsafe": NODE_ITEMS["failsafe"],
+    "assumes": often("contract", _clause),
+    "guarantees": often("contract", _clause),
+    "verify": once("verify", verify),
+}  # fmt: skip

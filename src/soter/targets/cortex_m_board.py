@@ -1,0 +1,192 @@
+"""A board: one C file with a memory map and the functions of `runtime/cortex_m/soter_board.h`.
+
+Purpose: find the file, read its numbers, refuse a map that cannot be.
+Non-goals: what its functions do; linking (`targets/cortex_m_package.py`).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.language.load.named_files import read_bytes
+from soter.native.shared_library import RUNTIME
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+BOARDS = RUNTIME / "cortex_m" / "boards"
+"""Those that ship: boards that QEMU emulates."""
+DEFINE = re.compile(
+    r"^[ \t]*#[ \t]*define[ \t]+BOARD_(\w+)[ \t]+"
+    r'(?:"([^"\n]*)"|(0[xX][0-9a-fA-F]{1,16}|0|[1-9][0-9]{0,18}))(?=\s|/\*|//|$)',
+    re.MULTILINE,
+)
+"""A number is one in C and here: no octal one, no suffix."""
+MACHINE = re.compile(r"[\w.,=-]*")
+"""Of QEMU: a word of a Makefile."""
+FUNCTIONS = ("start", "sense", "actuate", "watchdog", "say", "end")
+NUMBERS = ("CLOCK_HZ", "FLASH_AT", "FLASH_BYTES", "RAM_AT", "RAM_BYTES", "STACK_BYTES", "AC_BYTES")
+CORES = {
+    "cortex-m0": ("-mcpu=cortex-m0", "-mfloat-abi=soft"),
+    "cortex-m4": ("-mcpu=cortex-m4", "-mfloat-abi=soft"),
+    "cortex-m7": ("-mcpu=cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"),
+}
+"""Core -> flags of gcc; only the last has doubles in hardware."""
+UNGUARDED = frozenset({"cortex-m0"})
+"""Cores on which extern nodes write where they like."""
+SOFT = {"cortex-m4": "cortex_m4-vfp4d16sp"}
+"""Cores whose doubles of libgcc are rounded wrongly -> what zig calls them."""
+END = 2**32
+LEAST_STACK = 1024
+
+
+@dataclass(frozen=True)
+class Board:
+    """A memory map in bytes, the clock of SysTick in Hz. `qemu`: the machine that emulates it."""
+
+    name: str
+    text: str
+    core: str
+    clock_hz: int
+    flash_at: int
+    flash_bytes: int
+    ram_at: int
+    ram_bytes: int
+    stack_bytes: int
+    ac_bytes: int
+    """Of what is not trusted: variables and stack, a power of two."""
+    qemu: str = ""
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """What tells gcc the core."""
+        return CORES[self.core]
+
+
+def read_board(given: str) -> Board:
+    """The board of that name, or of that file; SoterError X017 where it is none."""
+    path = BOARDS / f"{given.replace('-', '_')}.c"
+    if not path.is_file():
+        path = Path(given)
+        if path.suffix != ".c":
+            known = ", ".join(f"`{name}`" for name in board_names())
+            raise _unusable(
+                given,
+                "there is none of that name, and no such file",
+                f"there are {known}, or a file: --board my_board.c",
+            )
+    try:
+        text = read_bytes(path).decode("utf-8")
+    except OSError as error:
+        raise _unusable(given, reason(error)) from error
+    except UnicodeDecodeError as error:
+        raise _unusable(given, "it is no text") from error
+    return board_of(path.stem, text)
+
+
+def board_names() -> list[str]:
+    """The boards that ship."""
+    return sorted(p.stem.replace("_", "-") for p in BOARDS.glob("*.c"))
+
+
+def board_of(name: str, text: str) -> Board:
+    """What the text of a board file says; SoterError X017."""
+    defined = DEFINE.findall(text)
+    words = {key: word for key, word, number in defined if not number}
+    numbers = {key: int(number, 0) for key, _, number in defined if number}
+    keys = [key for key, _, _ in defined]
+    twice = [f"`BOARD_{n}` is defined twice" for n in dict.fromkeys(keys) if keys.count(n) > 1]
+    problems = [*_wrong_numbers(numbers), *twice, *_wrong_words(words, text)]
+    if problems:
+        raise _unusable(name, *problems[:1], notes=problems[1:])
+    board = Board(
+        name=name,
+        text=text,
+        core=words["CORE"],
+        clock_hz=numbers["CLOCK_HZ"],
+        flash_at=numbers["FLASH_AT"],
+        flash_bytes=numbers["FLASH_BYTES"],
+        ram_at=numbers["RAM_AT"],
+        ram_bytes=numbers["RAM_BYTES"],
+        stack_bytes=numbers["STACK_BYTES"],
+        ac_bytes=numbers["AC_BYTES"],
+        qemu=words.get("QEMU", ""),
+    )
+    problems = list(_problems_of_the_map(board))
+    if problems:
+        raise _unusable(name, problems[0], notes=problems[1:])
+    return board
+
+
+def _wrong_numbers(numbers: dict[str, int]) -> Iterable[str]:
+    for n in NUMBERS:
+        if n not in numbers:
+            yield f"`#define BOARD_{n} ...` is not there, or no number such as 131072 or 0x20000"
+    for n in NUMBERS:
+        if numbers.get(n, 0) >= END:
+            yield f"`BOARD_{n}` is {numbers[n]:,}: no word of 32 bits"
+
+
+def _wrong_words(words: dict[str, str], text: str) -> Iterable[str]:
+    """What is wrong with the names of core and machine, and with the functions."""
+    if words.get("CORE") not in CORES:
+        known = ", ".join(f'"{core}"' for core in CORES)
+        yield f"`BOARD_CORE` has to be one of {known}"
+    if "QEMU" not in words and re.search(r"define[ \t]+BOARD_QEMU\b", text):
+        yield "`BOARD_QEMU` is no word in quotes"
+    if MACHINE.fullmatch(words.get("QEMU", "")) is None:
+        yield "`BOARD_QEMU` is no name of a machine of QEMU"
+    for f in FUNCTIONS:
+        if re.search(rf"\bsoter_board_{f}\([^;{{]*\)\s*\{{", text) is None:
+            yield f"`soter_board_{f}` is not defined"
+
+
+def _problems_of_the_map(board: Board) -> Iterable[str]:
+    regions = (
+        ("flash", board.flash_at, board.flash_bytes),
+        ("RAM", board.ram_at, board.ram_bytes),
+    )
+    for what, at, size in regions:
+        if size == 0 or at + size > END:
+            yield f"{what} of {size:,} bytes at {at:#x} is empty, or goes beyond 4 GiB"
+        if at % 8 != 0 or size % 8 != 0:
+            yield f"{what} does not begin or end at a multiple of 8 bytes"
+    (_, one, first), (_, other, second) = regions
+    common = min(one + first, other + second) - max(one, other)
+    if common > 0:
+        yield f"flash and RAM overlap: {common:,} bytes from {max(one, other):#x} on"
+    if board.clock_hz == 0:
+        yield "`BOARD_CLOCK_HZ` is 0"
+    if board.ac_bytes < 2 * LEAST_STACK or board.ac_bytes & (board.ac_bytes - 1) != 0:
+        yield f"`BOARD_AC_BYTES` is {board.ac_bytes:,}: a power of two, {2 * LEAST_STACK} at least"
+    if board.ac_bytes > board.ram_bytes:
+        yield f"`BOARD_AC_BYTES` is {board.ac_bytes:,}: more than RAM"
+    flash = max(board.flash_bytes, 1)
+    if flash & (flash - 1) != 0 or board.flash_at % flash != 0:
+        yield "flash is no power of two, or begins at no multiple of it: no region of an MPU"
+    if not LEAST_STACK <= board.stack_bytes <= board.ram_bytes or board.stack_bytes % 8 != 0:
+        yield (
+            f"a stack of {board.stack_bytes:,} bytes: it has to be a multiple of 8, "
+            f"{LEAST_STACK} at least, and to fit into RAM"
+        )
+
+
+def _unusable(name: str, why: str, *helps: str, notes: Iterable[str] = ()) -> SoterError:
+    what = f"the board `{name}` cannot be used: {why}"
+    return SoterError((Diagnostic("X017", what, notes=tuple(notes), helps=helps),))
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A run of a system: until when (ns), its seed, and its `trace_sha256` on this machine."""
+
+    until_ns: int
+    seed: int
+    sha256: str = ""
+    recording: str = ""
+    """Values of topics from outside, as text (`recording_text`); "" where there are none."""

@@ -1,0 +1,259 @@
+"""Target `posix`: the program in real time, every extern node in a process of its own.
+
+Purpose: a folder that builds with gcc or clang on Linux and no Soter: the trusted part with the
+driver of `runtime/posix/`, one small program for each extern node that is bound to C, and where a
+module has a fail-safe law that of the actuators.
+Non-goals: what the driver does (docs/real-time.md), workers in Python (`workers/`), what meets the
+world (`world_interface.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING
+
+from soter.codegen.c_names import field_name
+from soter.codegen.c_printer import escape
+from soter.codegen.externs import request_fields
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.language.load.named_files import is_in_python
+from soter.native.shared_library import RUNTIME
+from soter.report.parameter_text import changed
+from soter.targets import c99
+from soter.targets.firmware import RUNTIME_FILES
+from soter.targets.leases_and_lateness import FILES as LEASES
+from soter.targets.leases_and_lateness import lease_files, limits_of, takeovers
+from soter.targets.package import Package, PackageFile, filled_file
+from soter.targets.world_interface import (
+    ACTUATOR,
+    OUTSIDE,
+    STATUS_TEXT,
+    WorldTables,
+    channel_document_files,
+)
+from soter.workers.exchange_layout import Exchange, exchange_of
+
+if TYPE_CHECKING:
+    from soter.codegen.unit import Unit
+    from soter.core.core import CoreSystem
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Component, System
+
+
+POSIX = RUNTIME / "posix"
+CHECK = ("soter_posix_check.h", "soter_posix_check.c")
+"""What a check that fails does: in all programs but that of the actuators, which has its own."""
+CHANNEL = ("soter_channel.h", "soter_channel.c", *CHECK)
+DRIVER = (
+    *("soter_posix.h", "soter_posix.c", "soter_posix_clock.c"),
+    *("soter_posix_setup.c", "soter_posix_workers.c"),
+    *("soter_posix_world.c", "soter_posix_log.c", "soter_posix_report.c", "soter_posix_main.c"),
+    *("soter_status.h", "soter_posix_status.c", "soter_posix_looks.c"),
+)
+WORKER = "soter_worker.c"
+APP_SOURCE = "soter_posix_app.c"
+ELSEWHERE = frozenset(("soter_virtual.c", *RUNTIME_FILES))
+"""Of the run-time what belongs to loops of one's own: not here."""
+RING_BYTES = 8 * 2**20
+SLOTS = (64, 4096)
+FIRST_LINE = "soter recording 1"
+"""Of what `--record` writes."""
+FOR_EVER = 2**61
+"""Until when a system in the world runs that does not say it: it is ended by a signal."""
+
+
+@dataclass(frozen=True)
+class Worker:
+    """An extern node: its exchange, and the program that answers it ("": any command)."""
+
+    component: Component
+    exchange: Exchange
+    name: str
+    """What its C names begin with."""
+    reads: tuple[tuple[str, str], ...]
+    """What it is given: its field, and the member among the topics in C."""
+    program: str
+    source: str
+    symbol: str
+
+
+def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
+    """The package; SoterError X008 for an extern node that cannot be a process of its own."""
+    refuse_apart(system)
+    nodes = nodes_of(system)
+    elsewhere = frozenset(x.index for x in nodes if is_in_python(x.binding))
+    program = c99.ProgramInC(system, core, frozenset(x.index for x in nodes), elsewhere)
+    unit, command = program.unit, program.command
+    workers = [_worker(program, x) for x in nodes]
+    world = WorldTables(system, unit)
+    context = _context(program, workers, world)
+    copied = c99.extern_files(program.linked)
+    package = Package(folder)
+    package.files = [
+        *program.files(filled_file("", "posix/soter_app.h", **context).text),
+        filled_file(APP_SOURCE, f"posix/{APP_SOURCE}", **context),
+        *_run_time(system),
+        *(lease_files(system, unit.prefix) if world.granted else ()),
+    ]
+    trusted = [f.path for f in (*package.files, *copied) if f.path.endswith(".c")]
+    trusted += [c99.STUBS] if program.plants else []
+    package.files += [*world.channel_files(), *channel_document_files(system), *copied]
+    package.files += program.stub_files()
+    beside = _programs_beside(package, program, workers, world)
+    package.programs = {
+        command: ["-pthread", "-I.", *sorted(trusted)],
+        **{name: [*_folder(of), "-I.", *of] for name, of in beside.items()},
+    }
+    context |= {"trusted": sorted(trusted), "beside": beside}
+    package.files += [filled_file(n, f"posix/{n}", **context) for n in ("Makefile", "README.md")]
+    package.notes = [*program.notes, *world.notes, *(t.text for t in takeovers(system))]
+    package.notes += [_note(w.component.name) for w in workers if not w.program]
+    package.commands = [f"make -C {folder}", f"{folder}/{command}"]
+    return package
+
+
+def _run_time(system: System) -> list[PackageFile]:
+    """The C that ships, of the kernel and of the driver."""
+    kernel = dict.fromkeys((*c99.run_time(system), *LEASES))
+    driver = (_own(n, POSIX) for n in (*CHANNEL, *OUTSIDE, *DRIVER))
+    return [*(_own(n) for n in kernel if n not in ELSEWHERE), *driver]
+
+
+def _note(name: str) -> str:
+    """Of an extern node whose program is no part of the package."""
+    return (
+        f"{name} is Python: `soter run --real-time` starts it; this program alone has SC,"
+        f" unless --worker {name}=COMMAND starts another worker"
+    )
+
+
+def nodes_of(system: System) -> list[Component]:
+    """The extern nodes of a system: each has a process of its own."""
+    return [x for x in system.components if x.extern and x.node is not None]
+
+
+def refuse_apart(system: System) -> None:
+    """SoterError X008 for extern nodes that cannot compute apart from the state."""
+    problems = []
+    for x in nodes_of(system):
+        assert x.node is not None
+        why = "keeps locals (`var`) in the state" if x.node.locals else ""
+        why = "has steps that take time (`takes`, `overrun`)" if x.held is not None else why
+        if why:
+            problems.append(
+                Diagnostic(
+                    "X008",
+                    f"extern node `{x.name}` {why}: as a process of its own it cannot",
+                    Label(x.span, "declared here"),
+                    notes=("a process keeps its own memory, and takes the time that it takes",),
+                )
+            )
+    if problems:
+        raise SoterError(tuple(problems))
+
+
+def _own(name: str, folder: Path = RUNTIME) -> PackageFile:
+    return PackageFile(name, (folder / name).read_text(encoding="utf-8"))
+
+
+# ---------------------------------------------------------------- workers
+
+
+def _worker(program: c99.ProgramInC, x: Component) -> Worker:
+    unit, exchange = program.unit, exchange_of(program.system, x)
+    name, topics = unit.names[x.index], x.scope.topics
+    assert x.node is not None
+    fields = (field_name(field) for field, _ in request_fields(program.system, x))
+    members = (unit.topics[topics[s.topic]][1] for s in x.node.subscribes)
+    reads = tuple(zip(fields, members, strict=True))
+    if is_in_python(x.binding):
+        return Worker(x, exchange, name, reads, "", "", "")
+    assert x.binding is not None
+    _, source, symbol = x.binding.split(":")
+    short = name.removeprefix(f"{unit.prefix}_")
+    return Worker(x, exchange, name, reads, f"{program.command}_{short}", source, symbol)
+
+
+def _programs_beside(
+    package: Package, program: c99.ProgramInC, workers: list[Worker], world: WorldTables
+) -> dict[str, list[str]]:
+    """Adds the programs of workers and actuators; the sources of each."""
+    built = [w for w in workers if w.program]
+    if built:
+        package.files.append(_own(WORKER, POSIX))
+    if world.topics or world.granted:
+        package.files += [_own(n, POSIX) for n in STATUS_TEXT]
+    beside = _worker_files(package, program.unit, built)
+    if actuators := world.actuator_files():
+        package.files += [*actuators, *(_own(n, POSIX) for n in ACTUATOR)]
+        beside[f"{program.command}_actuator"] = world.actuator_sources()
+    return beside
+
+
+def _worker_files(package: Package, unit: Unit, built: list[Worker]) -> dict[str, list[str]]:
+    """Adds what workers are made of; their programs, and the sources of each."""
+    sources_by_program = {}
+    for number, w in enumerate(built, 1):
+        folder = f"worker_{number}"
+        package.files += [
+            filled_file(f"{folder}/{name}", f"posix/{name}", w=w, prefix=unit.prefix)
+            for name in ("soter_worker_app.h", "worker.c")
+        ]
+        own = c99.STUBS
+        if w.source != c99.STUBS:
+            own = f"{folder}/extern/{Path(w.source).name}"
+            copied = c99.extern_files([w.source])
+            package.files += [PackageFile(f"{folder}/{f.path}", f.text) for f in copied]
+        sources = [WORKER, "soter_channel.c", f"{folder}/worker.c", CHECK[1], own]
+        sources_by_program[w.program] = sources
+    return sources_by_program
+
+
+# ---------------------------------------------------------------- which program
+
+
+def _context(
+    program: c99.ProgramInC, workers: list[Worker], world: WorldTables
+) -> dict[str, object]:
+    """What the texts of a package are about."""
+    system, unit = program.system, program.unit
+    words = [world.words, *((size + 7) // 8 for w in workers for size in w.exchange.sizes)]
+    late, response = limits_of(system)
+    return {
+        "name": unit.prefix,
+        "prefix": unit.prefix,
+        "command": program.command,
+        "system": system,
+        "file": PurePath(system.program.path).name,
+        "workers": workers,
+        "world": world,
+        "until_ns": system.until_ns or (FOR_EVER if system.externals else 0),
+        "words": max(words),
+        "slots": min(max(RING_BYTES // max(unit.layout.size, 1), SLOTS[0]), SLOTS[1]),
+        "longest_ns": max((x.period_ns + x.phase_ns for x in system.components), default=10**9),
+        "late": [*zip(system.components, late, strict=True)],
+        "response": [*zip(system.components, response, strict=True)],
+        "flown": [escape(line) for line in _flown(system, unit)],
+    }
+
+
+def head_of(system: System, layout: StateLayout) -> dict[str, str]:
+    """What a recording says of what flew, by name, beside its seed."""
+    return {
+        "program_sha256": system.program.sha256,
+        "system": system.name,
+        **{f"param {name}": text for name, (text, _) in changed(system).items()},
+        "layout": sha256(repr(layout).encode()).hexdigest(),
+    }
+
+
+def _flown(system: System, unit: Unit) -> list[str]:
+    head = head_of(system, unit.layout)
+    return [FIRST_LINE, *(f"{name}={text}" for name, text in head.items())]
+
+
+def _folder(sources: list[str]) -> list[str]:
+    """The flag by which a worker finds its own header."""
+    return [f"-I{PurePath(s).parent}" for s in sources if s.startswith("worker_")][:1]

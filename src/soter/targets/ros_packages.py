@@ -1,0 +1,354 @@
+"""Targets `ros1` and `ros2`: the packages, their files for catkin and ament, and their tests.
+
+Purpose: the package of target `posix` in a folder of its own, and around it the bridge and what
+catkin or ament wants: manifest, CMake, launch files, parameters; and the simulation under /clock.
+With catkin it builds in a workspace, and with plain CMake where ROS comes from the distribution
+(pkg-config), as on Debian. A test starts the nodes beside one that stands in for the sensors:
+`test/stand_ins.json` is the person's to change, as its values are of no robot. Only topics that
+meet the world are bridged, each mapped.
+Non-goals: the robot; AC, whose topics stay silent in the test; what a mapping may say
+(`soter.mapping`); compiling.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    RecordType,
+    leaves,
+)
+from soter.mapping.topic_mapping import NearestSource, SignalSource
+from soter.native.shared_library import RUNTIME
+from soter.targets.bridge_base import (
+    TRUSTED,
+    BridgedSystem,
+    bridged_topics,
+    compared,
+    in_folder,
+    shipped,
+    unsaid,
+)
+from soter.targets.c99 import c99_package
+from soter.targets.package import Package, PackageFile, filled_file
+from soter.targets.ros_sources import NodeSources, message_files
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from soter.core.core import CoreSystem
+    from soter.language.model.system import Module, System
+    from soter.language.model.types import Type, Value
+    from soter.mapping.topic_mapping import Leaf, LogMap, TopicMap
+
+
+NEEDED = {
+    1: ("roscpp", "diagnostic_msgs", "rosgraph_msgs", "std_msgs"),
+    2: ("rclcpp", "diagnostic_msgs", "builtin_interfaces", "rosgraph_msgs", "std_msgs"),
+}
+"""By the version of ROS: what every bridge needs."""
+FOLDER = {1: "catkin", 2: "ament"}
+"""Of the templates."""
+LAUNCH = {1: (".launch", ".launch.xml"), 2: (".launch.py", ".launch.py")}
+"""How launch files end, and their templates."""
+
+
+@dataclass(frozen=True)
+class RosPackage:
+    """What the files are about; `simulated`: sources of the simulation, beside its node."""
+
+    version: int
+    name: str
+    bridged: BridgedSystem
+    simulated: list[str]
+    mapped: list[TopicMap]
+    patience_s: int = 1_000_000_000
+    """How long the trusted part waits for its sensors: for ever."""
+
+    @property
+    def packages(self) -> list[str]:
+        """Of ROS: whose messages are used, and what every bridge needs."""
+        used = {m.message.package for m in self.mapped if m.message}
+        return sorted({*NEEDED[self.version], *used})
+
+    @property
+    def installed(self) -> list[str]:
+        """Its programs."""
+        programs = self.bridged.programs
+        bridge = [*programs, f"{self.name}_bridge"] if programs else []
+        return [*bridge, f"{self.name}_simulation"]
+
+    @property
+    def scripts(self) -> list[str]:
+        """What starts the programs of the trusted folder, and what arms the actuators."""
+        return ["scripts/in_channels", *(["scripts/arm"] if self.bridged.actuated else [])]
+
+    def file(self, path: str, template: str, **more: object) -> PackageFile:
+        """One file of it."""
+        return filled_file(
+            path, f"ros/{template}", p=self, name=self.name, bridged=self.bridged, **more
+        )
+
+
+def ros_files(p: RosPackage, *, tested: bool) -> list[PackageFile]:
+    """All of them; `tested`: whether a catkin package has `test/`."""
+    folder, (end, template) = FOLDER[p.version], LAUNCH[p.version]
+    files = [
+        p.file("package.xml", "package.xml"),
+        p.file("CMakeLists.txt", f"{folder}/CMakeLists.txt", tested=tested),
+        replace(p.file("config/parameters.yaml", f"{folder}/parameters.yaml"), yours=True),
+        p.file(f"launch/{p.name}_simulation{end}", f"{folder}/simulation{template}"),
+    ]
+    if p.bridged.programs:
+        files.append(p.file(f"launch/{p.name}{end}", f"{folder}/bridge{template}"))
+        files += [p.file(path, f"{path.rpartition('/')[2]}.sh") for path in p.scripts]
+    if p.bridged.programs and p.version == 2:
+        files.append(p.file(f"test/test_{p.name}.py", f"{folder}/test.py"))
+    return files
+
+
+def package_name(prefix: str) -> str:
+    """A name that catkin takes: letters, digits and underscores, in lower case, a letter first."""
+    name = re.sub(r"[^a-z0-9_]", "_", prefix.lower())
+    return name if name[:1].isalpha() else f"soter_{name}"
+
+
+RAYS = 36
+
+
+def untested(p: RosPackage) -> str:
+    """Why the package has no test; "": it has one."""
+    if not p.bridged.actuated:
+        return "no actuators obey"
+    if not _sensed(p):
+        return "nothing comes in but for ACs"
+    several = _publishers(p)
+    if several[1:]:
+        names = ", ".join(f"`{name}`" for name in several)
+        return f"one node stands in for the sensors, and the mapping asks for {names}"
+    return ""
+
+
+def _publishers(p: RosPackage) -> list[str]:
+    return sorted({m.publisher.strip("/") for m in _sensed(p) if m.publisher})
+
+
+def rostest_files(p: RosPackage) -> list[PackageFile]:
+    """The test; none where `untested`."""
+    if untested(p):
+        return []
+    document = json.dumps(_document(p), indent=1) + "\n"
+    publisher = next(iter(_publishers(p)), "standing_by")
+    return [
+        p.file(f"test/{p.name}.test", "catkin/test.launch.xml", publisher=publisher),
+        p.file("test/standing_by.py", "catkin/standing_by.py"),
+        PackageFile("test/stand_ins.json", document, yours=True),
+    ]
+
+
+def _sensed(p: RosPackage) -> list[TopicMap]:
+    """What comes in and is awaited: not what ACs alone read."""
+    return [m for m in p.mapped if p.bridged.world.is_awaited(m.topic)]
+
+
+def _document(p: RosPackage) -> dict[str, object]:
+    granted = [g.module for g in p.bridged.world.granted]
+    laws = [
+        _expected(m, module.law[m.topic.index])
+        for m in p.mapped
+        for module in granted
+        if m.topic.index in module.law and _expected(m, module.law[m.topic.index])
+    ]
+    return {
+        "about": "what stands in for the sensors, and the fail-safe law; change values as you like",
+        "stand_ins": [_stand_in(m) for m in _sensed(p)],
+        "laws": laws,
+        "modules": [m.name for m in granted],
+        "of_silent_ac": [m.name for m in granted if _is_ac_silent(p, m)],
+    }
+
+
+def _is_ac_silent(p: RosPackage, module: Module) -> bool:
+    """Whether AC of the module waits for a topic that nobody of the test publishes."""
+    ac = p.bridged.system.components[module.ac]
+    read = ac.reads if ac.node is not None else []
+    awaited = p.bridged.world.is_awaited
+    topics = [p.bridged.topic(i) for i in read]
+    return any(t.driver == "input" and not awaited(t) for t in topics)
+
+
+# ---------------------------------------------------------------- values
+
+
+def _stand_in(m: TopicMap) -> dict[str, object]:
+    assert m.message is not None
+    fields: dict[str, object] = {}
+    for (path, t), value, bound in zip(
+        leaves(m.topic.type), _scalars(m.topic.type, m.topic.default), m.topic.bounds, strict=True
+    ):
+        leaf = m.leaves[path]
+        if isinstance(leaf, NearestSource):
+            fields |= _ring(leaf)
+        elif isinstance(leaf, SignalSource):
+            high = math.inf if bound is None else bound.high
+            fields[leaf.name] = _field(t, leaf, _beside(t, value, high))
+    if m.frame_id is not None:
+        fields["header.frame_id"] = m.frame_id
+    stamp = [] if m.stamp is None else [m.stamp.path, _unit_ns(m)]
+    return {"topic": m.channel, "type": m.message.ros1, "stamp": stamp, "fields": fields}
+
+
+def _unit_ns(m: TopicMap) -> float:
+    """Of a stamp that is a number; 0: it is a time."""
+    assert m.stamp is not None
+    return float(m.stamp.unit_ns) if m.stamp.kind == "number" else 0.0
+
+
+def _beside(t: Type, value: Value, high: float) -> Value:
+    """A value of the set that is not the default, at which many a command is the law."""
+    if not isinstance(t, FloatType) or not math.isfinite(high):
+        return value
+    assert isinstance(value, float)
+    return value + (high - value) / 8.0
+
+
+def _ring(leaf: NearestSource) -> dict[str, object]:
+    """A scan that goes round once and sees nothing near."""
+    step = 2.0 * math.pi / RAYS
+    far = 2.0 * leaf.most
+    ends = {"angle_min": -math.pi, "angle_max": math.pi - step, "angle_increment": step}
+    return {**ends, "range_min": 0.01, "range_max": 2.0 * far, "ranges": [far] * RAYS}
+
+
+def _expected(m: TopicMap, law: Value) -> dict[str, object]:
+    """The fields of a message that holds the law; {} where none of them is a number."""
+    assert m.message is not None
+    fields = {
+        leaf.name: _field(t, leaf, value)
+        for (path, t), value in zip(leaves(m.topic.type), _scalars(m.topic.type, law), strict=True)
+        if isinstance(leaf := m.leaves[path], SignalSource)
+    }
+    return {"topic": m.channel, "type": m.message.ros1, "fields": fields} if fields else {}
+
+
+def _field(t: Type, leaf: Leaf, value: Value) -> object:
+    """What stands in a message for a value of a leaf."""
+    assert isinstance(leaf, SignalSource)
+    if isinstance(t, BoolType):
+        return bool(value)
+    if isinstance(t, EnumType):
+        return t.members[int(value)]
+    if isinstance(t, FloatType):
+        return (float(value) - leaf.offset) / leaf.scale
+    return int(value)
+
+
+def _scalars(t: Type, value: Value) -> Iterator[Value]:
+    """The leaves of a value, in declared order."""
+    if isinstance(t, RecordType):
+        for (_, kind), part in zip(t.fields, value, strict=True):
+            yield from _scalars(kind, part)
+    elif isinstance(t, ArrayType):
+        for part in value:
+            yield from _scalars(t.element, part)
+    else:
+        yield value
+
+
+SIMULATED = "simulated"
+"""The folder of the program under /clock."""
+TOPIC = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
+"""What a topic of ROS 1 may be called: NodeHandles take no `~`."""
+OTHER_MAINS = frozenset(("main.c", "soter_main.c", "soter_virtual.c"))
+SIMULATION = ("soter_messages.hpp", "soter_simulation.hpp")
+OF_ROS = {
+    1: ("ros1", SIMULATION),
+    2: ("ros2", (*SIMULATION, "soter_publishers.hpp")),
+}
+"""By the version: the folder of what ships, and what of it the simulation needs."""
+OF_BOTH = (
+    "soter_scan.hpp", "soter_sources.hpp", "soter_stamp_numbers.h", "soter_simulation_core.hpp",
+)  # fmt: skip
+
+
+def ros1_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
+    """The package; SoterError D015 where the mapping does not fit.
+
+    `mapping`: which topic is which message; of a system that meets the world all that comes in has
+    to be there. Of one with its plants inside there is only the node under /clock.
+    """
+    package, ros = _package(system, core, folder, mapping, 1)
+    why = untested(ros)
+    package.files += ros_files(ros, tested=not why)
+    if system.externals:
+        package.files += [*rostest_files(ros), *message_files(ros.name)]
+    if system.externals and why:
+        package.notes.append(f"there is no `test/`: {why}")
+    launch = ros.name if system.externals else f"{ros.name}_simulation"
+    package.commands = [
+        f"cmake -S {folder} -B {folder}/build && cmake --build {folder}/build",
+        f"roslaunch {ros.name} {launch}.launch   (in a catkin workspace)",
+    ]
+    return package
+
+
+def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:
+    """The package; as `ros1_package`."""
+    package, ros = _package(system, core, folder, mapping, 2)
+    package.files += ros_files(ros, tested=True)
+    package.notes.append("the nodes were checked against interfaces of ROS 2, and run on none")
+    launch = ros.name if system.externals else f"{ros.name}_simulation"
+    package.commands = [
+        f"colcon build --packages-select {ros.name}   (in a workspace of ROS 2)",
+        f"ros2 launch {ros.name} {launch}.launch.py",
+    ]
+    return package
+
+
+def _package(
+    system: System, core: CoreSystem, folder: Path, mapping: LogMap, version: int
+) -> tuple[Package, RosPackage]:
+    """All but what a build system wants, and what that is about."""
+    mapped = bridged_topics(system, mapping, "ROS", TOPIC)
+    bridged = BridgedSystem(system, core, folder)
+    simulated = c99_package(system, core, folder)
+    name = package_name(bridged.unit.prefix)
+    nodes = NodeSources(bridged, name, mapped, version)
+    own, of_simulation = OF_ROS[version]
+    package = Package(folder)
+    package.files = bridged.files()
+    package.files += [in_folder(SIMULATED, f) for f in simulated.files if _is_code(f)]
+    package.files += [
+        PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
+        PackageFile(f"src/{name}_simulation.cpp", nodes.simulation()),
+        *(shipped(RUNTIME / own, n) for n in of_simulation),
+        *(shipped(RUNTIME / "bridge", n) for n in OF_BOTH),
+    ]
+    if system.externals:
+        package.files += [
+            PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
+            shipped(RUNTIME / own, "soter_bridge.hpp"),
+            shipped(RUNTIME / "bridge", "soter_bridge_core.hpp"),
+        ]
+    package.trusted = TRUSTED if system.externals else SIMULATED
+    package.programs = bridged.programs
+    package.notes = [*(bridged.trusted.notes or simulated.notes), *unsaid(system, mapped, "in ROS")]
+    package.notes += compared(system, mapped)
+    sources = [
+        f"{SIMULATED}/{f.path}" for f in simulated.files if f.path.endswith(".c") and _is_code(f)
+    ]
+    return package, RosPackage(version, name, bridged, sources, [*mapped])
+
+
+def _is_code(file: PackageFile) -> bool:
+    """What the simulation needs of the package of target `c`."""
+    return file.path.endswith((".c", ".h")) and file.path not in OTHER_MAINS
