@@ -145,9 +145,10 @@ def deployed(here: System, cert: str | Path | None) -> DeploymentReport:
     there = here.proved
     if there is None:
         if cert is not None:
+            from soter.verify.deploy.proof_transfer import how_to_deploy  # noqa: PLC0415 - the same
+
             what = f"system `{here.name}` deploys no other: there is nothing to inherit"
-            helps = ("leave `--cert` out", "or write `system NAME deploys PROVED { ... }`")
-            raise mistake("U001", what, *helps)
+            raise mistake("U001", what, *how_to_deploy(here, str(cert)))
         return DeploymentReport()
     from soter.verify.deploy.proof_transfer import inherited  # noqa: PLC0415 - needs NumPy
 
@@ -293,7 +294,9 @@ def _not_carried(bindings: Bindings) -> list[str]:
     for x in bindings.externs:
         binding = binding_of(x.bound) if isinstance(x.bound, str) else None
         if binding is not None and binding.is_policy:
-            way = f"`soter policy {binding.file} -o` writes it as a function in Soter"
+            file = Path(binding.file)
+            way = f"`soter policy {file} -o {file.stem}.soter` writes it as a function in Soter"
+            way = way if file.is_file() else f"there is no file `{file}`"
             notes.append(f"{x.name}: its policy is left out, as the package is C: {way}")
         elif x.bound is not None and not str(x.bound).startswith("c:"):
             notes.append(f"{x.name}: its binding to Python is left out, as the package is C")

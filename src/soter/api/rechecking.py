@@ -84,6 +84,7 @@ def no_certificate(error: Exception) -> SoterError:
     return mistake("D009", f"this is no certificate: {error}", hint)
 
 
+TIME = "time (s)"
 ROWS = (
     "Each row is an instant of the decision modules: seconds, who is in control, true states, "
     "topics, and what the environment and the adversary chose last."
@@ -129,7 +130,8 @@ class ReplayReport:
         """
         run, file = self.counterexample, Path(path)
         if run is not None:
-            about = PageSection("The last instants", (ROWS,), *table_of(run))
+            same, head, rows = table_of(run)
+            about = PageSection("The last instants", (ROWS, same) if same else (ROWS,), head, rows)
             write_sections(file, "soter replay", self.outcome, "bad", [about])
             return file
         return write_sequence(self.view(), Path(path), "html")
@@ -139,19 +141,30 @@ class ReplayReport:
         return write_sequence(self.view(), Path(path), "mcap")
 
 
-def table_of(run: CounterexampleRun) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """The head of a table of a run's last instants, and its rows of text."""
+def table_of(run: CounterexampleRun) -> tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """What is the same in a run's last instants; the head of a table of them, and its rows."""
+    rows = _instants(run)
+    columns = {
+        n: tuple(r.get(n, "") for r in rows) for n in dict.fromkeys(n for r in rows for n in r)
+    }
+    same = [f"{n} = {x[0]}" for n, x in columns.items() if n != TIME and len({*x}) == 1]
+    told = {n: x for n, x in columns.items() if n == TIME or len({*x}) > 1}
+    table = tuple(zip(*told.values(), strict=True))
+    return f"always: {', '.join(same)}" if same else "", tuple(told), table
+
+
+def _instants(run: CounterexampleRun) -> list[dict[str, str]]:
+    """What each instant shows, by name."""
     from soter.explore.trace_view import shown  # noqa: PLC0415 - see `soter.api`
 
     rows: list[dict[str, str]] = []
     for step in run.steps:
-        topics, row = step["topics"], {"time (s)": shown(step["time_s"]), **step["modes"]}
+        topics, row = step["topics"], {TIME: shown(step["time_s"]), **step["modes"]}
         parts = {f"{plant}.truth": states for plant, states in step["truth"].items()}
         parts |= {n: v for n, v in topics.items() if n.rpartition("_")[0] not in topics}
         parts |= {f"chosen {stream}": value for stream, value in step["chosen"].items()}
         rows.append(row | {name: shown(leaf) for name, leaf in _leaves("", parts)})
-    head = tuple(dict.fromkeys(name for row in rows for name in row))
-    return head, tuple(tuple(row.get(name, "") for name in head) for row in rows)
+    return rows
 
 
 def _leaves(name: str, value: object) -> Iterator[tuple[str, object]]:

@@ -341,7 +341,7 @@ def _compiled_instead(outside: Sequence[Component], program: str) -> tuple[str, 
     """What can be flown in place of a node that Python, or the file of a policy, answers."""
     kind, _, file = (outside[0].binding or "" if outside else "").partition(":")
     written: tuple[str, ...] = ()
-    if kind in POLICIES:
+    if kind in POLICIES and Path(file.partition(":")[0]).is_file():
         name = outside[0].name.rpartition(".")[2]
         command = f"soter policy {file.partition(':')[0]} --node {program}:{name} -o {name}.c"
         where = " where it is a chain of layers without memory" if kind == "onnx" else ""

@@ -114,7 +114,8 @@ def _steps(report: ReplayReport, console: Console) -> list[str]:
         return [*lines, visible(view.remark)] if view.remark else lines
     if report.counterexample is None:
         return []
-    return [console.table(*table_of(report.counterexample))]
+    same, head, rows = table_of(report.counterexample)
+    return [*([same, ""] if same else []), console.table(head, rows)]
 
 
 # ---------------------------------------------------------------- as JSON

@@ -13,9 +13,12 @@ recorded; then nothing is said of them (`Why.known`).
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from soter.core.layout import COMPONENT, HEADER, MODULE, decode_from
@@ -46,6 +49,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Number = float | int | bool | str
 COMPARED = {"<", "<=", ">", ">=", "==", "!="}
+NEAR, BEYOND = 0.1, 0.01
+"""Shares of an axis: what is near its end, and where it is asked whether `safe` holds beyond."""
+NEAR_AN_END = "; the grid ends at {} = {}: `safe` holds beyond, which counts as unsafe there"
 SHOWN = 6
 """Digits of a number, where these tell the two sides of a comparison apart."""
 
@@ -185,6 +191,9 @@ class _PredicateReader:
         """What the facts of a step say of the one level that there is; None: it is computed."""
         self._refused_known: bool | None = None
         """The same of commands that are judged."""
+        evaluator = Evaluator.of(module.scope)
+        holds = evaluator.expression(symbol.safe)
+        self._safe = None if evaluator.unbound else holds
         self._ttf = [] if symbol.ttf is None else self._parts(disjuncts(symbol.ttf))
         self._safer = [] if symbol.safer is None else self._parts(conjuncts(symbol.safer))
 
@@ -213,18 +222,14 @@ class _PredicateReader:
 
     def safe(self) -> Callable[[bytes], bool] | None:
         """As `Explainer.safe` says."""
-        evaluator = Evaluator.of(self.module.scope)
-        holds = evaluator.expression(self.module.symbol.safe)
-        if evaluator.unbound:
-            return None
+        return None if self._safe is None else lambda at: self._held(self._environment(at, at))
 
-        def judge(at: bytes) -> bool:
-            try:
-                return bool(holds(self._environment(at, at)))
-            except StepFault:
-                return False
-
-        return judge
+    def _held(self, env: Environment) -> bool:
+        """Whether `safe` is true, and does not fault; false where it asks an extern function."""
+        try:
+            return self._safe is not None and bool(self._safe(env))
+        except StepFault:
+            return False
 
     # ------------------------------------------------------------ what the step read
 
@@ -359,6 +364,24 @@ class _PredicateReader:
 
         return part
 
+    def _near_an_end(self, leaf: typed.TypedExpr, x: Operand, env: Environment) -> str:
+        """That the grid ends near an estimate, and `safe` does not; "" where that is not so."""
+        low, high = self.module.grid_ends.get(x.text, (-math.inf, math.inf))
+        for end, out in ((low, low - high), (high, high - low)):
+            if (end - float(x.value)) / out < NEAR:
+                there = copy(env)
+                there.topics = self._with(leaf, end + BEYOND * out, env.topics)
+                return NEAR_AN_END.format(x.text, _short(end)) if self._held(there) else ""
+        return ""
+
+    def _with(self, leaf: typed.TypedExpr, x: float, topics: Sequence[Value]) -> Sequence[Value]:
+        """All topics, one leaf of which is another number."""
+        where: list[int] = []
+        while not isinstance(leaf, typed.TopicRead):
+            assert isinstance(leaf, (typed.TypedField, typed.Index))
+            where, leaf = [getattr(leaf.index, "value", leaf.index), *where], leaf.target
+        return _changed(topics[:], [self.module.scope.topics[leaf.topic], *where], x)
+
     def _level(
         self, e: typed.TypedExpr, *, for_ttf: bool = False
     ) -> Callable[[Environment], PredicatePart]:
@@ -366,7 +389,8 @@ class _PredicateReader:
         assert isinstance(e, typed.TypedBinary)
         assert isinstance(e.left, typed.TypedCall)
         level = self._evaluator.expression(e.left)
-        arguments = [(path_of(a), self._evaluator.expression(a)) for a in e.left.arguments]
+        leaves_ = e.left.arguments
+        arguments = [(path_of(a), self._evaluator.expression(a)) for a in leaves_]
         below = 2 if for_ttf else 1
         for_ttf = for_ttf or e.op == "<"
         outside, inside = "outside S_0", "deep inside S_0"
@@ -378,8 +402,10 @@ class _PredicateReader:
             told = self._level_known
             level_value = int(level(env)) if told is None else told
             where = ", ".join(f"{o.text} = {_short(o.value)}" for o in estimate)
-            text = f"{where} {outside if for_ttf else inside}"
             value = level_value < below if for_ttf else level_value > 1
+            text = f"{where} {outside if for_ttf else inside}"
+            if for_ttf and value:
+                text += "".join(map(self._near_an_end, leaves_, estimate, repeat(env)))
             return PredicatePart(text, value, (*estimate, Operand("level", level_value)))
 
         return part
@@ -402,6 +428,12 @@ class _Lazy(Sequence[T]):
         if isinstance(i, slice):
             return [self._of(k) for k in range(*i.indices(self._size))]
         return self._of(i)
+
+
+def _changed(value: Sequence[Value], where: Sequence[int], x: float) -> Sequence[Value]:
+    """A value with another number at a place, from the outside in."""
+    first, *rest = where
+    return (*value[:first], _changed(value[first], rest, x) if rest else x, *value[first + 1 :])
 
 
 def _leaf(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: ANN401 - of a topic

@@ -20,7 +20,7 @@ from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import system_of, system_to_prove
 from soter.language.model.system import claims_nothing
 from soter.native.compiler import end_compilers
-from soter.verify.claims.case import settled
+from soter.verify.claims.case import settled, settled_before
 from soter.verify.claims.results import ModuleResult, VerifyReport
 from soter.verify.deploy.missing_predicates import keep
 from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried
@@ -76,11 +76,12 @@ def verify(
     coverage = coverage_of(checked, chosen, problems, params or {})
     results = _proved(problems, refute, explain, search)
     of_those_above(results)
-    for (flat, _), result in zip(chosen, results, strict=True):
-        keep(result)
-        enter_cost(result, partial(system_of, checked, flat.name, params, exact=False))
-        if find_spec("flint") is not None:
-            result.ask_rechecker = partial(_beyond_rechecker, whole[flat.name], result)
+    with settled_before(lambda: settled(*results)):
+        for (flat, _), result in zip(chosen, results, strict=True):
+            keep(result)
+            enter_cost(result, partial(system_of, checked, flat.name, params, exact=False))
+            if find_spec("flint") is not None:
+                result.ask_rechecker = partial(_beyond_rechecker, whole[flat.name], result)
     store_verdicts([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     verification = VerifyReport(
@@ -171,9 +172,12 @@ def _say_what_is_settled(
     stopped: KeyboardInterrupt, results: Sequence[ModuleResult], open_: Sequence[Problem]
 ) -> None:
     """In notes of the interruption; the first of what is open has them already, where it began."""
-    lines = [line for r in results for line in settled(r)]
     later = [f"{p.name}: no claim settled" for p in open_]
-    vars(stopped)["__notes__"] = [*lines, *getattr(stopped, "__notes__", later[:1]), *later[1:]]
+    vars(stopped)["__notes__"] = [
+        *settled(*results),
+        *getattr(stopped, "__notes__", later[:1]),
+        *later[1:],
+    ]
 
 
 def _may_be_attacked(problem: Problem) -> bool:

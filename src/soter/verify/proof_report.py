@@ -30,7 +30,7 @@ from soter.report.proof.record import (
     TakenRow,
     Trajectory,
 )
-from soter.verify.claims.results import ASSUMED, NO_CORE, PROVED
+from soter.verify.claims.results import ASSUMED, NO_CORE, PROVED, REGIONS_SHOWN
 from soter.verify.composition_table import rows_of
 from soter.verify.grid.set_figures import regions
 from soter.verify.problem.assumption import texts
@@ -188,7 +188,6 @@ BY_TUBES = {
 }
 OTHERWISE = {NODES: BY_INDUCTION, TUBES: BY_TUBES}
 """What is said otherwise where there are no sets of states."""
-REGIONS_SHOWN = 3
 SHARES = {
     "core": "core K, of the grid's volume",
     "free": "R(H): AC may have control here",

@@ -1,7 +1,8 @@
 """How long a proof will take, roughly, said before it begins.
 
 Purpose: the first case on merged cells, twice; how its time grows with the cells says how long the
-declared grid takes. Said only where somebody waits for it, and where it is long.
+declared grid takes, in seconds of processor time: what else runs on the machine changes those
+little. Said only where somebody waits for it, and where it is long.
 Non-goals: a bound; verdicts; finer grids where only borders fail; what comes after the sets
 (counterexamples, what may help). Asked by proofs, and by what computes tables before it flies.
 """
@@ -46,18 +47,18 @@ def announce_work(problem: Problem, settle: Settle) -> None:
 
 
 def _estimate(problem: Problem, settle: Settle) -> float:
-    """Seconds for all cases; 0 where nothing can be told."""
+    """CPU seconds of all threads for all cases; 0 where nothing can be told."""
     first = next(iter(cases(problem)))
     count = sum(1 for _ in islice(cases(problem), 100_000))
     tries = []
     for most in PILOTS:
         small = merged(problem, most)
-        began = time.perf_counter()
+        began = time.process_time()
         try:
             settle(small, first)
         except UnboundedError:
             return 0.0
-        tries.append((cells_of(small), time.perf_counter() - began))
+        tries.append((cells_of(small), time.process_time() - began))
     (n, t), (m, s) = tries
     slope = math.log(s / t) / math.log(m / n) if m > n and s > t > 0.0 else GROWTH[0]
     growth = min(max(slope, GROWTH[0]), GROWTH[1])
@@ -71,4 +72,5 @@ def _said(problem: Problem, seconds: float) -> str:
     shapes = [" x ".join(str(len(a.edges) - 1) for a in g.axes) for g in problem.groups]
     axes = sum(len(g.axes) for g in problem.groups)
     many = "1 axis" if axes == 1 else f"{axes} axes"
-    return f"{problem.name}: {many} of {' and '.join(shapes)} cells: about {lasting(seconds, TO_S)}"
+    told = f"{problem.name}: {many} of {' and '.join(shapes)} cells"
+    return f"{told}: about {lasting(seconds, TO_S)} of processor time"

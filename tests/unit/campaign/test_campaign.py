@@ -257,6 +257,10 @@ def test_a_node_that_a_file_answers_is_refused_with_all_that_can_fly_instead(
     )
     with pytest.raises(SoterError, match="node `N` is extern") as caught:
         load(path).campaign(flights=1, output=tmp_path / "c")
+    assert not any("soter policy" in h for h in caught.value.diagnostics[0].helps)  # no such file
+    (tmp_path / bound.split(":")[1]).write_bytes(b"")
+    with pytest.raises(SoterError, match="node `N` is extern") as caught:
+        load(path).campaign(flights=1, output=tmp_path / "c")
     (told,) = caught.value.diagnostics
     policy = not bound.startswith("python")
     assert any("soter policy FILE -o" in h for h in told.helps) == policy

@@ -118,6 +118,20 @@ def test_a_binding_to_python_that_a_package_drops_is_told(
     assert (here / "out").exists()
 
 
+def test_a_policy_that_a_package_drops_is_to_be_written_as_soter_where_its_file_is_there(
+    soter: Soter, robot: Path, here: Path
+) -> None:
+    text = robot.read_text()
+    robot.write_text(text.replace("period EVERY {", 'period EVERY from "onnx:p.onnx" {'))
+    notes = []
+    for _ in ("missing", "there"):
+        found = soter("build", "robot.soter", "-o", "out", "--json").document["notes"]
+        notes.append(next(n for n in found if "its policy is left out" in n))
+        (here / "p.onnx").write_bytes(b"")
+    assert notes[0].endswith(": there is no file `p.onnx`")
+    assert "`soter policy p.onnx -o p.soter`" in notes[1]
+
+
 def test_other_externs_get_a_file_to_fill_in_that_is_kept(
     soter: Soter, robot: Path, here: Path
 ) -> None:

@@ -230,6 +230,11 @@ def test_a_counterexample_shows_what_drove_each_instant(
     shown = soter("replay", str(counterexample)).out
     for name in ("t.truth.h", "pump", "input.pump_chosen", "chosen t.leak"):
         assert name in shown
+    same, head = (next(x for x in shown.splitlines() if x.startswith(w)) for w in ("alw", "time"))
+    columns = zip(*(line.split() for line in shown.partition("─\n")[2].splitlines()), strict=True)
+    assert all(len(set(column)) > 1 for column in columns)
+    assert "chosen t.leak = " in same
+    assert "t.truth.h" in head
     page = (here / "x.html").read_text("utf-8")
     assert "t.truth.h" in page
     assert "chosen t.leak" in page

@@ -81,6 +81,7 @@ def test_the_document_has_every_property(soter: Soter, here: Path) -> None:
     [
         ("soter.verify.claims.claims.start", "P2a shown, P3 shown, ttf shown, safer shown; ended"),
         ("soter.verify.attack.refute.refuted", "P2a proved, P2b proved, P3 proved"),
+        ("soter.verify.command.enter_cost", "P2a proved, P2b proved, P3 proved"),
         ("soter.verify.verify_module.announce_work", "no claim settled"),
     ],
 )
@@ -119,6 +120,26 @@ def test_what_is_undecided_says_where_and_what_would_help(
     assert "UNDECIDED" in done.out
     assert "  where  c.x in [" in done.out
     assert "  help   " in done.out
+
+
+def test_what_is_open_is_told_where_it_is_before_anything_is_tried_and_to_who_ends_it(
+    soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told: list[str] = []
+
+    def tried(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(tried_remedies, "announce", lambda text: told.append(text()))
+    monkeypatch.setattr(tried_remedies, "in_order", tried)
+    wind = ("wind: float in [-0.2, 0.2]", "wind: float in [-2.5, 2.5]")
+    done = soter("verify", write(here, wind), "--no-refute")
+    assert (done.exit, done.out) == (130, "")
+    assert told[0].startswith("SafeCart is UNDECIDED (P2a, ")
+    assert "\n    where  c.x in [" in told[0]
+    (why,) = told[1].splitlines()
+    assert f"    why    {why.removeprefix('SafeCart: ')}" in done.err
+    assert "    where  c.x in [" in done.err
 
 
 def test_a_program_that_determines_no_problem_is_told_so(soter: Soter, here: Path) -> None:

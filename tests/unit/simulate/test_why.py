@@ -130,6 +130,39 @@ def test_a_fault_in_a_predicate_is_told_as_one(tmp_path: Path) -> None:
     assert simulation.decisions[1].words == ["1 / (seen > 1.0 ? 0 : 1) > 1: step fault `divide`"]
 
 
+TANK = """soter 1;
+topic look: { rate: float, level: float } max_age 100ms;
+topic pump: float in [-0.1, 0.1] = 0.0;
+plant Tank period 50ms {
+  reads pump; drives look = { rate: 2.0 * pump, level: h }; state h: float = 1.0;
+  der h = pump; measured look.level within 0.01;
+}
+node Pushes period 100ms { publishes pump; step { publish pump = PUSH; } }
+node Hold period 100ms {
+  subscribes look; publishes pump; step { publish pump = clamp(1.0 - look.level, -0.1, 0.1); }
+}
+rta M {
+  ac Pushes; sc Hold; period 100ms; safe look.level > 0.2;
+  verify { grid look.level in [0.2, 1.8] / 160; }
+}
+system S default { t: Tank; module M; until 20s; }
+"""
+
+
+@pytest.mark.parametrize(
+    ("push", "ends"), [("0.1", "the grid ends at look.level = 1.8: `safe` holds"), ("-0.1", "")]
+)
+def test_a_takeover_by_the_end_of_a_grid_is_told_from_one_by_safe(
+    tmp_path: Path, push: str, ends: str
+) -> None:
+    (tmp_path / "tank.soter").write_text(TANK.replace("PUSH", push), encoding="utf-8")
+    changes = soter.load(tmp_path / "tank.soter").simulate().decisions
+    (why,) = next(c.words for c in changes if c.after == "SC")
+    assert " outside S_0" in why
+    assert ("the grid ends" in why) == bool(ends)
+    assert ends in why
+
+
 def test_both_engines_explain_alike(tmp_path: Path) -> None:
     native, interp = (run(tmp_path, engine=e).decisions for e in ("native", "interp"))
     assert [(d.words, d.why) for d in native] == [(d.words, d.why) for d in interp]

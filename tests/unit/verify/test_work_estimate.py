@@ -35,7 +35,7 @@ def problem() -> Problem:
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """A clock that only `settle` moves: so much a cell."""
     now = [0.0]
-    monkeypatch.setattr("soter.verify.work_estimate.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("soter.verify.work_estimate.time.process_time", lambda: now[0])
     return now
 
 
@@ -52,9 +52,9 @@ def announced(problem: Problem, clock: list[float], a_cell: float) -> list[str]:
 
 def test_what_grows_with_the_cells_is_estimated_so(problem: Problem, clock: list[float]) -> None:
     (line,) = announced(problem, clock, SECONDS_A_CELL)
-    assert line == "SafeTank: 1 axis of 60000 cells: about 60 s"
+    assert line == "SafeTank: 1 axis of 60000 cells: about 60 s of processor time"
     (line,) = announced(problem, clock, 4 * SECONDS_A_CELL)
-    assert line.endswith("about 4 min")
+    assert line.endswith("about 4 min of processor time")
 
 
 def test_what_is_short_is_not_said(problem: Problem, clock: list[float]) -> None:
@@ -82,7 +82,7 @@ def test_what_computes_tables_before_it_flies_says_how_long(
     lines: list[str] = []
     with listening_to_phases(lambda *_: None, lines.append):
         missing_predicates.sets_of(open_problem)
-    assert lines == ["SafeTank: 1 axis of 60000 cells: about 60 s"]
+    assert lines == ["SafeTank: 1 axis of 60000 cells: about 60 s of processor time"]
     assert began == [1500, 6000, 60_000]
 
 
@@ -100,4 +100,6 @@ def test_a_log_has_the_line(problem: Problem, clock: list[float]) -> None:
             problem,
             lambda small, _: clock.__setitem__(0, clock[0] + SECONDS_A_CELL * cells_of(small)),
         )
-    assert "soter: SafeTank: 1 axis of 60000 cells: about 60 s\n" in err.getvalue()
+    assert (
+        "soter: SafeTank: 1 axis of 60000 cells: about 60 s of processor time\n" in err.getvalue()
+    )

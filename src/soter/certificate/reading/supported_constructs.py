@@ -98,7 +98,8 @@ ELABORATED: dict[type, str] = {
     "wcet_ns jitter_ns inline",
     model.Shield: "cells topic held permits proposed moved",
     model.Module: "index name symbol dm ac sc period_ns scope clean inputs outputs forced around "
-    "over view whole law late_ns levels computed unshown looks looked latch acknowledgement shield",
+    "over view whole law late_ns levels computed grid_ends unshown looks looked latch "
+    "acknowledgement shield",
 }
 """What instances of these are in a system whose modules, instances and parameters are resolved."""
 ROLES = ("plant", "dm", "sc", "ac", "node")

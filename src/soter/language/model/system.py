@@ -247,6 +247,8 @@ class Module:
     """Of its predicates, where they are computed."""
     computed: bool = False
     """Whether `ttf` and `safer` were computed: a level of each group is compared with 1 and 2."""
+    grid_ends: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Where they were: both ends of the axes of grids, by leaf of a topic."""
     unshown: str = ""
     """What decisions of a module with `rest` are based on, and nothing shows; "" with any other."""
     looks: int = 1

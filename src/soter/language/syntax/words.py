@@ -99,6 +99,8 @@ _CLAUSE = re.compile(r"\s*[\w\"{(!\[-]")
 """What follows a word of an item or clause; `=`, `.` or `;` follow a name."""
 _TIMES = re.compile(r"\s*\[[^\];]*,[^\];]*\]\s*;")
 _RANGE = re.compile(r"\s*[\[{]")
+_VALUES = (r'"[^"]*"', r"\[[^\]]*\]", r"\d[\d._]*(?:[num]?s|min|h)\b", r"-?\d[\d._]*\b")
+"""Kinds of values: a text, a range, a time, a number."""
 _SHOWN_MAX = 80
 """So many characters of an item are shown."""
 
@@ -149,26 +151,45 @@ def misplaced(word: str, body: str, item: str, written: str) -> Misplaced | None
     if word == "in":
         said = next((r for r in word_table("words")["range"] if item in r["behind"].split()), None)
         text = f"{message}: no range stands here"
-        return None if said is None else Misplaced(text, said["note"], said["help"])
+        if said is None:
+            return None
+        return Misplaced(text, said["note"], _as_written(said["help"], word, written))
     homes = places()[word]
     if word == "within":
         homes = homes[1:] if body in (SYSTEM, TEST) else homes[:1]
     belongs = " or ".join(home.where for home in homes)
     note = f"`{shown}` belongs {belongs}"
     advice = meaning("misplaced", word, body)
-    if advice is not None:
-        return Misplaced(message, note, advice)
-    shown_forms = _shown_forms(word, homes, "" if item else " ".join(written.split()))
-    return Misplaced(message, note, f"move it there: {' or '.join(shown_forms)}")
+    line = "" if item else " ".join(written.split())
+    if advice is None:
+        advice = f"move it there: {' or '.join(_shown_forms(word, homes, line))}"
+    elif _is_whole(line):
+        advice = re.sub(rf"`{word} [^`]*`", lambda _: f"`{line}`", advice)
+    return Misplaced(message, note, _as_written(advice, word, written))
+
+
+def _as_written(advice: str, word: str, written: str) -> str:
+    """Advice that has the value written behind a word, in place of one of its kind."""
+    for kind in _VALUES:
+        value = re.match(rf"{word}\s+({kind})", written)
+        if value is not None:
+            return re.sub(rf"(?<=\b{word} ){kind}", value[1].replace("\\", r"\\"), advice)
+    return advice
+
+
+def _is_whole(line: str) -> bool:
+    """Whether a line is an item as far as its `;`, and short enough to be shown."""
+    return line.endswith(";") and len(line) < _SHOWN_MAX
 
 
 def _shown_forms(word: str, homes: Iterable[Home], line: str) -> list[str]:
     """What a word looks like where it belongs, in backticks: the line as it is, if it is whole."""
     if line.endswith("}") and "{" not in line:  # its `;` is missing
         line = f"{line[:-1].rstrip()};"
-    own = line.endswith(";") and len(line) < _SHOWN_MAX
     forms = [
-        _in_its_block(home, line if own and home.form.startswith(f"{word} ") else home.form)
+        _in_its_block(
+            home, line if _is_whole(line) and home.form.startswith(f"{word} ") else home.form
+        )
         for home in homes
     ]
     return [f"`{form}`" for form in dict.fromkeys(forms)]

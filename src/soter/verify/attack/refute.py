@@ -272,14 +272,14 @@ def refuted(problem: Problem, result: ModuleResult) -> None:
         search = refute(problem.system, problem.module.name)
         if search.found is not None:
             for name in _blamed(findings, search.found):
-                _enter(findings[name], search.found, time.perf_counter() - began)
+                _enter(findings, name, search.found, time.perf_counter() - began)
         else:
             _tell(findings, SAFETY, search)
     if findings["P2b"].verdict == UNDECIDED:
         began = time.perf_counter()
         search = refute_return(unlatched(problem.system), problem.module.name)
         if search.found is not None:
-            _enter(findings["P2b"], search.found, time.perf_counter() - began)
+            _enter(findings, "P2b", search.found, time.perf_counter() - began)
         else:
             _tell(findings, ("P2b",), search)
 
@@ -299,7 +299,8 @@ def _blamed(findings: dict[str, Finding], run: Counterexample) -> list[str]:
     return open_[:1]
 
 
-def _enter(finding: Finding, run: Counterexample, seconds: float) -> None:
+def _enter(findings: dict[str, Finding], name: str, run: Counterexample, seconds: float) -> None:
+    finding = findings[name]
     finding.seconds += seconds
     finding.method = "a run, replayed in the interpreter"
     end = f"{run.time_ns / 1e9:g} s"
@@ -308,6 +309,7 @@ def _enter(finding: Finding, run: Counterexample, seconds: float) -> None:
         f"a run leaves C at {end}"
         if run.shows == "leaves_safe"
         else f"a run on which SC has control for ever (it repeats itself from {end})",
+        finding.hint if name != "P2a" else "",  # a wider grid does not help against a run
     )
     finding.counterexample = run
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.current_phase import phase, share_done
-from soter.verify.claims.results import CaseSets, GroupResult
+from soter.verify.claims.results import NO_CORE, REGIONS_SHOWN, CaseSets, GroupResult
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -340,18 +340,28 @@ class ClaimTimer:
         self.case.spent[self.claim] = self.case.spent.get(self.claim, 0.0) + spent
 
     def _so_far(self) -> list[str]:
-        failed = {f.claim for f in self.case.failures}
-        said = [f"{c} {'not shown' if c in failed else 'shown'}" for c in self.case.spent]
+        failed = {f.claim: f"not shown: {f.text}" for f in reversed(self.case.failures)}
+        said = [f"{c} {failed.get(c, 'shown')}" for c in self.case.spent]
         values = zip(self.case.problem.parameters, self.case.parameter, strict=True)
         at = "".join(f" with {p.name} = {value}" for p, value in values)
         until = ", ".join(said) or "no claim settled"
         return [f"{self.case.problem.name}{at}: {until}; ended in {self.claim}"]
 
 
-def settled(result: ModuleResult) -> list[str]:
-    """A line for whoever ends the command before it is done."""
-    held = ", ".join(f"{name} {f.verdict}" for name, f in result.findings.items())
-    return [f"{result.name}: {held}"]
+def settled(*results: ModuleResult) -> list[str]:
+    """Lines for whoever ends the command before it is done: verdicts, and what is open of them."""
+    lines = []
+    for result in results:
+        held = ", ".join(f"{name} {f.verdict}" for name, f in result.findings.items())
+        lines.append(f"{result.name}: {held}")
+        told = {NO_CORE}
+        for name, f in result.findings.items():
+            if not f.holds and f.text not in told:
+                told.add(f.text)
+                lines.append(f"  {name}  {f.text}")
+                lines += [f"    where  {region}" for region in f.regions[:REGIONS_SHOWN]]
+                lines += [f"    why    {cause.text}" for cause in f.causes]
+    return lines
 
 
 @contextmanager

@@ -39,6 +39,8 @@ PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", 
 `DM` that the generated C of the decision module is the switching logic (`dm_check.py`)."""
 STAYS = "not asked: `{}`, SC may keep control for ever"
 """With the clause that says so."""
+REGIONS_SHOWN = 3
+"""Of a finding, for people."""
 UNCLAIMED = ("DM",)
 """What no certificate claims: that is about C."""
 

@@ -34,7 +34,7 @@ from soter.verify.grid.sets import UnboundedError
 from soter.verify.problem.estimates import seen
 from soter.verify.problem.extract import cases, extract
 from soter.verify.proof_methods import in_order, method_of, pairs_of, tables
-from soter.verify.tables.grid_tables import GroupTable, predicates
+from soter.verify.tables.grid_tables import GroupTable, grid_ends, predicates
 from soter.verify.tables.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
@@ -234,7 +234,7 @@ def put(flat: System, module: Module, problem: Problem, level_tables: Found) -> 
         flat.components[module.dm].scope.topics.setdefault(topic, scope[topic])
     module.symbol = replace(module.symbol, ttf=ttf, safer=safer, topics_read=reads)
     module.inputs = tuple(scope[topic] for topic in reads)
-    module.computed = True
+    module.computed, module.grid_ends = True, grid_ends(problem, level_tables)
     module.looks = looks_of(problem, level_tables)
 
 

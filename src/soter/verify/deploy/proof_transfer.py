@@ -162,6 +162,18 @@ def inherited(here: System, there: System) -> tuple[TransferredProof, ...]:
     return tuple(inheritances)
 
 
+def how_to_deploy(here: System, cert: str) -> tuple[str, str]:
+    """What to do with a certificate of a system with plants."""
+    outside = {i for c in here.components if c.plant for i in (*c.writes, *c.reads)}
+    outside |= {t.index for t in here.topics if t.driver == "input"}
+    met = " ".join(f"external topic {t.name};" for t in here.topics if t.index in outside)
+    copy = f"`system NAME deploys {here.name} {{ ... }}` with `{met}` in place of plants and inputs"
+    return (
+        f"leave `--cert` out: `soter recheck {cert}` says what is proved of it",
+        f"or build a copy of it that meets the world: {copy}",
+    )
+
+
 def _all_sensed(here: System, there: System, diagnostics: Diagnostics) -> None:
     """D019 where a plant reads what nobody takes out of the deployed system."""
     said = {here.topics[e.topic].name for e in here.externals}

@@ -33,7 +33,7 @@ from soter.language.elaborate.derived_systems import faultless, with_changed_top
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.native.library import Library
 from soter.native.shared_library import library
-from soter.verify.claims.case import SPENT
+from soter.verify.claims.case import SPENT, settled
 from soter.verify.claims.cells import cells_of
 from soter.verify.claims.results import (
     ASSUMED,
@@ -280,8 +280,9 @@ def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: 
     failing = tuple(c for c in ORDER if not result.findings[c].holds)
     findings = [result.findings[c] for c in failing]
     trials = Trials(cpu_s, attempt)
-    announce(lambda: _refuted(result))
+    announce(lambda: _first_verdict(result))
     explain(done, result, trials.go_on)
+    announce(lambda: "\n".join(f"{result.name}: {c.text}" for f in findings for c in f.causes))
     if all(f.verdict != UNDECIDED for f in findings) or any(SPENT in f.text for f in findings):
         return  # where work was cut short no change makes less of it
     p2a = result.findings["P2a"]
@@ -292,10 +293,11 @@ def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: 
     helped.enter(result, failing)
 
 
-def _refuted(result: ModuleResult) -> str:
-    """What a run has refuted, to be said before anything is tried; "" where none has."""
-    names = ", ".join(n for n, f in result.findings.items() if f.verdict == REFUTED)
-    return names and f"{result.name} is REFUTED ({names}); looking for the cause, and what helps"
+def _first_verdict(result: ModuleResult) -> str:
+    """What was found out, to be said before anything is tried."""
+    worst = [n for n, f in result.findings.items() if f.verdict == result.verdict]
+    head = f"{result.name} is {result.verdict.upper()} ({', '.join(worst)})"
+    return "\n".join((f"{head}; looking for the cause, and what helps", *settled(result)))
 
 
 class _Helped:

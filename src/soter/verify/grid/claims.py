@@ -25,6 +25,7 @@ from soter.verify.grid.resting import resting
 from soter.verify.grid.set_figures import figure
 from soter.verify.grid.sets import RESTS, GridGroup
 from soter.verify.tables.grid_tables import CommandTable, Estimates, GroupTable, table
+from soter.verify.time.problem_times import looking_ahead
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -169,7 +170,7 @@ class GridProof(GroupProof):
             says = "may be false" if predicate == "ttf" else "may be true"
             count = int(wrong.sum())
             text = f"`{predicate}` {says} on {count} cells from which AC could leave K within H"
-            hint = f"a `{predicate}` that is more careful there"
+            hint = looking_ahead(case.problem.times, predicate)
             case.fail(predicate, text, self, hint).cells = wrong
 
     def entered(self, case: Case) -> str:

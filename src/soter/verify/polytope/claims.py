@@ -36,6 +36,7 @@ from soter.verify.polytope.proofs import NotProvedError, Windows
 from soter.verify.polytope.region_figure import figures
 from soter.verify.polytope.tables import Facets, entry, polytope_of
 from soter.verify.problem.estimates import seen
+from soter.verify.time.problem_times import looking_ahead
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -258,7 +259,7 @@ class PolytopeProof(GroupProof):
         says = "may be false" if predicate == "ttf" else "may be true"
         text = f"`{predicate}` {says} where it was not shown that AC stays in K for H"
         hint = (
-            f"a `{predicate}` that is more careful there, or none: then it is computed; "
+            f"{looking_ahead(case.problem.times, predicate)}, or none: then it is computed; "
             "a polytope ends where SC is clamped, a `grid` need not"
         )
         case.fail(predicate, text, self, hint).where = wrong

@@ -228,7 +228,8 @@ class Axes:
         unbounded = [s for s in missing if ranges[s] is None]
         if unbounded:
             names = [self.inputs.states[s].name for s in unbounded]
-            example = ", ".join(f"{n} in [-1.0, 1.0] / 100" for n in names[:AXES_MAX])
+            cells = min(BESIDE, DEFAULT_CELLS[min(len(names), AXES_MAX)])
+            example = ", ".join(f"{n} in [-1.0, 1.0] / {cells}" for n in names[:AXES_MAX])
             symbol = self.place.module.symbol
             self._unbounded(names, symbol.verify.span or symbol.span, f"grid {example};")
             return []
@@ -249,6 +250,7 @@ class Axes:
         return state in self.inputs.still and self.inputs.states[state].member not in names
 
     def _unbounded(self, names: list[str], span: Span, example: str) -> None:
+        price = "; `soter verify` says first how long so many cells take" * (len(names) > 2)
         self.diagnostics.error(
             "R008",
             f"nothing bounds the state{'s' if len(names) > 1 else ''} "
@@ -258,7 +260,7 @@ class Axes:
                 "every state is analysed over a box; outside it counts as unsafe",
                 *(f"`{n}` is read by {self.readers[n]}" for n in names if n in self.readers),
             ),
-            helps=(f"write `verify {{ {example} }}` with your bounds",),
+            helps=(f"write `verify {{ {example} }}` with your bounds{price}",),
         )
 
     def _natural(self, state: int) -> Interval | None:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.language.model import typed as t
-from soter.language.model.types import BOOL, FLOAT, INT, leaves
+from soter.language.model.types import BOOL, FLOAT, INT, leaf_name, leaves
 from soter.verify.claims.cells import drawn_edges, share
 from soter.verify.problem.estimates import seen
 from soter.verify.problem.left_out_states import FARTHEST, TURN
@@ -211,6 +211,21 @@ def estimate(w: Writer, problem: Problem, table: LevelTable) -> list[t.TypedExpr
         path = list(leaves(problem.system.topics[topic].type))[leaf][0]
         arguments.append(w.leaf(shown[state], path))
     return arguments
+
+
+def grid_ends(
+    problem: Problem, level_tables: Sequence[LevelTable]
+) -> dict[str, tuple[float, float]]:
+    """By leaf of a topic both ends of its axis, where that does not wrap around."""
+    shown, ends = seen(problem), {}
+    for x in level_tables:
+        if isinstance(x, GroupTable):
+            for k, (state, edges) in enumerate(zip(x.states, x.edges, strict=True)):
+                if not (x.wraps and x.wraps[k]):
+                    number = problem.topic_leaf_of_state[state][1]
+                    path = list(leaves(shown[state].type))[number][0]
+                    ends[leaf_name(shown[state].name, path)] = (edges[0], edges[-1])
+    return ends
 
 
 # ---------------------------------------------------------------- functions

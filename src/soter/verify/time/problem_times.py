@@ -437,3 +437,10 @@ def in_words(times: Times) -> str:
         )
     slack = f"{show_ns(abs(h - star))} {'spare' if h >= star else 'missing'}"
     return f"H = {show_ns(h)}, H* = {show_ns(star)} ({slack}; largest: {name}, {show_ns(largest)})"
+
+
+def looking_ahead(times: Times, predicate: str) -> str:
+    """What a `ttf` or `safer` that is too bold has to see coming, as advice."""
+    parts = ", ".join(f"{name} {show_ns(ns)}" for name, ns in terms(times).items() if ns)
+    ahead = f"a `{predicate}` that looks ahead there by H = {show_ns(times.horizon_ns)} ({parts})"
+    return f"{ahead}, by the errors, and by what SC needs after that"

@@ -22,6 +22,7 @@ HOLD = "clamp(0.5 * (1.0 - level), -0.1, 0.1)"
 COARSE = (("/ 320", "/ 32"),)
 STOPS = ((HOLD, "0.0"), ("leak: float in [0.0, 0.02]", "leak: float in [-0.02, 0.02]"))
 WEAK = (("leak: float in [0.0, 0.02]", "leak: float in [-0.2, 0.2]"),)
+BOLD = ("ttf level < 0.25 || level > 1.75", "ttf level < 0.2 || level > 1.8")
 
 
 def problem_of(text: str) -> Problem:
@@ -103,7 +104,7 @@ def test_a_refutation_is_told_before_anything_is_tried() -> None:
     """And what is told of the trials is what is tried, not the claims of the changed problem."""
     told: list[str] = []
     bold = changed(
-        ("ttf level < 0.25 || level > 1.75", "ttf level < 0.2 || level > 1.8"),
+        BOLD,
         ("safer level > 0.4 && level < 1.6", "safer level > 0.22 && level < 1.6"),
     )
     with listening_to_phases(lambda name, _: told.append(name), told.append):
@@ -113,6 +114,17 @@ def test_a_refutation_is_told_before_anything_is_tried() -> None:
     assert not [line for line in told[:at] if "trying" in line]
     assert [line for line in told[at + 1 :] if "trying" in line]
     assert not [line for line in told[at + 1 :] if line.endswith((": P2a", ": P3", ": ttf"))]
+
+
+def test_a_ttf_that_a_run_refutes_hears_how_far_it_has_to_look_ahead() -> None:
+    result = verify_module(problem_of(changed(BOLD)), refute=True)
+    assert [n for n, f in result.findings.items() if not f.holds] == ["P3", "ttf"]
+    for name in ("P3", "ttf"):
+        found = result.findings[name]
+        assert found.verdict == "refuted"
+        assert "H = 200 ms (the age of what the DM reads 100 ms, the period of the DM 100 ms)" in (
+            found.hint
+        )
 
 
 def test_nothing_is_tried_for_an_sc_that_a_run_refutes() -> None:
