@@ -53,7 +53,7 @@ EXITS = (
     *("INTERNAL", "INTERRUPTED"),
 )
 FORMATS = {
-    "certificate": "soter.certificate.format.folder.FORMAT",
+    "certificate": "soter.certificate.folder.FORMAT",
     "trace": "soter.explore.trace.SCHEMA",
     "campaign.json": "soter.campaign.store.SCHEMA",
     "channels.json": "soter.remote.channels_and_topics.SCHEMA",

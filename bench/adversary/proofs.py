@@ -20,9 +20,9 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.verify import verify_module
 from soter.verify.claims.results import PROVED, Finding
-from soter.verify.grid.sets import UnboundedError
-from soter.verify.problem.estimates import errors_of
+from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import extract
+from soter.verify.problem.inputs import errors_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -20,7 +20,7 @@ from bench.adversary.random_modules import Module, PathNode, Times
 from soter.verify.claims import claims
 from soter.verify.grid import sets as grids
 from soter.verify.grid.sets import GridGroup
-from soter.verify.time.schedule import Schedule, SensorPath
+from soter.verify.problem.schedule import Schedule, SensorPath
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

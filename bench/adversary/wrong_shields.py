@@ -21,11 +21,10 @@ from bench.adversary.random_modules import Times
 
 from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL
-from soter.verify.deploy import missing_predicates
-from soter.verify.grid import shields
+from soter.verify.deploy import missing_predicates, shield_tables
+from soter.verify.grid import estimate_sets
 from soter.verify.grid.sets import GridGroup
-from soter.verify.tables import shield_tables
-from soter.verify.time.schedule import Schedule
+from soter.verify.problem.schedule import Schedule
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -143,7 +142,7 @@ class _Asked:
         return self.group.safe_for(max(horizon - self.spared(self.group), 1), core)
 
 
-_between = shields.between
+_between = estimate_sets.between
 
 
 def _sooner(spared_ns: Callable[[Any], int]) -> Any:  # noqa: ANN401
@@ -185,7 +184,7 @@ def _acted(*, age: bool = True, acts: bool = True, untold: bool = True) -> Patch
 
 
 def _box(between: Any) -> Patches:  # noqa: ANN401
-    return ((shields, "between", between),)
+    return ((estimate_sets, "between", between),)
 
 
 MS = 1_000_000
@@ -194,7 +193,7 @@ OF_PROVER = (
     OfProver("W without what is published late", _acted(untold=False), out_of_step, table=False),
     OfProver("W without A", _acted(age=False), late_and_old, table=False),
     OfProver("W is zero", ((Schedule, "acted", property(lambda _: 0)),), late_to_act, table=False),
-    OfProver("errors are not subtracted", ((shields, "errors_of", lambda _: {}),), noisy),
+    OfProver("errors are not subtracted", ((estimate_sets, "errors_of", lambda _: {}),), noisy),
     OfProver("H less L", _box(_sooner(lambda _: 19 * MS)), late_to_act),
     OfProver("H less the DM's period", _box(_sooner(lambda _: 40 * MS)), late_to_act),
     OfProver("H less A", _box(_sooner(lambda _: 40 * MS)), old_reads),
@@ -236,13 +235,13 @@ OF_DM: dict[str, Patches] = {
 
 def _damaged(damage: Callable[[Any, int], None]) -> Patches:
     """Tables that are damaged once they were computed."""
-    find = shields.find
+    find = estimate_sets.permitted
 
     def wrong(case: Any, proof: Any, engine: Any, part: Any, anywhere: Any) -> None:  # noqa: ANN401
         find(case, proof, engine, part, anywhere)
         damage(part.tops, part.tops.shape[-1])
 
-    return ((shields, "find", wrong),)
+    return ((estimate_sets, "find", wrong),)
 
 
 def _longer(tops: Any, n: int) -> None:  # noqa: ANN401

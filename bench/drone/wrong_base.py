@@ -24,7 +24,7 @@ from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file
 from soter.verify.claims.results import ASSUMED, PROVED
 from soter.verify.command import modules_of, problems_of, refuse_forced
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:

@@ -33,11 +33,13 @@ sys.path.insert(0, str(ROOT))
 from bench.recheck.models import Attack, Cart, Tables  # noqa: E402 - needs the path
 from bench.recheck.sealing import fit, seal, write  # noqa: E402 - the same
 
-from soter.certificate.format.folder import FORMAT  # noqa: E402
+from soter.certificate.folder import (  # noqa: E402
+    FORMAT,  # noqa: E402
+)
 from soter.certificate.reading.module_facts import DiffersError  # noqa: E402
+from soter.certificate.reading.module_times import TIME_KEYS  # noqa: E402
 from soter.certificate.reading.problem import read_facts  # noqa: E402
 from soter.certificate.rechecker import recheck  # noqa: E402
-from soter.certificate.time.module_times import TIME_KEYS  # noqa: E402
 from soter.language.front_end import check_file, system_of  # noqa: E402
 
 if TYPE_CHECKING:

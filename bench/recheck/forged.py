@@ -50,8 +50,8 @@ from bench.recheck.forgeries import (  # noqa: E402 - needs the path
 )
 from bench.recheck.late_forgeries import fits, surely_out  # noqa: E402
 
-from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED  # noqa: E402
 from soter.certificate.rechecker import recheck  # noqa: E402
+from soter.certificate.report import ACCEPTED, NOT_RECHECKED  # noqa: E402
 from soter.cli.main import main as main_of_soter  # noqa: E402
 from soter.cli.terminal.command_line import FINE, UNDECIDED  # noqa: E402
 

@@ -23,11 +23,10 @@ from bench.recheck.late_forgeries import LATE_KINDS, fits
 from bench.recheck.sealing import fit, read, seal
 
 import soter
-from soter.certificate.format.errors import RejectedError
 from soter.certificate.induction.induction_problem import read_induction
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 

@@ -45,16 +45,16 @@ from generators.schedule_systems import scaled  # noqa: E402 - needs the path
 from soter.certificate.reading.module_facts import DiffersError  # noqa: E402
 from soter.certificate.reading.problem import read_facts  # noqa: E402
 from soter.certificate.rechecker import recheck  # noqa: E402
-from soter.certificate.terms.terms import NotRecheckedError  # noqa: E402
+from soter.certificate.report import NotRecheckedError  # noqa: E402
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 from soter.language.front_end import check_file, system_of  # noqa: E402
-from soter.verify.problem.assumption import texts  # noqa: E402
+from soter.verify.problem.problem import texts  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.certificate.report import Report
-    from soter.verify.time.schedule import Schedule
+    from soter.verify.problem.schedule import Schedule
 
 MAIN = "small.soter"
 MILLISECOND = 1_000_000

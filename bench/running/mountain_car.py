@@ -21,7 +21,7 @@ import gymnasium
 import numpy as np
 
 import soter
-from soter.native.library import RunStatus
+from soter.native.shared_library import RunStatus
 from soter.report.terminal_tables import table
 from soter.simulate.externs.bindings import bind, callables
 from soter.simulate.externs.python_answers import ExternAnswers

@@ -31,7 +31,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
 from generators.switch_threads import TICK_NS, Case, drawn, longest, program  # noqa: E402 - as above
 from soter.language.front_end import check_file, system_to_prove  # noqa: E402 - needs the path
-from soter.verify.time.switch_latency import switch_of  # noqa: E402 - needs the path
+from soter.verify.problem.switch_latency import switch_of  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -356,7 +356,7 @@ def claims_of(p: RandomProblem) -> tuple[Claims | None, str]:
     from soter.verify.claims import claims  # noqa: PLC0415
     from soter.verify.claims.choice import levels as computed  # noqa: PLC0415
     from soter.verify.enclose.compiled_enclosures import library_of  # noqa: PLC0415
-    from soter.verify.grid.sets import UnboundedError  # noqa: PLC0415
+    from soter.verify.grid.group_model import UnboundedError  # noqa: PLC0415
     from soter.verify.problem.extract import extract  # noqa: PLC0415
 
     try:

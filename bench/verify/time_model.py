@@ -3,7 +3,7 @@
     .venv/bin/python bench/verify/time_model.py [--systems 5000] [--blind NAME|all]
 
 Purpose: for each system of `tests/generators/schedule_systems.py` every quantity that a proof takes
-from `soter.verify.time.schedule` (ages, start of SC, j, d, H*, h_0, T_dec, the look ahead) is
+from `soter.verify.problem.schedule` (ages, start of SC, j, d, H*, h_0, T_dec, the look ahead) is
 compared with the largest value over all schedules on the grid of times. *Exceeded*: some schedule
 does worse than the model says, the model is wrong, and the first such schedule is printed.
 *Reached*: some schedule does exactly that, no smaller figure would be sound. *In the limit*: short
@@ -38,8 +38,8 @@ from generators.schedule_systems import (  # noqa: E402 - needs the path
 )
 
 if TYPE_CHECKING:
-    from soter.verify.time.schedule import ActuationPath, Releases, Schedule
-    from soter.verify.time.schedule import SensorPath as Way
+    from soter.verify.problem.schedule import ActuationPath, Releases, Schedule
+    from soter.verify.problem.schedule import SensorPath as Way
 
 SYMBOLS = {
     "age_dm": "A",

@@ -16,8 +16,8 @@ import pytest
 
 import soter
 from json_documents import SCHEMAS, problems_of_fields
-from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED
-from soter.certificate.format.folder import canonical
+from soter.certificate.folder import canonical
+from soter.certificate.report import ACCEPTED, NOT_RECHECKED
 from soter.cli.main import main
 from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
 from soter.remote.channels_and_topics import topics_of

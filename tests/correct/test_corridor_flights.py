@@ -17,14 +17,14 @@ from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.rechecker import recheck
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
-from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import texts
 from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.certificate.cells.cell_sets import Block, Grid
+    from soter.certificate.cell_sets import Block, Grid
     from soter.certificate.groups import Task
     from soter.language.model.typed import TypedProgram
     from soter.verify.claims.results import VerifyReport

@@ -11,7 +11,7 @@ import pytest
 
 from examples_changed import changed
 from soter.api import load
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 
 if TYPE_CHECKING:
     from soter.simulate.result import Run

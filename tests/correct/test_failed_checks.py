@@ -35,8 +35,8 @@ from generators.channel_programs import (
 )
 from generators.elf import undefined_symbols
 from generators.posix_packages import FORGIVING, PATIENT, QUIET, owned
+from soter.native.cache import SOTER
 from soter.native.compiler import STRICT, WARNINGS, find
-from soter.native.source_files import SOTER
 
 if TYPE_CHECKING:
     from pathlib import Path

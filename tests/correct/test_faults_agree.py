@@ -17,7 +17,7 @@ from soter.language.model.system import Fault
 from soter.semantics.draws import draw_bits
 from soter.semantics.faults import happens, is_active, is_released, next_release
 from soter.simulate.run import NativeProgram, run_interpreted
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 
 if TYPE_CHECKING:
     from soter.language.model.system import System

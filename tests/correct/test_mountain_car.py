@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import soter
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 
 if TYPE_CHECKING:
     from soter.verify.claims.results import ModuleResult

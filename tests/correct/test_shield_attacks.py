@@ -24,11 +24,10 @@ from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL
 from soter.native.compiler import MEANING, find
 from soter.native.shared_library import CHECK_FAILED
-from soter.verify.deploy import missing_predicates
+from soter.verify.deploy import missing_predicates, shield_tables
 from soter.verify.deploy.missing_predicates import complete
-from soter.verify.grid import shields
-from soter.verify.problem.estimates import errors_of
-from soter.verify.tables import shield_tables
+from soter.verify.grid import estimate_sets
+from soter.verify.problem.inputs import errors_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,7 +44,7 @@ system Vehicle deploys Track {
   module Shielded;
 }
 """
-shields_between = shields.between
+shields_between = estimate_sets.between
 LOOP = """#include "Vehicle_firmware.h"
 #include <stdio.h>
 static Vehicle self;
@@ -198,7 +197,7 @@ def test_what_a_slip_in_the_prover_permits_is_rejected(
     slip: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "small.soter").write_text(SMALL)
-    monkeypatch.setattr(shields, "between", slip)
+    monkeypatch.setattr(estimate_sets, "between", slip)
     soter.load(tmp_path / "small.soter").verify(cert=tmp_path / "cert", refute=False)
     assert not soter.recheck(tmp_path / "cert").accepted
 
@@ -208,7 +207,7 @@ def test_a_table_that_forgets_errors_of_estimates_is_rejected(
 ) -> None:
     (tmp_path / "small.soter").write_text(SMALL.replace("within 0.01", "within 0.05"))
     monkeypatch.setattr(
-        shields, "errors_of", lambda problem: dict.fromkeys(errors_of(problem), 0.0)
+        estimate_sets, "errors_of", lambda problem: dict.fromkeys(errors_of(problem), 0.0)
     )
     soter.load(tmp_path / "small.soter").verify(cert=tmp_path / "cert", refute=False)
     assert not soter.recheck(tmp_path / "cert").accepted

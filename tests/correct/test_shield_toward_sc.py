@@ -29,9 +29,9 @@ from soter.language.model.typed import Literal
 from soter.language.model.types import FLOAT
 from soter.native.compiler import MEANING, find
 from soter.native.shared_library import CHECK_FAILED
-from soter.verify.grid import shields
+from soter.verify.deploy import shield_tables
+from soter.verify.grid import estimate_sets
 from soter.verify.problem.extract import extract
-from soter.verify.tables import shield_tables
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -264,13 +264,13 @@ def test_the_proof_is_that_of_the_shield_alone(tmp_path: Path) -> None:
 def test_a_table_that_permits_too_much_is_rejected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    find_tables = shields.find
+    find_tables = estimate_sets.permitted
 
     def damaged(case: Any, proof: Any, engine: Any, part: Any, anywhere: Any) -> None:
         find_tables(case, proof, engine, part, anywhere)
         everywhere(part.tops, part.tops.shape[-1])
 
-    monkeypatch.setattr(shields, "find", damaged)
+    monkeypatch.setattr(estimate_sets, "permitted", damaged)
     (tmp_path / "small.soter").write_text(SMALL_TOWARD, "utf-8")
     soter.load(tmp_path / "small.soter").verify(cert=tmp_path / "cert")
     assert not soter.recheck(tmp_path / "cert").accepted

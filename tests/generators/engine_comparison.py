@@ -16,19 +16,19 @@ import processes
 from soter.codegen.unit import Unit, generate
 from soter.core.layout import StateLayout, state_dtype, state_layout
 from soter.language.front_end import check_file, system_of
-from soter.native.cache import cached, digest
+from soter.native.cache import SOTER, cached, digest
 from soter.native.compiler import STRICT, WARNINGS, find
-from soter.native.library import Library, RunStatus
 from soter.native.shared_library import (
     CHECK_FAILED,
     KERNEL,
     LIBRARY,
     RUNTIME,
+    Library,
+    RunStatus,
     include_flags,
     objects,
     texts,
 )
-from soter.native.source_files import SOTER
 from soter.semantics.interpreter import Interpreter
 from soter.simulate.run import state_bytes
 

@@ -5,7 +5,7 @@ its lateness and publish at every instant of its response; a reader sees what wa
 where two things happen at one instant and their order is open, both orders are taken. The answers
 are sets (of ages, of starts, of instants at which a command acts), and a quantity is the largest
 element. No greatest common divisor, no closed form; written from the definitions alone, and it
-uses nothing of `soter.verify.time.schedule` but the fields of the description of a system.
+uses nothing of `soter.verify.problem.schedule` but the fields of the description of a system.
 Non-goals: speed, large periods; making systems and comparing (`schedule_systems.py`).
 
 What a schedule consists of, and why sets of parts suffice: every release chooses its start and its
@@ -41,7 +41,7 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.verify.time.schedule import Releases, SensorPath
+    from soter.verify.problem.schedule import Releases, SensorPath
 
 QUANTITIES = (
     "age_dm",

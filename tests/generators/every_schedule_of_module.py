@@ -17,7 +17,7 @@ from generators.every_schedule import QUANTITIES, Event, Reads, Seen, Step, Wors
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.verify.time.schedule import ActuationPath, Releases, Schedule
+    from soter.verify.problem.schedule import ActuationPath, Releases, Schedule
 
 Line = tuple[int, str]
 

@@ -18,7 +18,7 @@ from generators.every_schedule import Step
 if TYPE_CHECKING:
     import random
 
-    from soter.verify.time.schedule import ActuationPath, Releases, Schedule, SensorPath
+    from soter.verify.problem.schedule import ActuationPath, Releases, Schedule, SensorPath
 
 
 class Value(NamedTuple):

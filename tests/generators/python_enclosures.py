@@ -2,7 +2,7 @@
 
 Purpose: emit any Core function over inputs that are its scalar parameters, compile many of them in
 one call, evaluate them on boxes, and say whether an enclosure holds a value.
-Non-goals: making programs, what modules are (`verify/enclose/enclosure_code.py` does that).
+Non-goals: making programs, what modules are (`verify/enclose/compiled_enclosures.py` does that).
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from soter.language.model.types import (
     leaf_count,
 )
 from soter.native.shared_library import CHECK_FAILED
+from soter.verify.enclose.compiled_enclosures import PARAMETERS
 from soter.verify.enclose.core_enclosure import EnclosureBody
 from soter.verify.enclose.enclosed_operations import EnclosureOperations, kind_of
-from soter.verify.enclose.enclosure_code import PARAMETERS
 from soter.verify.enclose.enclosure_emitter import (
     AggregateParts,
     Constant,

@@ -2,7 +2,7 @@
 
 Purpose: draw systems (periods with and without common divisors, phases, lateness, responses,
 latencies, paths of 0 to 4 nodes to DM and to SC, several outputs, silence, enforced ages); compare
-every quantity of `soter.verify.time.schedule` with the largest value that a schedule reaches.
+every quantity of `soter.verify.problem.schedule` with the largest value that a schedule reaches.
 Non-goals: enumerating (`every_schedule.py`), how many (`bench/verify/time_model.py`, the tests).
 
 A system is only drawn if its times are such as the language allows: late + response <= period, and
@@ -17,7 +17,7 @@ from math import lcm
 
 from generators.every_schedule import QUANTITIES
 from generators.every_schedule_of_module import EverySchedule
-from soter.verify.time.schedule import ActuationPath, Releases, Schedule, SensorPath
+from soter.verify.problem.schedule import ActuationPath, Releases, Schedule, SensorPath
 
 FAMILIES = (
     (2, 4, 8, 12),

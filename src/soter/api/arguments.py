@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from soter.report.plain_page import PageSection
     from soter.report.sequence.view import SequenceView
     from soter.simulate.outputs.to_log import RunLog
+    from soter.verify.advice import Advice
     from soter.verify.deploy.missing_predicates import Known
-    from soter.verify.period_sweep import Advice
 
     Progress = Callable[[float], None]
     Tell = Callable[[str], None]

@@ -3,7 +3,7 @@
 Purpose: `CheckReport` and its parts, and a flat system told as one; `TimingReport` of a system: its
 thread, what is missing, P1c of its modules.
 Non-goals: checking (`soter.language`), the analysis of times (`soter.timing`,
-`soter.verify.time`), printing (`cli/`).
+`soter.verify.problem`), printing (`cli/`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, Module, System
     from soter.language.model.typed import TypedProgram
     from soter.timing.trusted_thread import Timing
-    from soter.verify.time.switch_latency import SwitchLatency
+    from soter.verify.problem.switch_latency import SwitchLatency
 
 
 TIMES_FORMAT = 1
@@ -170,7 +170,7 @@ def timing_reports(
 def _switches(system: System, diagnostics: Diagnostics) -> tuple[SwitchReport, ...]:
     if not system.modules:
         return ()
-    from soter.verify.time.switch_latency import switch_of  # noqa: PLC0415 - see `soter.api`
+    from soter.verify.problem.switch_latency import switch_of  # noqa: PLC0415 - see `soter.api`
 
     switches = []
     for at, module in _where_proved(system):

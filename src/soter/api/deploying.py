@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING
 
 from soter.addons import by_name
 from soter.api.rechecking import recheck
-from soter.certificate.format.errors import REJECTED
-from soter.certificate.format.folder import MANIFEST_MAX, PROGRAM_MAX
+from soter.certificate.folder import MANIFEST_MAX, PROGRAM_MAX
+from soter.certificate.report import REJECTED
 from soter.core.layout import size_of
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
 from soter.language.load.loader import load
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
-    from soter.certificate.format.folder import Certificate
+    from soter.certificate.folder import Certificate
     from soter.certificate.report import RecheckedModule, Report
     from soter.language.load.loader import LoadedFile
     from soter.language.model.system import System
@@ -47,11 +47,11 @@ if TYPE_CHECKING:
     from soter.simulate.run import NativeProgram
     from soter.targets.cortex_m_package import Image
     from soter.targets.package import Package
+    from soter.verify.deploy.level_table import LevelTable
     from soter.verify.deploy.missing_predicates import Known
     from soter.verify.deploy.proof_transfer import TransferredProof
     from soter.verify.problem.problem import Problem
     from soter.verify.proof_methods import Pairs
-    from soter.verify.tables.level_table import LevelTable
 
     Recording = list[tuple[int, int, bytes]]
     """When it was measured (ns), the topic's number, and the value as it lies in memory."""
@@ -181,7 +181,7 @@ class _CertifiedTables:
 
     @cached_property
     def _certificate(self) -> Certificate:
-        from soter.certificate.format.folder import read_certificate  # noqa: PLC0415 - needs NumPy
+        from soter.certificate.folder import read_certificate  # noqa: PLC0415 - needs NumPy
 
         certificate = read_certificate(self.folder)
         if certificate.seal != self.seal:

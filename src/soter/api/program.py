@@ -55,10 +55,9 @@ if TYPE_CHECKING:
     from soter.simulate.result import Run
     from soter.simulate.run_options import RunKeywords
     from soter.targets.package import Package
+    from soter.verify.advice import Advice, DelayAdvice
     from soter.verify.claims.results import VerifyReport
-    from soter.verify.delay_search import DelayAdvice
     from soter.verify.deploy.missing_predicates import Known
-    from soter.verify.period_sweep import Advice
 
     Params = Mapping[str, object] | None
 
@@ -408,8 +407,8 @@ class Program:
         `factors`: multiples of the declared period; `levels`: values of m; `report`: an HTML file
         with the figure. `SoterError` R... where a problem is not determined; D006, D007 for it.
         """
+        from soter.verify.advice import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.verify.command import modules_of, problems_of  # noqa: PLC0415 - the same
-        from soter.verify.period_sweep import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
 
         if report is not None:
             require_writable(Path(report))
@@ -432,8 +431,8 @@ class Program:
 
         `SoterError` R... where a problem is not determined as it is declared.
         """
+        from soter.verify.advice import largest_delay  # noqa: PLC0415 - needs a compiler
         from soter.verify.command import modules_of  # noqa: PLC0415 - the same
-        from soter.verify.delay_search import largest_delay  # noqa: PLC0415 - needs a compiler
 
         chosen = modules_of(self._checked, module, system, self._values(params))
         with telling_shares(progress):

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from soter.explore.replay import Replayed
     from soter.explore.trace import Trace
     from soter.report.sequence.view import SequenceView
-    from soter.verify.attack.counterexample import Replay as CounterexampleRun
+    from soter.verify.counterexample import Replay as CounterexampleRun
 
 
 def recheck(
@@ -54,7 +54,7 @@ def recheck(
     require_flint()
     require_plain()
     from soter.certificate.flight_check import flights_of  # noqa: PLC0415 - an extra
-    from soter.certificate.format.folder import NotACertificateError  # noqa: PLC0415 - an extra
+    from soter.certificate.folder import NotACertificateError  # noqa: PLC0415 - an extra
     from soter.certificate.rechecker import recheck as check  # noqa: PLC0415 - an extra
 
     with telling_shares(progress):
@@ -230,7 +230,7 @@ def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
 
 def _replay_counterexample(file: Path, document: Mapping[str, Any]) -> ReplayReport:
     from soter.explore.trace import no_trace  # noqa: PLC0415 - see `soter.api`
-    from soter.verify.attack.counterexample import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
+    from soter.verify.counterexample import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
 
     program, sha256 = str(document.get("program", "")), str(document.get("program_sha256", ""))
     try:

@@ -25,9 +25,8 @@ from soter.core.core_walks import operations_of, walk
 from soter.core.layout import size_of, state_dtype
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.native.cache import cached, digest
+from soter.native.cache import cached, digest, included
 from soter.native.extern_memory import kept_by
-from soter.native.source_files import included
 from soter.simulate.module_safe_check import extern_functions
 
 if TYPE_CHECKING:

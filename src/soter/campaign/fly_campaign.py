@@ -26,9 +26,8 @@ from soter.campaign.batch_flights import BATCH, Flyer
 from soter.campaign.compiled_unit import unpacked
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
-from soter.native.cache import digest
+from soter.native.cache import digest, files_below
 from soter.native.shared_library import NEVER_SHIPPED, RUNTIME
-from soter.native.source_files import files_below
 from soter.version import pip_install
 
 if TYPE_CHECKING:

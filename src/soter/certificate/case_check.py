@@ -3,8 +3,12 @@
 Purpose: the names of the properties, and which verdicts count; what is asked of which groups, in
 which order. `TaskProcesses` has it shown on all processors: some processes, among which tasks are
 dealt out, and which tell what came of each. They see what there was when they were forked; only
-answers come back. There is no thread: this process may fork again.
-Non-goals: how a group shows it (`groups.py`), certificates (`rechecker.py`).
+answers come back. There is no thread: this process may fork again. `survives_the_start`, an extra:
+SC's step on the default values of its topics, or, where not all that it reads is published at once,
+on anything that may be published, publishes values in their sets and cannot fault; below another
+module so it does on all that may ever be published.
+Non-goals: how a group shows it (`groups.py`), certificates (`rechecker.py`); which of SC's outputs
+count (`reading/derived_times.py`: the first one on a state does).
 
 The argument: a state of the module is one of each group. Each part of `safe` is the share of one
 group, and each group shows that SC keeps its K there; of `ttf` and `safer` each shows that they let
@@ -23,29 +27,31 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.assumptions import p1c_of
-from soter.certificate.cells.predicates import certain, published
-from soter.certificate.format.claimed_parts import FREE, OF_SETS
-from soter.certificate.format.errors import NotRecheckedError, RejectedError
-from soter.certificate.handover import require_entered
-from soter.certificate.module_above import slowest_below
-from soter.certificate.reading.axes_without_ends import nothing_reads
-from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.left_out_states import rates_are_defined
-from soter.certificate.reading.module_facts import bounded_topics, number_of
-from soter.certificate.reading.symbolic_operations import flat
+from soter.certificate.cell_predicates import certain, published
+from soter.certificate.control_changes import require_entered, slowest_below
+from soter.certificate.folder import FREE, OF_SETS
+from soter.certificate.reading.case_model import CaseModel, commanded, stepping
+from soter.certificate.reading.left_out_states import all_certain, nothing_reads, rates_are_defined
+from soter.certificate.reading.module_facts import bounded_topics, number_of, read_by_sc
+from soter.certificate.reading.sc_locals_and_modes import any_mode
+from soter.certificate.reading.symbolic_operations import filled, flat
+from soter.certificate.report import NotRecheckedError, RejectedError
+from soter.certificate.scope import p1c_of
+from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.terms import Terms
 from soter.diagnostics.current_phase import share_done
+from soter.language.model.types import FloatType, leaves
 from soter.workers.child_process import end_with
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Sequence
     from multiprocessing.connection import Connection
 
-    from soter.certificate.cells.cell_sets import Axes, Cells
+    from soter.certificate.cell_sets import Axes, Cells
     from soter.certificate.groups import Extents, Group, GroupCheck, Task
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model import typed
-    from soter.language.model.system import Module, System
+    from soter.language.model.system import Module, System, Topic
 
 
 CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe")
@@ -316,3 +322,89 @@ def narrowed(extents: Extents, parts: Iterable[Axes]) -> Extents:
         for state, edges in zip(part.states, part.grid.edges, strict=True):
             ends[state] = edges[0], edges[-1]
     return tuple(ends)
+
+
+READ_EARLY = "what was published before all that it reads shows a state"
+READ_ELSEWHERE = "what is published while it has no control"
+
+
+def survives_the_start(facts: Facts) -> None:
+    """`NotRecheckedError` where steps before all shows a state, or without control, may do harm."""
+    setting = facts.setting
+    if setting.first_available(0, setting.by_sc) != setting.sc.phase:
+        _harmless_before(facts)
+    if facts.above is not None:
+        _answers_all(facts)
+
+
+def _harmless_before(facts: Facts) -> None:
+    """What SC reads is the default of each topic only while none of them shows a state.
+
+    That is so of what one publisher says, each time all of it, and never before it has read a
+    state itself. Otherwise a state of one topic may be read beside the default of another, and so
+    each is anything of its set.
+    """
+    setting = facts.setting
+    sc = facts.sc
+    assert sc.node is not None
+    if sc.node.locals:
+        raise NotRecheckedError("an SC with locals that may step before anything was published")
+    paths = {r.name: r.paths for r in setting.by_sc}
+    every = [p for of in paths.values() for p in of]
+    at_once = len({p.clocks[-1].name for p in every}) == 1
+    at_once = at_once and not any(p.may_publish_nothing(setting.silent) for p in every)
+    terms, known = Terms(), {}
+    for symbol in read_by_sc(sc):
+        topic = facts.system.topics[sc.scope.topics[symbol]]
+        running = facts.flying.topics[facts.running[topic.index]].name
+        only_default = at_once and running in paths
+        known[symbol] = _anything(terms, topic, READ_EARLY, default=only_default)
+    if not harmless(facts, terms, known):
+        raise NotRecheckedError(
+            "SC may step before anything was published, and fault on what it then reads"
+        )
+
+
+def _answers_all(facts: Facts) -> None:
+    """Below another module SC steps wherever that one leads the state, too, and must not fault.
+
+    `NotRecheckedError` where that is not certain for all that may be published.
+    """
+    sc = facts.sc
+    assert sc.node is not None
+    if sc.node.locals:
+        raise NotRecheckedError("an SC with locals below another module")
+    terms, known = Terms(), {}
+    for symbol in read_by_sc(sc):
+        topic = facts.system.topics[sc.scope.topics[symbol]]
+        known[symbol] = _anything(terms, topic, READ_ELSEWHERE, default=False)
+    if not harmless(facts, terms, known):
+        raise NotRecheckedError("SC may fault on what is published while it has no control")
+
+
+def harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -> bool:
+    """Whether a step of SC on these values surely publishes all it should, in its sets."""
+    sc = facts.sc
+    assert sc.node is not None
+    published = stepping(terms, sc, known, any_mode(terms, sc.node.step))({})
+    for control in facts.controls:
+        commanded(terms, control, [published])
+    return all_certain(terms, terms.obligations)
+
+
+def _anything(terms: Terms, topic: Topic, why: str, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
+    """Any value of the set of a topic; just its default where that is all there may be."""
+    bounded = all(
+        b is not None and isinstance(of, FloatType)
+        for (_, of), b in zip(leaves(topic.type), topic.bounds, strict=True)
+    )
+    if default or not bounded:
+        if not default:
+            raise NotRecheckedError(f"SC may read of `{topic.name}` {why}, and it has no set")
+        return topic.default
+    parts = [
+        terms.input("box", topic.name, exact(b.low), exact(b.high))
+        for b in topic.bounds
+        if b is not None
+    ]
+    return filled(topic.type, parts)

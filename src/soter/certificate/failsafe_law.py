@@ -12,20 +12,19 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.case_check import CaseCheck
-from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.left_out_states import leave_out
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
-from soter.certificate.report import missing_of
+from soter.certificate.report import RejectedError, missing_of
 from soter.diagnostics.current_phase import telling
 from soter.language.model import typed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.certificate.cells.cell_sets import Cells
+    from soter.certificate.cell_sets import Cells
     from soter.certificate.groups import Group
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Component, Module, System

@@ -30,11 +30,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.case_check import TaskProcesses, can_fork
-from soter.certificate.format.errors import REJECTED, NotRecheckedError, RejectedError
-from soter.certificate.format.folder import program_of, read_certificate
+from soter.certificate.folder import program_of, read_certificate
 from soter.certificate.reading.symbolic_operations import flat
 from soter.certificate.rechecker import in_words
-from soter.certificate.report import CONTRADICTED, UNCONFIRMED, Doubt, FlightReport
+from soter.certificate.report import (
+    CONTRADICTED,
+    REJECTED,
+    UNCONFIRMED,
+    Doubt,
+    FlightReport,
+    NotRecheckedError,
+    RejectedError,
+)
 from soter.certificate.tubes.check_rest import rest_of
 from soter.diagnostics.current_phase import phase, share_done
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
@@ -50,9 +57,9 @@ from soter.report.printable_text import visible
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator, Sequence
 
-    from soter.certificate.format.folder import Certificate
+    from soter.certificate.folder import Certificate
     from soter.certificate.report import Report
-    from soter.certificate.tubes.flight_verdict import ModuleTube
+    from soter.certificate.tubes.tube_chains import ModuleTube
     from soter.language.model.system import Module, System
     from soter.language.model.types import Value
 

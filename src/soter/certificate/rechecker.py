@@ -2,7 +2,9 @@
 
 Purpose: `recheck(folder)`: from the bytes of a certificate to a `Report`: accepted, or the reason
 why not. What is false is rejected; whatever this room does not know how to confirm is not
-re-checked, and never accepted.
+re-checked, and never accepted. `beyond`: why a certificate that is just being made would be *not
+re-checked*, for the headline of `soter verify` (decision 278): its problem is read as for a
+re-check, and of the claims everything is made ready, but only a few cells are looked at.
 Non-goals: finding sets or witnesses: there is no search and no fixpoint here, one pass only.
 
 The argument: of each module that a manifest names, the problem is read off the program that lies
@@ -21,49 +23,63 @@ from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.assumptions import assumptions_of, confirmed_of
-from soter.certificate.case_check import CLAIMS, CaseCheck, claimed_of, narrowed, static_claims
-from soter.certificate.cells.cell_sets import Axes, Grid
+from soter.certificate.case_check import (
+    CLAIMS,
+    CaseCheck,
+    claimed_of,
+    narrowed,
+    static_claims,
+    survives_the_start,
+)
+from soter.certificate.cell_sets import Axes, Grid
+from soter.certificate.control_changes import jumps_of, read_above
 from soter.certificate.failsafe_law import kept_by_law, law_in
-from soter.certificate.format.claimed_parts import (
+from soter.certificate.folder import (
+    MANIFEST_KEYS,
     OF_SETS,
+    Certificate,
+    NotACertificateError,
+    hexadecimal,
     only_keys,
+    program_of,
+    read_certificate,
     refuse_cells,
     refuse_unclaimed,
 )
-from soter.certificate.format.errors import (
+from soter.certificate.proof_methods import GROUPS, MODULES
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.left_out_states import (
+    leave_out,
+    read_turning,
+    refuse_read,
+    refuse_turns_read,
+)
+from soter.certificate.reading.module_facts import Facts, Input, bounded_topics
+from soter.certificate.reading.module_times import compare_times
+from soter.certificate.reading.problem import read_facts
+from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.reading.view_predicates import left_out
+from soter.certificate.report import (
     ACCEPTED,
     NOT_RECHECKED,
     REJECTED,
     NotRecheckedError,
+    RecheckedModule,
     RejectedError,
+    Report,
 )
-from soter.certificate.format.folder import (
-    MANIFEST_KEYS,
-    Certificate,
-    NotACertificateError,
-    hexadecimal,
-    program_of,
-    read_certificate,
+from soter.certificate.scope import (
+    assumptions_of,
+    confirmed_of,
+    otherwise_in_program,
+    parameters_of,
+    uncovered,
 )
-from soter.certificate.handover import jumps_of
-from soter.certificate.module_above import read_above
-from soter.certificate.proof_methods import GROUPS, MODULES
-from soter.certificate.reading.axes_without_ends import read_turning, refuse_turns_read
-from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.left_out_states import leave_out, refuse_read
-from soter.certificate.reading.module_facts import Facts, Input
-from soter.certificate.reading.problem import read_facts
-from soter.certificate.reading.supported_constructs import check_supported
-from soter.certificate.reading.view_predicates import left_out
-from soter.certificate.report import RecheckedModule, Report
-from soter.certificate.scope import otherwise_in_program, parameters_of, uncovered
-from soter.certificate.time.module_times import compare_times
-from soter.certificate.time.sc_on_default_inputs import survives_the_start
 from soter.certificate.vacuous_proofs import of_those_above, vacuous
-from soter.diagnostics.current_phase import between, phase
+from soter.diagnostics.current_phase import between, phase, telling
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import system_to_prove
@@ -71,13 +87,13 @@ from soter.report.printable_text import visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
-    from pathlib import Path
 
     from soter.certificate.failsafe_law import Law
     from soter.certificate.groups import Group
     from soter.certificate.scope import Covered
     from soter.language.front_end import CheckResult
     from soter.language.model.system import System
+
 
 CASES_MAX, LEVELS_MIN = 4096, 2
 """Combinations of parameter values; levels of computed predicates."""
@@ -425,3 +441,50 @@ def groups_of(certificate: Certificate, facts: Facts, entries: list[dict[str, An
     if sorted(s for g in groups for s in g.states) != list(range(len(facts.states))):
         raise RejectedError("the groups do not hold every state exactly once")
     return sorted(groups, key=lambda g: list(GROUPS).index(g.kind))
+
+
+def beyond(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
+    """Why a module would not be re-checked; "": nothing stands in the way.
+
+    `flat`: the system that has it, as it is proved; `entry`: the module in the manifest; `files`:
+    those that it names.
+    """
+    try:
+        whole = [of for key, of in MODULES.items() if key in entry]
+        if whole:
+            whole[0].read(flat, entry)
+        else:
+            _over_sets(flat, entry, Certificate(Path(), {}, files, set()))
+    except (RejectedError, SoterError) as error:
+        return f"the re-checker finds something else: {error}"
+    except Exception as error:  # noqa: BLE001 - as a re-check does
+        return in_words(error)
+    return ""
+
+
+def _over_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> None:
+    facts = facts_of(flat, entry)
+    claimed, values = read_claimed(certificate, facts, entry), list(facts.cases())
+    for k in sorted({0, len(values) - 1}):  # the first and the last
+        groups = claimed.groups[k]
+        ranges = narrowed(facts.extents, [g.part(errors=False) for g in groups])
+        model = CaseModel(facts, values[k], ranges)
+        case = CaseCheck(model, groups, set(), entry, 1)
+        with telling(None):
+            case.check()
+        _predicates(model)
+        for check in case.checks if claimed.claims & OF_SETS else ():
+            check.tried(claimed.claims)
+
+
+def _predicates(model: CaseModel) -> None:
+    """Everything that is asked of estimates or states is read."""
+    facts: Facts = model.facts
+    symbol = facts.symbol
+    for expr in (symbol.safe, facts.ttf, symbol.safer):
+        if expr is not None:
+            terms, states = model.new_terms()
+            model.predicate(terms, states, expr, errors=True)
+    for topic in bounded_topics(facts):
+        terms, states = model.new_terms()
+        model.in_set(terms, states, topic)

@@ -1,9 +1,11 @@
-"""What was confirmed, about what, and what it does not say: of a certificate, and of flights.
+"""What a re-check may say: its verdicts, what was confirmed, about what, and what is not said.
 
-Purpose: `Report` and `RecheckedModule`, the verdict of `rechecker.py` for people and programs: what
-it finds, and what follows in words; `FlightReport` and `Doubt`: verdicts in the log of a flight
-that are confirmed are counted, all others are named.
-Non-goals: checking (`flight_check.py` for flights); the verdict itself.
+Purpose: the exceptions behind two of its three verdicts: for a certificate of which something is
+false, and for one of which nothing is known to be, but that is beyond what this room checks;
+`Report` and `RecheckedModule`, the verdict of `rechecker.py` for people and programs: what it
+finds, and what follows in words; `FlightReport` and `Doubt`: verdicts in the log of a flight that
+are confirmed are counted, all others are named.
+Non-goals: checking (`rechecker.py`, `flight_check.py` for flights); the verdict itself.
 """
 
 from __future__ import annotations
@@ -11,13 +13,25 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED, REJECTED
-
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     Said = Iterator[tuple[str, str]]
     """Key and text of one thing that is said after the other."""
+
+
+ACCEPTED, REJECTED, NOT_RECHECKED = VERDICTS = "accepted", "rejected", "not re-checked"
+"""All that is claimed holds; something is false; nothing is known to be, but not all is shown."""
+FOLLOWED = "its decision module follows SC in flight (`rest`), and its entry does not say so"
+"""Why a module with `rest` is not re-checked as others are."""
+
+
+class RejectedError(Exception):
+    """Something that the certificate says is false, or does not show what it is there to show."""
+
+
+class NotRecheckedError(Exception):
+    """The certificate may be right, but needs something that the re-checker does not know or do."""
 
 
 Kind = Literal["contradicted", "not confirmed"]

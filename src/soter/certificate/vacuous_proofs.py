@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.cells.cell_sets import Axes, Grid
-from soter.certificate.cells.predicates import AdmitCheck
+from soter.certificate.cell_predicates import AdmitCheck
+from soter.certificate.cell_sets import Axes, Grid
 from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.elaborate.step_times import fresh_ages_ns
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.topic_ranges import always_by_parts, narrowed

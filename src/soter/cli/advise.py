@@ -2,7 +2,7 @@
 
 Purpose: a table for each module, a figure in `.soter/`, and the largest Delta that verifies; or,
 with `--delay`, how late commands may act.
-Non-goals: the sweeps (`verify/period_sweep.py`, `verify/delay_search.py`), the drawing
+Non-goals: the sweeps (`verify/advice.py`, `verify/advice.py`), the drawing
 (`report/proof/advice.py`).
 """
 
@@ -31,8 +31,7 @@ if TYPE_CHECKING:
     from soter.cli.terminal.command_line import Pairs
     from soter.cli.terminal.console import Console
     from soter.report.terminal_tables import Entry, Tone
-    from soter.verify.delay_search import DelayAdvice
-    from soter.verify.period_sweep import Advice
+    from soter.verify.advice import Advice, DelayAdvice
 
 EXAMPLES = """\
   soter advise cart.soter
@@ -175,17 +174,17 @@ def _tried(delay: DelayAdvice) -> list[dict[str, object]]:
 
 
 ROW = JsonObject(
-    "soter.verify.period_sweep.AdviceRow",
+    "soter.verify.advice.AdviceRow",
     "period_s=delta_ns/s sc_period_s=sc_ns/s h_star_s=h_star_ns/s horizon_s=horizon_ns/s in_time "
     "core allowed levels returns written",
 )
 ADVICE = JsonObject(
-    "soter.verify.period_sweep.Advice",
+    "soter.verify.advice.Advice",
     "period_s=delta_ns/s levels summary best_s=best_ns/s rows",
     {"rows": _rows},
 )
 DELAY = JsonObject(
-    "soter.verify.delay_search.DelayAdvice",
+    "soter.verify.advice.DelayAdvice",
     "declared_s=declared_ns/s largest_s=largest_ns/s refused_s=refused_ns/s summary tried",
     {"tried": _tried},
 )

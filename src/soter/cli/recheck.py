@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 
 from soter.api import recheck
 from soter.api.arguments import write_sections
-from soter.certificate.format import errors
-from soter.certificate.format.errors import ACCEPTED, REJECTED, VERDICTS
-from soter.certificate.report import CONTRADICTED, UNCONFIRMED
+from soter.certificate import report as errors
+from soter.certificate.report import ACCEPTED, CONTRADICTED, REJECTED, UNCONFIRMED, VERDICTS
 from soter.cli.terminal.command_line import (
     CERTIFICATE_FOLDER,
     FINE,

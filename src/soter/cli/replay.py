@@ -2,7 +2,7 @@
 
 Purpose: whether a trace of `soter test`, or a counterexample of `soter verify`, reproduces; the
 steps as text or JSON, as an MCAP log and as a page.
-Non-goals: running it (`explore/replay.py`, `verify/attack/counterexample.py`).
+Non-goals: running it (`explore/replay.py`, `verify/counterexample.py`).
 """
 
 from __future__ import annotations

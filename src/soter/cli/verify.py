@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from soter.cli.terminal.command_line import Kind, Pairs
     from soter.cli.terminal.console import Console
     from soter.verify.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
-    from soter.verify.composition_table import ComposedAssumption
+    from soter.verify.scope import ComposedAssumption
 
 EXAMPLES = f"""\
   soter verify cart.soter
@@ -236,7 +236,7 @@ def _coverage(report: VerifyReport) -> list[str]:
 def _together(report: VerifyReport, printed: Printout) -> None:
     """The conjunction, and who keeps what a module takes for granted."""
     from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
-    from soter.verify.composition_table import rows_of  # noqa: PLC0415 - what is stored needs none
+    from soter.verify.scope import rows_of  # noqa: PLC0415 - what is stored needs none
 
     verdict = printed.paint(PAINTS[report.together], report.together.upper())
     taken = rows_of(report)
@@ -318,7 +318,7 @@ def _remember(report: VerifyReport) -> None:
 def _save_runs(report: VerifyReport) -> None:
     """Write the runs that refute to `.soter/`."""
     if report.verdict == "refuted":
-        from soter.verify.attack.counterexample import save_runs  # noqa: PLC0415 - only then
+        from soter.verify.counterexample import save_runs  # noqa: PLC0415 - only then
 
         save_runs(report)
 
@@ -479,7 +479,7 @@ DOCUMENT = JsonObject(
     together=VERDICT,
     modules=VERIFIED,
     guarantees=JsonObject(
-        "soter.verify.problem.assumption.ScopeGuarantee",
+        "soter.verify.problem.problem.ScopeGuarantee",
         "module what by how",
         how=one_of("enforced", "declared", "guaranteed", "published", "assumed"),
     ),

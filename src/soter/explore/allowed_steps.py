@@ -2,7 +2,7 @@
 
 Purpose: releases, windows, times, lost releases and overruns, as a replay follows them step by
 step. Written from the page alone: it shares nothing with the engine whose traces it judges.
-Non-goals: what a step does (`verify/attack/counterexample.py`), enumerating executions.
+Non-goals: what a step does (`verify/counterexample.py`), enumerating executions.
 """
 
 from __future__ import annotations

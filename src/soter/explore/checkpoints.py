@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
 from soter.explore.search_options import STATUSES
 from soter.language.model.types import show_ns
-from soter.native.source_files import soter_sha256
+from soter.native.cache import soter_sha256
 from soter.version import VERSION
 
 if TYPE_CHECKING:

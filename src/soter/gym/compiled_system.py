@@ -21,8 +21,15 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.gym.outside_roles import LeafBuffer, is_flat, places
 from soter.native.compiler import FAST, vector_flags
 from soter.native.extern_memory import kept_by
-from soter.native.library import Library
-from soter.native.shared_library import RUNTIME, address, declarations, interface, library, opened
+from soter.native.shared_library import (
+    RUNTIME,
+    Library,
+    address,
+    declarations,
+    interface,
+    library,
+    opened,
+)
 from soter.simulate.externs.bindings import Bindings, bind, callables
 from soter.simulate.externs.c_extern import linked_content, linked_symbols
 from soter.simulate.interrupt import StopRequest

@@ -32,7 +32,7 @@ from soter.gym.outside_roles import chosen_module, chosen_plant, measured_by
 from soter.language.elaborate.derived_systems import answered_outside
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.types import numbers_in
-from soter.native.library import RunStatus
+from soter.native.shared_library import RunStatus
 from soter.semantics.externs import reset
 from soter.simulate.externs.bindings import bind_again, callables
 from soter.simulate.externs.python_answers import ExternAnswers

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.native.cache import cached, digest, making
+from soter.native.cache import SOTER, cached, digest, included, making
 from soter.native.compiler import compile_with, find
 from soter.native.shared_library import (
     NEVER_SHIPPED,
@@ -27,7 +27,6 @@ from soter.native.shared_library import (
     library_flags,
     texts,
 )
-from soter.native.source_files import SOTER, included
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

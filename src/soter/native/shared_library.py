@@ -1,10 +1,11 @@
-"""Shared libraries: generated C compiled once for each content, and reached from Python.
+"""Shared libraries: generated C compiled once for each content, loaded, and run on a state.
 
 Purpose: a `Unit` becomes a library that is kept by everything that matters. This is the one place
 that knows cffi (ABI mode): declarations are read from the headers themselves, so that Python and C
-cannot disagree.
-Non-goals: generating C, packages for targets, the cache itself (`cache.py`), a loaded program
-(`library.py`).
+cannot disagree. `Library`: a loaded program, the thinnest Python face of `runtime/soter.h`; states
+and traces are numpy arrays of bytes.
+Non-goals: generating C, packages for targets, the cache itself (`cache.py`), decoding
+(`core/layout.py`), answering externs (`simulate/`).
 """
 
 from __future__ import annotations
@@ -12,22 +13,25 @@ from __future__ import annotations
 import ctypes
 import re
 import sys
+from enum import IntEnum
 from functools import lru_cache
 from pathlib import Path
 from runpy import run_path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
+import numpy as np
+
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
-from soter.native.cache import cached, digest
+from soter.native.cache import SOTER, cached, computes_names, digest, included
 from soter.native.compiler import DEFECT, STRICT, compile_with, find
-from soter.native.source_files import SOTER, computes_names, included
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from soter.codegen.unit import Unit
+    from soter.core.layout import Bytes
 
 
 RUNTIME = SOTER / "runtime"
@@ -248,3 +252,70 @@ def address(ffi: Any, path: Path, symbol: str, type_: str) -> Any:  # noqa: ANN4
     """The address of a constant of the library, as a pointer of this type."""
     held = ctypes.c_char.in_dll(ctypes.CDLL(str(path)), symbol)
     return ffi.cast(type_, ctypes.addressof(held))
+
+
+class RunStatus(IntEnum):
+    """Why `soter_run` came back."""
+
+    END = 0
+    EXTERN = 1
+    FULL = 2
+
+
+def kernel_interface() -> Any:  # noqa: ANN401 - cffi has no types
+    """What `runtime/soter.h` declares."""
+    return interface(declarations(RUNTIME / "soter.h"))
+
+
+class Library:
+    """One compiled program; holds no state of its own."""
+
+    def __init__(
+        self, path: Path, prefix: str, state_size: int, owners: Mapping[str, str] | None = None
+    ) -> None:
+        self.ffi = kernel_interface()
+        self.lib = opened(self.ffi, path, owners)
+        self._program = address(self.ffi, path, f"{prefix}_program", "const soter_program *")
+        self.state_size = state_size
+
+    def new_state(self, seed: int) -> Bytes:
+        """A fresh state, (state_size,), started."""
+        state = np.zeros(self.state_size, dtype=np.uint8)
+        self.lib.soter_start(self._program, self._pointer(state), seed & (2**64 - 1))
+        return state
+
+    def _pointer(self, array: Bytes) -> Any:  # noqa: ANN401 - a cdata pointer
+        return self.ffi.cast("void *", array.ctypes.data)
+
+    def run(
+        self, state: Bytes, until_ns: int, trace: Bytes | None = None
+    ) -> tuple[RunStatus, int, int]:
+        """Run instants up to `until_ns`; `trace` has shape (room, state_size).
+
+        Returns the status, how many states were written, and the extern component that is due.
+        """
+        room = 0 if trace is None else len(trace)
+        target = self.ffi.NULL if trace is None else self._pointer(trace)
+        written, due = self.ffi.new("size_t *"), self.ffi.new("uint32_t *")  # threads share `self`
+        status = self.lib.soter_run(
+            self._program, self._pointer(state), until_ns, target, room, written, due
+        )
+        return RunStatus(status), int(written[0]), int(due[0])
+
+    def next_instant(self, state: Bytes) -> int:
+        """Time of the next instant in ns; `state` (state_size,)."""
+        return int(self.lib.soter_next_instant(self._program, self._pointer(state)))
+
+    def publish(self, state: Bytes, topic: int, value: bytes, time_ns: int) -> int:
+        """A value from outside, measured at `time_ns`; 0, or why not. `state`: (bytes,)."""
+        given = self.ffi.cast("void *", self.ffi.from_buffer(value))
+        return int(
+            self.lib.soter_publish(self._program, self._pointer(state), topic, given, time_ns)
+        )
+
+    def answer(self, state: Bytes, component: int, fault: int, answer: bytes | None) -> None:
+        """Give the answer for the extern step that is due; `state` (state_size,)."""
+        data = self.ffi.NULL if answer is None else self.ffi.from_buffer(answer)
+        self.lib.soter_answer(
+            self._program, self._pointer(state), component, fault, self.ffi.cast("void *", data)
+        )

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.elaborator import show_ns
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.types import BoolType, DurationType, EnumType
+from soter.language.model.types import BoolType, DurationType, EnumType, show_ns
 from soter.language.model.values import to_json
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ each other. The arithmetic is that of docs/semantics.md, section Random draws. T
 twin of `native/c/soter_adversary.h`, so that the reference interpreter can repeat a run that was
 found natively, draw by draw; `Recorder` notes draws. Answered draws are for a driver that decides
 itself what a step leaves open (docs/testing.md, Choices).
-Non-goals: when something is drawn (`interpreter.py`, `interpreter.py`); which seeds or alternatives
-are worth trying (`verify/attack/refute.py`, `explore/`).
+Non-goals: when something is drawn (`interpreter.py`); which seeds or alternatives
+are worth trying (`verify/refute.py`, `explore/`).
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ step fault of them (docs/semantics.md, Shields). Whether an `always` or `never` 
 end of an instant, judged on the truth, and whether `assumes` and `guarantees` of a node are as it
 steps.
 Non-goals: which rule comes next, with what input, and steps of plants (`interpreter.py`); which
-commands are permitted (`verify/tables/shield_tables.py`); onsets and counts (`configuration.py`),
+commands are permitted (`verify/deploy/shield_tables.py`); onsets and counts (`configuration.py`),
 temporal properties of tests (`explore/`).
 
 Every rule assumes its premises; `FN` is the set of components that remain to be fired.

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from soter.core.core import CoreSystem, Predicate
     from soter.core.layout import StateLayout
     from soter.language.model.system import Module, System
-    from soter.native.library import Library
+    from soter.native.shared_library import Library
 
     States = npt.NDArray[Any]
 

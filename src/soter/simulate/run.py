@@ -31,8 +31,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.evaluate.floating_point_mode import require_plain
 from soter.native.extern_memory import another_copy, kept_by
-from soter.native.library import Library, RunStatus
-from soter.native.shared_library import library
+from soter.native.shared_library import Library, RunStatus, library
 from soter.semantics.draws import mix
 from soter.semantics.externs import ExternResetError, Stop, reset
 from soter.semantics.faults import by_component, next_release

@@ -5,7 +5,7 @@ same `trace_sha256` as `soter run`. It takes along the C files of externs. Exter
 bound to C get a function each in `externs.c`, which is the person's to fill in and is never
 overwritten.
 Non-goals: clocks and devices (other targets), compiling here, finding what a file includes
-(`native/source_files.py`).
+(`native/cache.py`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from soter.codegen import c_tree as c
 from soter.codegen.c_names import Unique, field_name
 from soter.codegen.c_printer import print_file
 from soter.codegen.unit import generate
+from soter.native.cache import included
 from soter.native.shared_library import FAULTS, RUNTIME
-from soter.native.source_files import included
 from soter.targets.firmware import RUNTIME_FILES, firmware_files, firmware_name
 from soter.targets.leases_and_lateness import (
     FILES as LEASES,

@@ -1,21 +1,28 @@
 """`soter verify` without a terminal: which modules, in which systems, in which order.
 
-Purpose: from a checked program to a `VerifyReport`; certificate and report where asked for.
-Non-goals: the proofs (`verify.py`), printing.
+Purpose: from a checked program to a `VerifyReport`; where it is asked for the page of a report, and
+the folder for `soter recheck` (docs/verification.md, section 4): program files, tables and
+manifest, sealed.
+Non-goals: the proofs (`verify_module.py`), printing; checking a certificate.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
 import shlex
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.certificate.folder import FORMAT, MANIFEST, SEAL, files_of
 from soter.diagnostics.current_phase import between
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError, reason
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import system_of, system_to_prove
 from soter.language.model.system import claims_nothing
@@ -25,14 +32,14 @@ from soter.verify.claims.results import ModuleResult, VerifyReport
 from soter.verify.deploy.missing_predicates import keep
 from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried
 from soter.verify.diagnosis.vacuity import of_those_above
-from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import Assumption
 from soter.verify.proof_cache import store_verdicts
 from soter.verify.scope import coverage_of
+from soter.verify.verify_module import module_method
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
+    from collections.abc import Iterator, Mapping, Sequence
 
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module, System
@@ -40,6 +47,7 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
     from soter.verify.induction.prove_or_refute import Search
     from soter.verify.problem.problem import Problem
+
 
 NO_FAULTS = "nothing goes wrong of what the `faults` of system {} say"
 LOOK_S = 0.05
@@ -95,8 +103,6 @@ def verify(
         contents={} if checked.loaded is None else checked.loaded.contents,
     )
     if cert is not None:
-        from soter.verify.write_certificate import write  # noqa: PLC0415 - only then
-
         write(cert, checked.program, results, [flat.name for flat, _ in chosen])
     if report is not None:
         from soter.verify.proof_report import write_report  # noqa: PLC0415 - only then
@@ -117,8 +123,7 @@ def _without_faults(program: TypedProgram, flat: System, problem: Problem) -> Pr
 
 def _beyond_rechecker(flat: System, result: ModuleResult) -> str:
     """What of a module in that system the re-checker does not know; "": nothing."""
-    from soter.certificate.announced import beyond  # noqa: PLC0415 - an extra
-    from soter.verify.module_methods import module_method  # noqa: PLC0415 - needs a compiler
+    from soter.certificate.rechecker import beyond  # noqa: PLC0415 - an extra
 
     files: dict[str, bytes] = {}
     entry = module_method(result.problem).entry(result, flat.name, "sets/0", files)
@@ -135,8 +140,6 @@ def _proved(
 
     Nothing of this process forks meanwhile: runs that refute ask no externs.
     """
-    from soter.verify.module_methods import module_method  # noqa: PLC0415 - needs a compiler
-
     results = []
     methods = [module_method(p) for p in problems]
     beside = ThreadPoolExecutor(1)
@@ -317,3 +320,100 @@ def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
         diagnostics.add(replace(d, helps=(*d.helps, *others)))
     diagnostics.raise_errors()
     return problems
+
+
+def write(
+    folder: Path, program: TypedProgram, results: Sequence[ModuleResult], systems: Sequence[str]
+) -> None:
+    """Write the certificate of `results`, each of a module in the system of that name.
+
+    An old certificate in the folder is replaced. `SoterError` D008 where something else lies
+    there, D006 where the system refuses.
+    """
+    files = dict(_sources(program))
+    main = _main(program, files)
+    modules = []
+    for k, (result, system) in enumerate(zip(results, systems, strict=True)):
+        entry = module_method(result.problem).entry
+        modules.append(entry(result, system, f"sets/{k}", files))
+    manifest = {
+        "schema": FORMAT,
+        "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
+        "main": main,
+        "params": _params(results),
+        "program_sha256": program.sha256,
+        "modules": modules,
+    }
+    text = json.dumps(manifest, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    raw = (text + "\n").encode()
+    files[MANIFEST] = raw
+    files[SEAL] = (hashlib.sha256(raw).hexdigest() + "\n").encode()
+    _replace(folder, files)
+
+
+# ---------------------------------------------------------------- the program
+
+
+def _sources(program: TypedProgram) -> Iterator[tuple[str, bytes]]:
+    """Each file by its path below the deepest folder that holds all of them."""
+    paths = list(dict.fromkeys(p.resolve() for p in files_of(program.path)))
+    root = Path(os.path.commonpath([p.parent for p in paths]))
+    for path in paths:
+        yield f"program/{path.relative_to(root).as_posix()}", path.read_bytes()
+
+
+def _main(program: TypedProgram, files: dict[str, bytes]) -> str:
+    """The main file is the first."""
+    name = next(iter(files)).removeprefix("program/")
+    assert name.endswith(Path(program.path).name)
+    return name
+
+
+def _params(results: Sequence[ModuleResult]) -> dict[str, object]:
+    """The values of all parameters, floats as C99 hexadecimal texts.
+
+    Without those that are not the same in all systems: there each system says its own (`set`).
+    """
+    values: dict[str, Value] = {}
+    differ: set[str] = set()
+    for result in results:
+        for name, value in result.problem.system.params.items():
+            if repr(values.setdefault(name, value)) != repr(value):
+                differ.add(name)
+    for name in differ:
+        del values[name]
+    return {n: v.hex() if isinstance(v, float) else v for n, v in values.items()}
+
+
+# ---------------------------------------------------------------- the folder
+
+
+def _replace(folder: Path, files: dict[str, bytes]) -> None:
+    """Only files of an old certificate are removed, and only where it is one."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        old = [p for p in folder.rglob("*") if not p.is_dir() or p.is_symlink()]
+        names = {p.relative_to(folder).as_posix() for p in old}
+        strange = {n for n in names if n.split("/")[0] not in ("program", "sets", MANIFEST, SEAL)}
+        if strange or (names and MANIFEST not in names):
+            raise SoterError((_in_the_way(folder, min(strange or names)),))
+        for path in old:
+            path.unlink()
+        for path in sorted(folder.rglob("*"), reverse=True):
+            path.rmdir()
+        for name, data in files.items():
+            target = folder / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
+    except OSError as error:
+        why = reason(error)
+        problem = Diagnostic("D006", f"cannot write the certificate `{folder}`: {why}")
+        raise SoterError((problem,)) from None
+
+
+def _in_the_way(folder: Path, name: str) -> Diagnostic:
+    return Diagnostic(
+        "D008",
+        f"`{folder}` holds `{name}`, which is no part of a certificate",
+        helps=("name a new or empty folder",),
+    )

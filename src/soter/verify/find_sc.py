@@ -1,44 +1,214 @@
 """`soter verify --synthesize`: find the safe controllers that a program leaves open.
 
-Purpose: ask the engine what `synthesized_sc.py` wants to know about each such module, and write the
-program with the controllers found.
+Purpose: ask the engine what `synthesized_sc.py` wants to know about each such module, above all K
+with a table of commands on estimates (`core_synthesis`, for one group), and write the program with
+the controllers found.
 Non-goals: proofs. What is written is an ordinary program; `soter verify` judges it.
 
 K is looked for with one command held for `hold` periods of SC at a time: in one period of a fast SC
 a state moves less than a cell, and a fixpoint over such steps eats itself.
+
+A table has one entry per cell of the estimate: [low, high) along each axis, the last cell closed.
+True cell c and estimate cell e are *compatible* when x in c, x + error in e for some error of E.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.diagnostics.current_phase import share_done
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, reason
 from soter.language.front_end import check_file
 from soter.language.load.named_files import ReadError, opened
 from soter.verify import synthesized_sc
 from soter.verify.command import modules_of
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
-from soter.verify.grid.policies import core_synthesis
-from soter.verify.grid.sets import GridGroup, UnboundedError, of_problem
+from soter.verify.grid import sets as grids
+from soter.verify.grid.group_inputs import of_problem
+from soter.verify.grid.group_model import UnboundedError
+from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import extract
 from soter.verify.synthesized_sc import STRIDE, CellCommands, chosen, combinations
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    import numpy.typing as npt
     from numpy.typing import NDArray
 
-    from soter.core.layout import Bools, Floats
+    from soter.core.layout import Bools, Bytes, Floats
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Module
     from soter.language.model.types import Value
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.problem.problem import Problem
     from soter.verify.synthesized_sc import LawTable
+
+    Masks = npt.NDArray[np.uint64]
+
+
+ALL = np.uint64(2**64 - 1)
+
+
+@dataclass(frozen=True)
+class CommandTable:
+    """A synthesised SC: `cells` is K; `choice` the row of `commands` per estimate cell, 255: none.
+
+    Every state of K stays in C for one period under the command of every estimate of it, and is in
+    K again then.
+    """
+
+    cells: Bools
+    choice: Bytes
+    commands: Floats
+    admits: Masks
+    """Per true cell of K: bit k says that command k, held for a period, leads back into K."""
+
+
+def _spread(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: ANN401 - int arrays
+    """AND over first[i]..last[i] along an axis (within the grid)."""
+    n = masks.shape[axis]
+    low, high = np.clip(first, 0, n - 1), np.clip(last, 0, n - 1)
+    conjunction: Masks = np.take(masks, low, axis=axis)
+    for k in range(1, int((high - low).max(initial=0)) + 1):
+        conjunction &= np.take(masks, np.minimum(low + k, high), axis=axis)
+    return conjunction
+
+
+class _Synthesis:
+    """One run of the fixpoint over commands."""
+
+    def __init__(
+        self,
+        group: GridGroup,
+        allowed: Bools,
+        commands: Floats,
+        errors: Mapping[int, float],
+        prefer: Floats | None,
+    ) -> None:
+        self.group, self.commands, self.errors, self.prefer = group, commands, errors, prefer
+        ffi, n, size = group.library.ffi, len(group.axes), allowed.size
+        self.work = ffi.new("soter_reach_choice *")
+        self.memory = group.rounds(self.work.r)
+        self.allowed = group.bits(allowed)
+        self.fine = np.empty(group.shape, dtype=np.uint64)
+        self.image = np.empty((*group.shape, len(commands), n, 2), dtype=np.uint16)
+        assert self.image.size == size * len(commands) * n * 2
+        w, at = self.work, group.pointer
+        w.allowed, w.fine = at(self.allowed, "uint64_t *"), at(self.fine, "uint64_t *")
+        w.image, w.commands = at(self.image, "uint16_t *"), at(commands, "double *")
+        w.count = len(commands)
+
+    def settle(self) -> Bools:
+        """Down to the fixpoint; gives K so far."""
+        group, lib = self.group, self.group.library.lib
+        while not lib.soter_reach_choice_continue(group.c, self.work, grids.SLICE_S, group.threads):
+            share_done(0.0, "synthesis")  # nobody knows how many rounds are left
+        return group.cells_of(self.memory["kept"])
+
+    def of_estimates(self, kept: Bools) -> Masks:
+        """Per estimate cell the commands that serve every compatible cell of K; ALL where none is.
+
+        Where an axis has no error, an estimate on the lower face of its cell also is of the cell
+        below, unless its own cell is in K: then it is that cell's as well.
+        """
+        masks = np.where(kept, self.fine, ALL)
+        touched = self.group.touched(self.errors)
+        exact = [not self.errors.get(s, 0.0) for s in self.group.axes]
+        # exact axes first: while `masks` belong to true cells along the others, as `kept` does
+        for a in sorted(range(len(exact)), key=lambda a: not exact[a]):
+            first, last = touched[a]
+            if not exact[a]:
+                masks = _spread(masks, first, last, a)
+                continue
+            below = np.full_like(masks, ALL)
+            into: list[slice] = [slice(None)] * masks.ndim
+            out = list(into)
+            into[a], out[a] = slice(1, None), slice(None, -1)
+            below[tuple(into)] = masks[tuple(out)]
+            masks = np.where(kept, masks, masks & below)
+        return masks
+
+    def conflicts(self, kept: Bools, masks: Masks) -> Bools:
+        """Cells to give up because some estimate of theirs has no command that serves all.
+
+        Of the commands, the one that serves most of the compatible cells is kept.
+        """
+        wanted, lost = np.argwhere(masks == 0), np.zeros_like(kept)
+        reach = self.group.touched(self.errors)
+        for at in wanted:
+            box = tuple(
+                slice(max(0, int(f[i]) - (not self.errors.get(s, 0.0))), int(t[i]) + 1)
+                for i, s, (f, t) in zip(at, self.group.axes, reach, strict=True)
+            )
+            here, fine = kept[box] & ~lost[box], self.fine[box]
+            serves = [
+                int((here & ((fine >> np.uint64(k)) & np.uint64(1) != 0)).sum())
+                for k in range(len(self.commands))
+            ]
+            best = np.uint64(int(np.argmax(serves)))
+            lost[box] |= here & ((fine >> best) & np.uint64(1) == 0)
+        return lost
+
+    def run(self) -> CommandTable:
+        group, lib = self.group, self.group.library.lib
+        lib.soter_reach_choice_begin(group.c, self.work)
+        while True:
+            kept = self.settle()
+            masks = self.of_estimates(kept)
+            if masks.all():
+                admits = np.where(kept, self.fine, np.uint64(0))
+                return CommandTable(kept, self.chosen(kept, masks), self.commands, admits)
+            lost = np.ascontiguousarray(self.conflicts(kept, masks)).view(np.uint8)
+            lib.soter_reach_choice_remove(group.c, self.work, group.pointer(lost, "uint8_t *"))
+            share_done(0.0, "synthesis")
+
+    def chosen(self, kept: Bools, masks: Masks) -> Bytes:
+        """One of the commands that serve; 255 where no state of K can be.
+
+        The one whose image of the cell has the least `prefer` at its middle; the first one where
+        it does not matter.
+        """
+        count = len(self.commands)
+        serves = (masks[..., None] >> np.arange(count, dtype=np.uint64)) & np.uint64(1) != 0
+        choice = np.argmax(serves, axis=-1).astype(np.uint8)
+        if self.prefer is not None:
+            own = serves & kept[..., None]
+            image = np.where(own[..., None, None], self.image, 0)
+            middle = tuple(
+                (image[..., a, 0].astype(np.int32) + image[..., a, 1]) // 2
+                for a in range(len(self.group.axes))
+            )
+            cost = np.where(own, self.prefer[middle], np.inf)
+            choice = np.where(kept, np.argmin(cost, axis=-1), choice).astype(np.uint8)
+        return np.asarray(np.where(masks == ALL, 255, choice), dtype=np.uint8)
+
+
+def core_synthesis(
+    group: GridGroup,
+    allowed: Bools,
+    commands: Sequence[Sequence[float]],
+    *,
+    errors: Mapping[int, float] | None = None,
+    prefer: Floats | None = None,
+) -> CommandTable:
+    """K and a table of commands, each held for one period (N = 1).
+
+    `allowed`: a set of the grid's shape; `commands`: up to 64 rows with a value of every control;
+    `errors`: state -> largest error of the estimate; `prefer`: a cost per cell, in the grid's
+    shape, the less the better (distance to a goal, say). A flow must be read without delay and
+    jitter: widen `errors` by what the state moves meanwhile.
+    """
+    rows = np.ascontiguousarray(commands, dtype=np.float64)
+    assert 1 <= len(rows) <= 64
+    assert rows.shape[1] == len(group.inputs.controls), "a value of every control"
+    assert group.inputs.delay_ns == 0
+    assert group.inputs.jitter_ns == 0
+    return _Synthesis(group, allowed, rows, errors or {}, prefer).run()
 
 
 HOLDS = (1, 2, 5, 10, 20, 50)

@@ -21,9 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.proof_verdicts import Proof
-from soter.native.cache import cache_dir, digest, find_cached, is_ours, store
-from soter.native.source_files import soter_sha256
-from soter.verify.problem.assumption import texts
+from soter.native.cache import cache_dir, digest, find_cached, is_ours, soter_sha256, store
+from soter.verify.problem.problem import texts
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -1,14 +1,20 @@
-"""The methods of proof, in one table.
+"""The methods of proof, in one table, and what they proved of a module, in a certificate.
 
 Purpose: which `Method` proves the groups of which kind; groups, and what a DM holds of them, in the
-order of that table.
-Non-goals: what a method is asked (`claims/case.py`).
+order of that table. `entry_over_sets`: times, ranges, cases, claims and computed predicates of a
+module that was proved over sets of states (docs/verification.md, section 4).
+Non-goals: what a method is asked (`claims/case.py`); a group's own sets (`grid/claims.py`,
+`polytope/tables.py`).
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+from typing import TYPE_CHECKING, Any
 
+from soter.certificate.folder import OF_SETS, unclaimed
+from soter.language.model.system import LEVELS_DEFAULT
+from soter.verify.claims.results import PROVED, UNCLAIMED
 from soter.verify.grid.claims import Grids
 from soter.verify.polytope.claims import Polytopes
 
@@ -16,11 +22,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.verify.claims.case import Case, GroupProof, Method
-    from soter.verify.claims.results import CaseSets
-    from soter.verify.problem.problem import Group, Problem
-    from soter.verify.tables.level_table import LevelTable
+    from soter.verify.claims.results import CaseSets, ModuleResult
+    from soter.verify.deploy.level_table import LevelTable
+    from soter.verify.problem.problem import Group, Interval, Leaf, Problem, Times
 
     Pairs = list[object]
+
 
 METHODS: dict[str, Method] = {m.kind: m for m in (Grids(), Polytopes())}
 
@@ -53,3 +60,128 @@ def tables(problem: Problem, cases: Sequence[Pairs]) -> list[LevelTable]:
     """A table for each group, in order, from its pair in every case: what holds in all of them."""
     every = zip(in_order(problem.groups), zip(*cases, strict=True), strict=True)
     return [method_of(g).table(problem, g, pairs) for g, pairs in every]
+
+
+def entry_over_sets(
+    result: ModuleResult, system: str, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    """The module in a manifest."""
+    problem = result.problem
+    plants = [c.name for c in problem.system.components if c.role == "plant"]
+    claims = _claims(result)
+    recover = problem.recover_ns if claims.get("P2b") == PROVED else None
+    proved = {n for n, v in claims.items() if v == PROVED}
+    entry: dict[str, object] = {
+        "system": system,
+        "module": problem.name.removesuffix(f" as {problem.view}"),
+        "plants": plants,
+        "parameters": [{"name": p.name, "values": list(p.values)} for p in problem.parameters],
+        "times": times_of(problem.times),
+        "inputs": _every_input(problem),
+        "cases": _cases(problem, result.cases, f"{stem}_", files, proved),
+        "claims": claims,
+        "recover_ns": recover,
+    }
+    if problem.view:
+        entry["view"] = problem.view
+    if around := sorted(problem.quantities.turning):
+        entry["wraps"] = [problem.quantities.states[s].name for s in around]
+    if result.laws:
+        entry["law"] = _cases(problem, result.laws, f"{stem}_law", files, {"P2a"})
+    if problem.levels_open and problem.levels != LEVELS_DEFAULT:
+        entry["levels"] = problem.levels
+    if problem.computed:
+        entry["tables"] = _tables(result, stem, files)
+    return entry
+
+
+def _claims(result: ModuleResult) -> dict[str, str]:
+    """Verdicts by claim; of a fail-safe law only where one is declared."""
+    law = bool(result.problem.module.law)
+    unclaimed = UNCLAIMED if law else (*UNCLAIMED, "failsafe")
+    return {n: f.verdict for n, f in result.findings.items() if n not in unclaimed}
+
+
+def _every_input(problem: Problem) -> list[dict[str, str]]:
+    q = problem.quantities
+    return [
+        *inputs_of("state", q.states, problem.states),
+        *inputs_of("control", q.controls, problem.controls),
+        *inputs_of("disturbance", q.disturbances, problem.disturbances),
+        *inputs_of("error", q.errors, problem.errors),
+        *inputs_of("other", q.others, problem.others),
+    ]
+
+
+def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[dict[str, object]]:
+    """What the DM of the module holds: levels of every group, as in its C."""
+    cases = [pairs_of(case) for case in result.cases]
+    if not cases or any(len(case) != len(result.problem.groups) for case in cases):
+        return []  # not everything was computed: there is no table, and nothing to be claimed
+    names = [s.name for s in result.problem.quantities.states]
+    numbered_tables = enumerate(tables(result.problem, cases))
+    return [each.entry(names, f"{stem}_dm{k}", files) for k, each in numbered_tables]
+
+
+def inputs_of(
+    kind: str, leaves: Sequence[Leaf], ranges: Sequence[Interval]
+) -> Iterator[dict[str, str]]:
+    """Of a manifest: inputs of a kind with their ranges."""
+    for leaf, r in zip(leaves, ranges, strict=True):
+        low, high = float(r.low).hex(), float(r.high).hex()
+        yield {"name": leaf.name, "kind": kind, "low": low, "high": high}
+
+
+def times_of(times: Times) -> dict[str, int]:
+    """Of a manifest: every time of a module, in ns."""
+    return {
+        "Delta_ns": times.delta_dm,
+        "delta_ns": times.delta_sc,
+        "A_ns": times.age_dm,
+        "A_sc_ns": times.age_sc,
+        "J_dm_ns": times.late_dm,
+        "J_sc_ns": times.late_sc,
+        "R_dm_ns": times.response_dm,
+        "R_sc_ns": times.response_sc,
+        "L_ns": times.acts,
+        "H_ns": times.horizon_ns,
+        "H_star_ns": times.h_star,
+        "d_ns": times.delay_sc,
+        "j_ns": times.jitter_sc,
+        "h0_ns": times.start,
+    }
+
+
+def _cases(
+    problem: Problem, cases: list[CaseSets], stem: str, files: dict[str, bytes], claims: set[str]
+) -> list[dict[str, object]]:
+    return [_case(problem, case, f"{stem}{k}", files, claims) for k, case in enumerate(cases)]
+
+
+def _case(
+    problem: Problem, case: CaseSets, stem: str, files: dict[str, bytes], claims: set[str]
+) -> dict[str, object]:
+    numbers: dict[str, int] = {}
+    groups = []
+    for proof in case.proofs:
+        k = numbers[proof.mark] = numbers.get(proof.mark, -1) + 1
+        own: dict[str, bytes] = {}
+        group = proof.entry(problem, f"{stem}_{proof.mark}{k}", own)
+        _only_claimed(group, own, claims, computed=problem.computed)
+        files.update(own)
+        groups.append(group)
+    return {"parameter": list(case.parameter), "groups": groups}
+
+
+def _only_claimed(
+    group: dict[str, Any], files: dict[str, bytes], claims: set[str], *, computed: bool
+) -> None:
+    """Leave out what was found and no claim rests on, with its files; K is empty then."""
+    for name in unclaimed(group, claims, computed=computed):
+        *inside, own = name.split(".")
+        del (group[inside[0]] if inside else group)[own]
+    if group["kind"] == "grid" and not OF_SETS & claims:
+        files[group["K"]] = bytes(len(files[group["K"]]))
+    named = json.dumps(group)
+    for name in [n for n in files if json.dumps(n) not in named]:
+        del files[name]

@@ -31,10 +31,9 @@ from soter.report.proof.record import (
     Trajectory,
 )
 from soter.verify.claims.results import ASSUMED, NO_CORE, PROVED, REGIONS_SHOWN
-from soter.verify.composition_table import rows_of
 from soter.verify.grid.set_figures import regions
-from soter.verify.problem.assumption import texts
-from soter.verify.problem.problem import NODES, TUBES
+from soter.verify.problem.problem import NODES, TUBES, texts
+from soter.verify.scope import rows_of
 from soter.version import VERSION
 
 if TYPE_CHECKING:

@@ -2,14 +2,15 @@
 
 Purpose: every system that holds a module is either the same problem, or named as not covered; who
 guarantees what a module takes for granted of the rest of its system: the part of some module's
-`safe` that keeps a topic in its declared set (docs/proof-modules.md, Composition).
-Non-goals: proofs; whether the module that guarantees something is proved: the report holds the two
-against each other.
+`safe` that keeps a topic in its declared set (docs/proof-modules.md, Composition); `rows_of`: all
+of that with the verdicts of a report, as lines of a table, the same for the terminal and the page.
+Non-goals: proofs.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
@@ -20,8 +21,8 @@ from soter.language.model import typed
 from soter.language.model.system import claims_nothing, holder_of, modules_above
 from soter.language.model.tree_walk import conjuncts, topic_reads
 from soter.language.model.types import RecordType, leaf_count
-from soter.verify.problem.assumption import ScopeGuarantee, VerificationScope
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import ScopeGuarantee, VerificationScope
 from soter.verify.problem.verification_system import place
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from soter.language.front_end import CheckResult
     from soter.language.model.system import Component, Module, System
     from soter.language.model.types import Type, Value
+    from soter.verify.claims.results import VerifyReport
     from soter.verify.problem.problem import Problem
 
 
@@ -366,3 +368,40 @@ def _in_the_system(flat: System, problem: Problem, index: int) -> tuple[int, str
     there.sort(key=lambda t: (t.name != topic.name, not t.name.startswith(around)))
     counterpart = there[0] if there else topic
     return counterpart.index, counterpart.driver
+
+
+@dataclass(frozen=True)
+class ComposedAssumption:
+    """`module` takes `what` for granted; `why` it may, and whether that is `open`.
+
+    `promised`: another module should guarantee it.
+    """
+
+    module: str
+    what: str
+    why: str
+    open: bool
+    promised: bool = False
+
+
+def rows_of(report: VerifyReport) -> list[ComposedAssumption]:
+    """Who keeps what; a module that is proved in views stands there once."""
+    views = {m.name: m.problem.view for m in report.modules}
+    verdicts = {m.name.removesuffix(f" as {views[m.name]}"): m.verdict for m in report.modules}
+    rows = []
+    for g in report.coverage.guarantees:
+        module = g.module.removesuffix(f" as {views.get(g.module, '')}")
+        rows.append(ComposedAssumption(module, g.what, *_why(g, verdicts)))
+    return list(dict.fromkeys(rows))
+
+
+def _why(g: ScopeGuarantee, verdicts: dict[str, str]) -> tuple[str, bool, bool]:
+    if g.how == "guaranteed":
+        verdict = verdicts.get(g.by, "not verified here")
+        return f"`safe` of {g.by}: {verdict}", verdict != "proved", True
+    if g.how == "published":
+        verdict = verdicts.get(g.by, "not verified here")
+        return f"its plant can publish no more, by {g.by}: {verdict}", verdict != "proved", True
+    if g.how == "assumed":
+        return f"assumed of {g.by}", True, False
+    return f"{g.how}: {g.by}", False, False

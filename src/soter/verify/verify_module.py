@@ -1,23 +1,28 @@
-"""Verify one module over sets of states: every property, a verdict each.
+"""Verify one module: every property, a verdict each; over sets of states, or by another method.
 
-Purpose: run the engine over all cases, refine where only borders fail, look for counterexamples to
-what is not proved: a `ModuleResult`. Whatever could not be bounded is undecided.
-Non-goals: the claims themselves (`verify/claims/`), proofs by induction (`induction/verify.py`).
+Purpose: over sets of states: run the engine over all cases, refine where only borders fail, look
+for counterexamples to what is not proved: a `ModuleResult`. Whatever could not be bounded is
+undecided. `module_method`: for each kind of problem the verdicts, the entry in a certificate, and
+what of a proof the world that a system is deployed in has to give.
+Non-goals: the claims themselves (`verify/claims/`), proofs by induction (`induction/verify.py`) and
+by tubes (`tubes/verify.py`); how groups of states are proved (`proof_methods.py`).
 """
 
 from __future__ import annotations
 
 import time
 from contextlib import nullcontext
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.current_phase import between, phase, share_done, telling
 from soter.language.model.types import show_ns
-from soter.verify.claims import claims, handover_claims
+from soter.verify.claims import claims, start
 from soter.verify.claims.case import Case, ClaimTimer, settled, settled_before
-from soter.verify.claims.cells import refined, refinement_note
+from soter.verify.claims.cells import announce_work, refined, refinement_note
 from soter.verify.claims.choice import after_core, choose, given_up, returned, shrunk
 from soter.verify.claims.claims import (
+    HOW,
     IN_PROOF,
     in_time,
     put_off,
@@ -27,9 +32,9 @@ from soter.verify.claims.claims import (
     scheme_diverges,
     shown_scheme,
     solutions,
+    static_claims,
     waits,
 )
-from soter.verify.claims.handover_claims import not_entered
 from soter.verify.claims.product_sets import NO_LAW, NOT_FOR_LAWS, FailsafeClaim, hint_of
 from soter.verify.claims.results import (
     ASSUMED,
@@ -42,37 +47,35 @@ from soter.verify.claims.results import (
     Finding,
     ModuleResult,
 )
+from soter.verify.claims.start import not_entered
+from soter.verify.deploy import deployed_sensors
 from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.enclose.scheme_error import STIFF_HINT
-from soter.verify.grid.sets import UnboundedError
-from soter.verify.problem.assumption import Assumption
+from soter.verify.grid.group_model import UnboundedError
+from soter.verify.induction import verify as induction
+from soter.verify.induction.verify import verify_by_induction
 from soter.verify.problem.extract import cases
+from soter.verify.problem.problem import Assumption
 from soter.verify.problem.supported_constructs import said_of_ages
-from soter.verify.proof_methods import in_order, method_of
-from soter.verify.time.problem_times import DELAYS, in_words
-from soter.verify.work_estimate import announce_work
+from soter.verify.proof_methods import entry_over_sets, in_order, method_of
+from soter.verify.tubes.verify import entry as tubes_entry
+from soter.verify.tubes.verify import verify_by_tubes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.language.model.system import System
     from soter.verify.claims.choice import Choice
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.induction.prove_or_refute import Search
-    from soter.verify.problem.problem import Group, Problem
+    from soter.verify.problem.problem import Group, Problem, ProblemKind
+
 
 REFINEMENTS_MAX = 2
 STAGES = ("safe", "core", "tubes", "ttf", "safer", "way")
 """What the engine says it does, in the order in which that takes place."""
-HOW = {
-    "P1a": "periods compared",
-    "P1b": "outputs compared",
-    "P1c": "worst case over all releases",
-    "P3": "inclusions of `ttf` and `safer`",
-    "failsafe": "K inside the core of the fail-safe law",
-    "DM": "the compiled DM on all facts, and tried on every class of input",
-}
-"""What is no matter of groups."""
 CASES, ATTACKED = 0.6, 0.9
 """Shares of a module's time, roughly, after which the cases are done, and the compiled DM."""
 RESTS_ON = ("P1c", "P2a", "P3", "start")
@@ -105,7 +108,7 @@ def verify_module(
         chosen, cpu = _chosen(problem, library)
     problem, done = chosen.problem, chosen.done or []
     entered, why = _handed_over(problem, done)
-    ages = (*said_of_ages(problem.module.symbol.ttf), *handover_claims.notes(problem))
+    ages = (*said_of_ages(problem.module.symbol.ttf), *start.notes(problem))
     scheme, others = shown_scheme(problem, done), solutions(problem, done)
     told = (*entered.values(), *ages, *chosen.notes, *([IN_PROOF] if scheme else []))
     result = ModuleResult(
@@ -132,7 +135,7 @@ def verify_module(
     share_done(ATTACKED)
     with telling(None), settled_before(lambda: settled(result)):
         if refute and problem.modes is None:  # in a run somebody has to decide what the others do
-            from soter.verify.attack.refute import refuted  # noqa: PLC0415 - compiles all of it
+            from soter.verify.refute import refuted  # noqa: PLC0415 - compiles all of it
 
             refuted(problem, result)
         if (refute if explain is None else explain) and result.verdict in (UNDECIDED, REFUTED):
@@ -244,7 +247,7 @@ def _enter_verdicts(result: ModuleResult, done: list[Case], unentered: str) -> N
     for claim in ("P2a", "P3") if unentered else ():
         _only_if_proved(findings[claim], unentered, NOT_ENTERED)
     waits(problem, findings["P2b"])
-    handover_claims.while_in_ac(problem, findings["P2b"])
+    start.while_in_ac(problem, findings["P2b"])
     findings["failsafe"] = _failsafe(problem, result, done)
     if findings["failsafe"].verdict == PROVED:
         result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
@@ -328,27 +331,6 @@ def _law_keeps(problem: Problem, lawful: list[FailsafeClaim]) -> str:
     return f"{text}each lease ends at most {lease} after its release"
 
 
-def static_claims(problem: Problem, result: ModuleResult) -> None:
-    """P1a and P1b were checked with the program; P1c is a sum."""
-    times = problem.times
-    result.findings["P1a"] = Finding(
-        PROVED,
-        method=HOW["P1a"],
-        text=f"SC every {show_ns(times.delta_sc)}, DM every {show_ns(times.delta_dm)}",
-    )
-    result.findings["P1b"] = Finding(
-        PROVED, method=HOW["P1b"], text="AC and SC publish the same topics"
-    )
-    enough = times.horizon_ns >= times.h_star
-    held = PROVED if all(n in times.declared for n in (*DELAYS, "nodes")) else ASSUMED
-    result.findings["P1c"] = Finding(
-        held if enough else UNDECIDED,
-        method=HOW["P1c"],
-        text=in_words(times),
-        hint="" if enough else f"a horizon of {show_ns(times.h_star)} or more, or less delay",
-    )
-
-
 def _finding(problem: Problem, done: list[Case], claim: str) -> Finding:
     if claim == "P2b" and problem.stays:  # nobody has to give control back, K or no K
         return Finding(ASSUMED, text=STAYS.format(problem.module.symbol.stays))
@@ -390,7 +372,7 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
             many = f" after a command of it acts first{many}"
         return f"SC gives control back within {show_ns(seconds)}{many}"
     if problem.above:
-        return handover_claims.shown(problem)
+        return start.shown(problem)
     return f"initial states lie in R({show_ns(problem.times.start)})"
 
 
@@ -447,3 +429,31 @@ def _attempt(problem: Problem) -> list[Case]:
         return returned(done) if problem.computed else done
 
     return choose(problem, settled).done or []
+
+
+@dataclass(frozen=True)
+class ModuleMethod:
+    """What a method does with problems of its kind, and with its own results."""
+
+    verify: Callable[..., ModuleResult]
+    """(problem, refute=, explain=, search=, compiled=) -> verdicts of all properties."""
+    entry: Callable[[Any, str, str, dict[str, bytes]], dict[str, object]]
+    """(result, system, stem of its files, files) -> the module in a manifest."""
+    covers: Callable[[System, System, Any, Diagnostics], tuple[list[str], list[str]]]
+    """(deployed system, proved one, problem, diagnostics) -> what is covered, and assumed."""
+    compiled: Callable[[Problem], object] | None = None
+    """What `verify` needs as `compiled`, and makes itself where it is None."""
+
+
+SETS = ModuleMethod(verify_module, entry_over_sets, deployed_sensors.covers, library_of)
+METHODS: dict[ProblemKind, ModuleMethod] = {
+    "flow": SETS,
+    "map": SETS,
+    "nodes": ModuleMethod(verify_by_induction, induction.entry, induction.covers),
+    "tubes": ModuleMethod(verify_by_tubes, tubes_entry, deployed_sensors.covers),
+}
+
+
+def module_method(problem: Problem) -> ModuleMethod:
+    """The method that proves the module of a problem."""
+    return METHODS[problem.kind]

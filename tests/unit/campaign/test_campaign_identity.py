@@ -14,8 +14,8 @@ from soter import SoterError, load
 from soter.api.assurance.evidence import read_flights, replay_flights
 from soter.campaign import batch_flights
 from soter.campaign.batch_flights import Fleet
+from soter.native.cache import SOTER, computes_names
 from soter.native.shared_library import library_flags, texts
-from soter.native.source_files import SOTER, computes_names
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.cells.cell_sets import Cells, Grid
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.grid.grid_group import (
     GridCheck,
 )
 from soter.certificate.grid.group_claims import (
     GroupTables,
 )
+from soter.certificate.report import RejectedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

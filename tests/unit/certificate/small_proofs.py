@@ -13,18 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.assumptions import p1c_of
 from soter.certificate.case_check import CLAIMS
-from soter.certificate.cells.cell_sets import Cells, Grid
-from soter.certificate.cells.predicates import certain
-from soter.certificate.format.claimed_parts import unclaimed
-from soter.certificate.format.folder import FORMAT, canonical
+from soter.certificate.cell_predicates import certain
+from soter.certificate.cell_sets import Cells, Grid
+from soter.certificate.folder import FORMAT, canonical, unclaimed
 from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
 from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.module_times import TIME_KEYS
 from soter.certificate.reading.problem import read_facts
+from soter.certificate.scope import p1c_of
 from soter.certificate.terms.arb_balls import above, below
 from soter.certificate.terms.compile_terms import form_of_box
-from soter.certificate.time.module_times import TIME_KEYS
 from soter.language.front_end import check_file, system_to_prove
 
 if TYPE_CHECKING:

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from flint import arb
 
-from soter.certificate.cells import predicates
-from soter.certificate.cells.cell_sets import Cells, Grid, finer
+from soter.certificate import cell_predicates
+from soter.certificate.cell_sets import Cells, Grid, finer
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.grid_group import GridCheck, _looked_at
 from soter.certificate.grid.group_claims import ChainCheck
-from soter.certificate.reading.axes_without_ends import FARTHEST
+from soter.certificate.reading.left_out_states import FARTHEST
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import (
     ONE,
     UNIVARIATE,
@@ -28,7 +29,7 @@ from soter.certificate.terms.arb_balls import (
     line_or_range,
 )
 from soter.certificate.terms.straight_line import grown
-from soter.certificate.terms.terms import NotRecheckedError, Terms
+from soter.certificate.terms.terms import Terms
 from tables import all_rows
 
 # ---------------------------------------------------------------- numbers
@@ -189,7 +190,7 @@ def test_what_holds_on_the_grid_alone_does_not_hold_beyond_its_open_end() -> Non
         inside = terms.below(terms.combine(((-ONE, x),), exact(-5.0)))
         grid = Grid(((-2.0, -1.0, 0.0, 1.0, 2.0),), unbounded)
         group: Any = SimpleNamespace(grid=grid, states=(0,))
-        found = predicates._certain_cells(model, group, terms, [0], inside)
+        found = cell_predicates._certain_cells(model, group, terms, [0], inside)
         assert found.members.tolist() == members
 
 

@@ -18,11 +18,10 @@ import pytest
 import soter
 from generators.turning_systems import Drawn
 from soter.api import recheck
-from soter.certificate.cells.cell_sets import SEAM, Cells, Grid, brought_back
-from soter.certificate.format.errors import RejectedError
-from soter.certificate.reading.axes_without_ends import read_turning, refuse_turns_read
+from soter.certificate.cell_sets import SEAM, Cells, Grid, brought_back
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.reading.left_out_states import read_turning, refuse_turns_read
+from soter.certificate.report import NotRecheckedError, RejectedError
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.certificate.cells.cell_sets import (
+from soter.certificate.cell_sets import (
     WIDER,
     Cells,
     Grid,
@@ -22,7 +22,7 @@ from soter.certificate.cells.cell_sets import (
     unshown,
     volume,
 )
-from soter.certificate.reading.axes_without_ends import FARTHEST
+from soter.certificate.reading.left_out_states import FARTHEST
 from soter.certificate.terms.arb_balls import exact
 from tables import all_rows
 

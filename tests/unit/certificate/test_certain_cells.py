@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from soter.certificate.cells import predicates
-from soter.certificate.cells.cell_sets import Cells, Grid
-from soter.certificate.cells.predicates import HOLDS, Decision
+from soter.certificate import cell_predicates
+from soter.certificate.cell_predicates import HOLDS, Decision
+from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.terms import Linear, Proposition, Terms, both, either, negation
 from unit.certificate.small_proofs import even_edges
@@ -80,7 +80,7 @@ def decision_of(name: str, ends: Any = EXTENTS) -> Decision:
 def test_what_holds_on_a_cell_holds_at_its_points(name: str) -> None:
     """And not of all cells, nor of none; a point that certainly fails is in no such cell."""
     decision, draw = decision_of(name), np.random.default_rng(1)
-    members = predicates._decided_cells(decision, GRID)
+    members = cell_predicates._decided_cells(decision, GRID)
     assert 0 < members.sum() < members.size
     for cell in np.ndindex(GRID.shape):
         low, high = (
@@ -106,22 +106,22 @@ def test_cells_that_touch_a_bound_belong_to_it() -> None:
     model: Any = SimpleNamespace(extents=((-2.0, 2.0), (-2.0, 2.0)))
     decision = Decision(model, (0, 1), terms, [next(iter(s.terms)) for s in (x, y)], truth)
     grid = Grid((edges, edges))
-    members = predicates._decided_cells(decision, grid)
+    members = cell_predicates._decided_cells(decision, grid)
     assert members[34, 35], "x from 1.4 to 1.5, y from 1.5 on"
 
 
 def test_cells_are_remembered_for_the_same_question_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """Another number by one last place, range, grid, open end or proposition is another one."""
     model: Any = SimpleNamespace(extents=EXTENTS)
-    decided = predicates._decided_cells
+    decided = cell_predicates._decided_cells
     made: list[Grid] = []
 
     def counted(decision: Decision, grid: Grid) -> Any:
         made.append(grid)
         return decided(decision, grid)
 
-    monkeypatch.setattr(predicates, "_decided_cells", counted)
-    monkeypatch.setattr(predicates, "_CERTAIN_CELLS", {})
+    monkeypatch.setattr(cell_predicates, "_decided_cells", counted)
+    monkeypatch.setattr(cell_predicates, "_CERTAIN_CELLS", {})
 
     def cells(grid: Grid, bound: float, error: float, speed: float, axes: str) -> Cells:
         terms = Terms()
@@ -134,7 +134,7 @@ def test_cells_are_remembered_for_the_same_question_only(monkeypatch: pytest.Mon
         truth = both(terms.below(terms.combine(sizes, exact(-bound))), fast)
         group: Any = SimpleNamespace(grid=grid, states=(0, 1))
         atoms = [next(iter(s.terms)) for s in (x, v)]
-        return predicates._certain_cells(model, group, terms, atoms, truth)
+        return cell_predicates._certain_cells(model, group, terms, atoms, truth)
 
     asked = (GRID, 1.3, 0.05, 2.0, "xve")
     moved = Grid((GRID.edges[0], (*GRID.edges[1][:5], np.nextafter(-0.5, 0), *GRID.edges[1][6:])))

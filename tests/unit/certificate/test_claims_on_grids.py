@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.certificate.cells.cell_sets import Cells, Grid, volume
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.cell_sets import Cells, Grid, volume
 from soter.certificate.grid import grid_group, group_claims
 from soter.certificate.grid.grid_group import (
     BLOCKS,
@@ -20,6 +19,7 @@ from soter.certificate.grid.grid_group import (
     packed,
 )
 from soter.certificate.groups import LOOK
+from soter.certificate.report import RejectedError
 from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
 
 if TYPE_CHECKING:

@@ -16,12 +16,12 @@ from bench.recheck.models import Cart
 
 import soter
 from soter.api import recheck
-from soter.certificate.cells.cell_sets import Grid
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.cell_sets import Grid
 from soter.certificate.grid.grid_group import GridGroup, levels_of, packed
 from soter.certificate.grid.group_claims import GroupTables
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.rechecker import compare_tables
+from soter.certificate.report import RejectedError
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.missing_predicates import complete
 from unit.certificate import small_proofs

@@ -11,18 +11,19 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.certificate import rechecker
-from soter.certificate.format.errors import (
+from soter.certificate.folder import MANIFEST_KEYS, NotACertificateError
+from soter.certificate.proof_methods import GROUPS, MODULES
+from soter.certificate.reading.module_facts import Facts
+from soter.certificate.reading.module_times import TIME_KEYS
+from soter.certificate.report import (
     ACCEPTED,
     NOT_RECHECKED,
     REJECTED,
     NotRecheckedError,
+    RecheckedModule,
     RejectedError,
+    Report,
 )
-from soter.certificate.format.folder import MANIFEST_KEYS, NotACertificateError
-from soter.certificate.proof_methods import GROUPS, MODULES
-from soter.certificate.reading.module_facts import Facts
-from soter.certificate.report import RecheckedModule, Report
-from soter.certificate.time.module_times import TIME_KEYS
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from tables import all_rows

@@ -22,10 +22,11 @@ from soter.certificate.grid.flow_enclosures import (
     size_of,
 )
 from soter.certificate.reading.linear_flows import LinearFlow
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import ONE, ZERO, exact
 from soter.certificate.terms.compile_terms import compile_lines
 from soter.certificate.terms.straight_line import Builder, NotCertainError
-from soter.certificate.terms.terms import NotRecheckedError, Proposition, Terms
+from soter.certificate.terms.terms import Proposition, Terms
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate.format import claimed_parts
-from soter.certificate.format import folder as folders
-from soter.certificate.format.errors import NotRecheckedError, RejectedError
-from soter.certificate.format.folder import (
+from soter.certificate import folder as claimed_parts
+from soter.certificate import folder as folders
+from soter.certificate.folder import (
     FORMAT,
     Certificate,
     NotACertificateError,
     canonical,
     read_certificate,
 )
+from soter.certificate.report import NotRecheckedError, RejectedError
 
 if TYPE_CHECKING:
     from pathlib import Path

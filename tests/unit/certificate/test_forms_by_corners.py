@@ -19,6 +19,7 @@ from soter.certificate.grid.chain_form_layout import (
     spread_of,
 )
 from soter.certificate.grid.flow_chains import DEPTH_MAX, FlowChain, Times, _apart
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.straight_line import (
     Builder,
@@ -31,7 +32,6 @@ from soter.certificate.terms.straight_line import (
     total,
     units,
 )
-from soter.certificate.terms.terms import NotRecheckedError
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from soter.certificate.cells.cell_sets import Grid
-from soter.certificate.format.claimed_parts import FREE
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.cell_sets import Grid
+from soter.certificate.folder import FREE
 from soter.certificate.grid import grid_group
 from soter.certificate.grid.grid_group import (
     GridGroup,
@@ -21,6 +20,7 @@ from soter.certificate.grid.group_claims import (
     GroupTables,
 )
 from soter.certificate.grid.resting import RESTS
+from soter.certificate.report import RejectedError
 from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
 
 

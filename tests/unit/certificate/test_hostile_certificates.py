@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate.format import folder as certificate_folder
-from soter.certificate.format.errors import NOT_RECHECKED, REJECTED, RejectedError
-from soter.certificate.format.folder import (
+from soter.certificate import folder as certificate_folder
+from soter.certificate.folder import (
     BYTES_MAX,
     FILE_MAX,
     FORMAT,
@@ -21,6 +20,7 @@ from soter.certificate.format.folder import (
     program_of,
 )
 from soter.certificate.rechecker import recheck
+from soter.certificate.report import NOT_RECHECKED, REJECTED, RejectedError
 from soter.cli.main import main
 from unit.certificate import small_proofs
 from work import work_of

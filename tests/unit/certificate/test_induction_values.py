@@ -13,13 +13,13 @@ import pytest
 from generators.random_functions import FunctionMaker
 from long_tests import some
 from soter.api import recheck
-from soter.certificate.format.errors import NotRecheckedError
 from soter.certificate.reading.symbolic_reading import (
     CallFrame,
     CodeReader,
     Surroundings,
     SymbolicReader,
 )
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.terms import Terms
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from flint import arb
 
-from soter.certificate.cells.cell_sets import Grid
+from soter.certificate.cell_sets import Grid
 from soter.certificate.grid.flow_chains import FlowChain, Times
 from soter.certificate.grid.flow_enclosures import Enclosure, LocalFlow, SolvedFlow, integral_of
 from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
-from soter.certificate.grid.inward_flow import uncrossed_ends
-from soter.certificate.grid.sc_chains import EVERY, NANOSECOND, windows
+from soter.certificate.grid.sc_chains import EVERY, NANOSECOND, uncrossed_ends, windows
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.terms.arb_balls import ONE, ZERO, exact

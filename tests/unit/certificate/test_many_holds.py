@@ -15,7 +15,7 @@ from flint import arb
 
 import soter
 from soter.api import recheck
-from soter.certificate.cells.cell_sets import Cells, Grid
+from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.grid.group_claims import ChainCheck, GroupTables
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.terms.arb_balls import exact, line_max0, line_noisy_max0

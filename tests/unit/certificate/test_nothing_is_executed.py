@@ -47,7 +47,7 @@ def test_what_would_is_seen() -> None:
         "y = [eval(x)]",
         "import re",
         "from importlib import import_module",
-        "def f():\n  from soter.native.library import load",
+        "def f():\n  from soter.native.shared_library import load",
         "import ctypes.util",
     ):
         assert used(text), text

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import soter
-from soter.certificate.assumptions import assumptions_of
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import NotRecheckedError
+from soter.certificate.scope import assumptions_of
 from soter.language.front_end import check_file, system_to_prove
-from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import texts
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:

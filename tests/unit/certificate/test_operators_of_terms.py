@@ -9,13 +9,9 @@ from typing import Any
 import pytest
 
 from soter.certificate.reading.symbolic_operations import Operations, Rows, SymbolicInt, in_range
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import ONE, exact
-from soter.certificate.terms.terms import (
-    Linear,
-    NotRecheckedError,
-    Terms,
-    negation,
-)
+from soter.certificate.terms.terms import Linear, Terms, negation
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.model.types import FLOAT
 from soter.language.prelude.function_error_bounds import BOUNDS, ErrorBound

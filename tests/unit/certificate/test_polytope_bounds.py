@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from soter.certificate.format.errors import RejectedError
 from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
 from soter.certificate.polytope.linear_laws import CommandLaw
 from soter.certificate.reading.linear_flows import LinearFlow
+from soter.certificate.report import RejectedError
 from soter.certificate.terms.arb_balls import ZERO, exact
 from soter.verify.polytope import linear_group as polytope_model
-from soter.verify.polytope.ball_matrices import exact as ball
-from soter.verify.polytope.ball_matrices import exponential
 from soter.verify.polytope.linear_group import LinearGroup, free_instants, hold_instants
+from soter.verify.polytope.matrices import exact as ball
+from soter.verify.polytope.matrices import exponential
 from soter.verify.polytope.proofs import Windows, claims_of, find_core, prove_core
 from unit.verify.polytope.polytope_adversary import MS, Attack, random_group
 

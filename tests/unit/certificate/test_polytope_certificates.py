@@ -15,13 +15,13 @@ import pytest
 
 import soter
 from long_tests import some
-from soter.certificate.cells.cell_sets import Cells, Grid
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.polytope import polytope_group
 from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.polytope_check import PolytopeCheck
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.rechecker import recheck
+from soter.certificate.report import RejectedError
 from soter.language.front_end import check_file
 from soter.verify.polytope import extract_group as polytope_extract
 from soter.verify.polytope import linear_group as polytope_model

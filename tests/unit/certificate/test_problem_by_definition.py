@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate.assumptions import assumptions_of, confirmed_of, p1c_of
 from soter.certificate.reading import problem
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError, Facts
+from soter.certificate.report import NotRecheckedError
+from soter.certificate.scope import assumptions_of, confirmed_of, p1c_of
 from soter.certificate.terms.arb_balls import ZERO, exact
-from soter.certificate.terms.terms import Linear, NotRecheckedError, Terms
+from soter.certificate.terms.terms import Linear, Terms
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from tables import all_rows
 from unit.certificate import small_proofs

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate.format import folder as certificate_program
-from soter.certificate.format.errors import RejectedError
-from soter.certificate.format.folder import (
+from soter.certificate import folder as certificate_program
+from soter.certificate.folder import (
     Certificate,
 )
+from soter.certificate.report import RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file
 from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bench.recheck.models import Cart
 
-from soter.certificate.cells.cell_sets import Cells, Grid
+from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.grid.group_claims import ChainCheck, GroupTables, ranked
 from soter.certificate.reading.case_model import CaseModel
 from unit.certificate import small_proofs

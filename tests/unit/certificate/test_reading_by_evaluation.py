@@ -26,17 +26,12 @@ from soter.certificate.reading.symbolic_operations import (
     whole,
 )
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.terms import (
-    FALSE,
-    TRUE,
-    Linear,
-    NotRecheckedError,
-    Proposition,
-    Terms,
-)
+from soter.certificate.terms.terms import FALSE, TRUE, Linear, Proposition, Terms
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
-from soter.language.evaluate.statements import Environment, Evaluator
+from soter.language.evaluate.environment import Environment
+from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file
 from soter.language.model.typed import VarRead
 from soter.language.model.types import FLOAT, ArrayType, ListType

@@ -65,7 +65,7 @@ def test_a_plain_certificate_runs_nothing_but_what_is_on_the_list(
     listed = {f for step in files_of("The order", 2) for f in step}
     beside = {f for row in files_of("Beside the verdict", 1) for f in row}
     assert here - beside <= listed
-    assert {"rechecker.py", "grid/grid_group.py", "time/derived_times.py"} <= here
+    assert {"rechecker.py", "grid/grid_group.py", "reading/derived_times.py"} <= here
 
 
 def test_every_file_is_on_the_list_once_and_each_step_has_its_lines() -> None:

@@ -9,8 +9,8 @@ import pytest
 import soter
 from soter.api import recheck
 from soter.certificate.case_check import static_claims
-from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.problem import read_facts
+from soter.certificate.report import RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 

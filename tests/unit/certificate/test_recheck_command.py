@@ -14,19 +14,21 @@ from json_documents import problems_of
 from soter.api.program import load
 from soter.certificate import rechecker
 from soter.certificate.case_check import CLAIMS
-from soter.certificate.format.errors import (
-    ACCEPTED,
-    NOT_RECHECKED,
-    REJECTED,
-    NotRecheckedError,
-    RejectedError,
-)
 from soter.certificate.grid.group_claims import FREE_PIECES
 from soter.certificate.polytope.certificate_tables import HalfSpaces
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.rechecker import recheck
-from soter.certificate.report import SAFETY, RecheckedModule, Report
+from soter.certificate.report import (
+    ACCEPTED,
+    NOT_RECHECKED,
+    REJECTED,
+    SAFETY,
+    NotRecheckedError,
+    RecheckedModule,
+    RejectedError,
+    Report,
+)
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.vacuous_proofs import _of_tables, of_those_above
 from soter.cli.main import main

@@ -13,12 +13,12 @@ from generators.handover_program import CHANGES, GUARD, GUARDS, IN, handover, of
 from soter.api.program import load
 from soter.certificate import rechecker
 from soter.certificate.case_check import CaseCheck
-from soter.certificate.cells.cell_sets import Cells
-from soter.certificate.handover import jumps_of
+from soter.certificate.cell_sets import Cells
+from soter.certificate.control_changes import jumps_of
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import NotRecheckedError
 from soter.cli.main import main
 from soter.language.front_end import check_file, system_of
 from unit.certificate.small_proofs import edit_program

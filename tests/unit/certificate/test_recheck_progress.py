@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soter.certificate.case_check import CaseCheck
-from soter.certificate.cells.cell_sets import Grid
+from soter.certificate.cell_sets import Grid
 from soter.certificate.grid.grid_group import BLOCK, BLOCKS, SMALL, blocks
 from soter.certificate.groups import LOOK
 from soter.diagnostics.current_phase import telling_shares

@@ -9,7 +9,7 @@ from bench.recheck.small_modules import PROGRAMS
 
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import ORDERS, linear_flow
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import NotRecheckedError
 from soter.language.syntax.schemes import SCHEMES
 from unit.certificate import small_proofs
 

@@ -11,15 +11,15 @@ import pytest
 
 from soter.api.program import load
 from soter.api.rechecking import recheck
-from soter.certificate.module_above import handed_back
-from soter.certificate.time.derived_times import (
+from soter.certificate.control_changes import handed_back
+from soter.certificate.reading.derived_times import (
     Clock,
     TimingSetting,
     TopicPath,
     TopicReading,
     derive,
 )
-from soter.verify.time.schedule import ActuationPath, Releases, Schedule, SensorPath
+from soter.verify.problem.schedule import ActuationPath, Releases, Schedule, SensorPath
 from tables import all_rows
 from unit.certificate import small_proofs
 from unit.verify.towers import GENTLE, GRID, TOWER, WRONG_BELOW, changed

@@ -11,13 +11,13 @@ import pytest
 from bench.recheck.models import Cart
 
 from soter.certificate.case_check import CaseCheck
-from soter.certificate.cells.cell_sets import Cells, Grid, unshown, volume
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.cell_sets import Cells, Grid, unshown, volume
 from soter.certificate.grid import estimates_and_shield
 from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.grid.group_claims import ChainCheck, GroupTables, ranked
-from soter.certificate.grid.inward_flow import points_inwards
+from soter.certificate.grid.sc_chains import points_inwards
 from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.report import RejectedError
 from soter.certificate.terms.compile_terms import form_of_box
 from unit.certificate import small_proofs
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.certificate.cells.cell_sets import Block
+    from soter.certificate.cell_sets import Block
 
 CLAMPED = "clamp(-2.0 * seen, -1.0, 1.0)"
 LAG = """soter 1;

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import pytest
 from bench.recheck.small_modules import PROGRAMS
 
+from soter.certificate.case_check import survives_the_start
 from soter.certificate.reading.module_facts import DiffersError
-from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.sc_on_default_inputs import survives_the_start
+from soter.certificate.report import NotRecheckedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
-from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import texts
 from tables import all_rows
 from unit.certificate import small_proofs
 

@@ -11,17 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.certificate.cells.cell_sets import Grid
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.cell_sets import Grid
 from soter.certificate.grid.grid_group import GridCheck, GridGroup
-from soter.certificate.grid.inward_flow import uncrossed_ends
+from soter.certificate.grid.sc_chains import uncrossed_ends
 from soter.certificate.groups import GroupCheck
 from soter.certificate.reading import case_model, problem, supported_constructs
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import _scheme, is_linear, linear_flow
 from soter.certificate.reading.supported_constructs import check_supported
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.arb_balls import ZERO, exact
-from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import AgeRead, Variable
 from soter.language.model.types import FLOAT, IntType, ListType, RecordType

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 from bench.recheck.small_modules import PROGRAMS
 
-from soter.certificate import assumptions, rechecker
+from soter.certificate import folder as folders
+from soter.certificate import rechecker, scope
 from soter.certificate.case_check import CaseCheck, can_fork, of_the_module, static_claims
-from soter.certificate.cells.cell_sets import Cells, Grid
-from soter.certificate.format import folder as folders
-from soter.certificate.format.errors import RejectedError
-from soter.certificate.format.folder import FORMAT, canonical, read_certificate
+from soter.certificate.cell_sets import Cells, Grid
+from soter.certificate.folder import FORMAT, canonical, read_certificate
 from soter.certificate.grid.grid_group import GridCheck, GridGroup
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.arb_balls import ZERO, above, below, exact
 from soter.certificate.terms.compile_terms import AffineForms
-from soter.certificate.terms.terms import Linear, NotRecheckedError, Terms
+from soter.certificate.terms.terms import Linear, Terms
 from unit.certificate import small_proofs
 from unit.certificate.test_one_instant import DM, SC, TEXT
 
@@ -293,23 +293,23 @@ def test_only_of_a_flow_sensors_are_said_to_be_on_time(tmp_path: Path) -> None:
         (facts_of(tmp_path), True),
         (small_proofs.facts_of(tmp_path / "map.soter", "S", "M"), False),
     ):
-        said = {a.key for a in assumptions.assumptions_of(facts)}
+        said = {a.key for a in scope.assumptions_of(facts)}
         assert ("sensors on time" in said, "one instant" in said) == (flow, not flow)
 
 
 def test_what_is_read_together_is_said_to_be_of_one_instant(tmp_path: Path) -> None:
     for pairs, who in (((), set()), ((SC,), {"SC"}), ((SC, DM), {"SC", "the DM"})):
-        entries = assumptions.assumptions_of(facts_of(tmp_path, *pairs))
+        entries = scope.assumptions_of(facts_of(tmp_path, *pairs))
         keys = [a.key.split(":")[0] for a in entries if a.key.startswith("one instant")]
         assert sorted(keys) == sorted(f"one instant {w}" for w in who)
 
 
 def test_what_a_view_rests_on_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     facts = facts_of(tmp_path)
-    monkeypatch.setattr("soter.certificate.handover.assumed", lambda *_: [("key", "text")])
+    monkeypatch.setattr("soter.certificate.control_changes.assumed", lambda *_: [("key", "text")])
     for view in (None, "a view"):
         facts.view = view  # type: ignore[assignment]
-        said = [a.key for a in assumptions.assumptions_of(facts)]
+        said = [a.key for a in scope.assumptions_of(facts)]
         assert ("key" in said) == (view is not None)
 
 
@@ -319,7 +319,7 @@ def test_what_is_assumed_of_modes_is_said(tmp_path: Path, monkeypatch: pytest.Mo
     facts = facts_of(tmp_path)
     for modes in ((), ("a mode",)):
         monkeypatch.setattr(type(facts), "modes", modes)
-        assert ("key" in [a.key for a in assumptions.assumptions_of(facts)]) == bool(modes)
+        assert ("key" in [a.key for a in scope.assumptions_of(facts)]) == bool(modes)
 
 
 # ---------------------------------------------------------------- numbers

@@ -9,8 +9,7 @@ from concurrent.futures import BrokenExecutor
 import pytest
 
 from soter.certificate.case_check import TaskProcesses, can_fork
-from soter.certificate.format.errors import RejectedError
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import NotRecheckedError, RejectedError
 
 pytestmark = pytest.mark.skipif(not can_fork(), reason="this system does not fork processes")
 

@@ -14,9 +14,8 @@ from bench.recheck.small_modules import PROGRAMS
 from flint import arb
 
 from soter.certificate import rechecker
-from soter.certificate.cells.cell_sets import Grid
-from soter.certificate.format.errors import RejectedError
-from soter.certificate.format.folder import _overrides
+from soter.certificate.cell_sets import Grid
+from soter.certificate.folder import _overrides
 from soter.certificate.grid.chain_form_layout import FormLayout
 from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.reading import supported_constructs
@@ -24,6 +23,7 @@ from soter.certificate.reading.left_out_states import all_certain
 from soter.certificate.reading.sc_locals_and_modes import one_of
 from soter.certificate.reading.symbolic_operations import Operations, Rows
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.arb_balls import (
     ONE,
     exact,
@@ -35,7 +35,7 @@ from soter.certificate.terms.compile_terms import (
     halved,
 )
 from soter.certificate.terms.straight_line import CERTAIN, OPERATIONS, content_of
-from soter.certificate.terms.terms import FALSE, TRUE, Linear, NotRecheckedError, Terms
+from soter.certificate.terms.terms import FALSE, TRUE, Linear, Terms
 from soter.language.front_end import check_file
 from unit.certificate import small_proofs
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import ONE, UNIVARIATE, ZERO, exact
 from soter.certificate.terms.compile_terms import (
     compile_lines,
@@ -17,14 +18,7 @@ from soter.certificate.terms.compile_terms import (
     compile_truths,
     form_of_box,
 )
-from soter.certificate.terms.terms import (
-    FALSE,
-    TRUE,
-    Linear,
-    NotRecheckedError,
-    Proposition,
-    Terms,
-)
+from soter.certificate.terms.terms import FALSE, TRUE, Linear, Proposition, Terms
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -1,8 +1,8 @@
 """Times of random systems against schedules that are played: never exceeded, and reached.
 
-The player shares nothing with `derived_times.py`: each release starts and publishes when dice say
-so, each read looks through all publications, and what may or may not be seen in one instant is
-diced, too.
+The player shares nothing with `certificate/reading/derived_times.py`: each release starts and
+publishes when dice say so, each read looks through all publications, and what may or may not be
+seen in one instant is diced, too.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import pytest
 
-from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.derived_times import (
+from soter.certificate.reading.derived_times import (
     Clock,
     DerivedTimes,
     TimingSetting,
@@ -22,7 +21,8 @@ from soter.certificate.time.derived_times import (
     TopicReading,
     derive,
 )
-from soter.certificate.time.node_paths import NodeEffect, NodePath
+from soter.certificate.reading.node_paths import NodeEffect, NodePath
+from soter.certificate.report import NotRecheckedError
 
 SYSTEMS = 30
 PLAYS = 150

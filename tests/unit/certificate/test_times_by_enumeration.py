@@ -11,9 +11,8 @@ from typing import Any
 
 import pytest
 
-from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time import derived_times
-from soter.certificate.time.derived_times import (
+from soter.certificate.reading import derived_times
+from soter.certificate.reading.derived_times import (
     Clock,
     Effect,
     TimingSetting,
@@ -23,7 +22,8 @@ from soter.certificate.time.derived_times import (
     derive,
     releases,
 )
-from soter.certificate.time.module_times import _check_map
+from soter.certificate.reading.module_times import _check_map
+from soter.certificate.report import NotRecheckedError
 from tables import all_rows
 
 LATER = 200

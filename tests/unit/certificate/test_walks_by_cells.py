@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.cells.cell_sets import Cells, Grid
+from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.grid import group_claims
 from soter.certificate.grid.group_claims import (
     ChainCheck,

@@ -9,9 +9,9 @@ from bench.recheck.small_modules import PROGRAMS
 
 import soter
 from soter.api import recheck
-from soter.certificate.assumptions import assumptions_of, p1c_of
 from soter.certificate.reading.module_facts import DiffersError
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import NotRecheckedError
+from soter.certificate.scope import assumptions_of, p1c_of
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:

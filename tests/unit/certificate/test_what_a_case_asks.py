@@ -10,7 +10,7 @@ import pytest
 
 from soter.certificate import case_check, rechecker
 from soter.certificate.case_check import CaseCheck, narrowed
-from soter.certificate.format.errors import (
+from soter.certificate.report import (
     NotRecheckedError,
     RejectedError,
 )

@@ -11,13 +11,20 @@ import pytest
 
 from soter.certificate import case_check
 from soter.certificate.case_check import CLAIMS, VERDICTS, claimed_of, of_the_module
-from soter.certificate.format.errors import NotRecheckedError, RejectedError
-from soter.certificate.reading import left_out_states, map_steps, module_facts, supported_constructs
+from soter.certificate.grid import sc_chains
+from soter.certificate.reading import (
+    case_model,
+    derived_times,
+    left_out_states,
+    module_facts,
+    module_times,
+    supported_constructs,
+)
 from soter.certificate.reading.case_model import commanded
+from soter.certificate.reading.derived_times import Clock, Effect, TopicPath
+from soter.certificate.reading.module_times import DECLARED_KEYS, TIME_KEYS, compare_times
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.terms import Terms
-from soter.certificate.time import derived_times, module_times
-from soter.certificate.time.derived_times import Clock, Effect, TopicPath
-from soter.certificate.time.module_times import DECLARED_KEYS, TIME_KEYS, compare_times
 from soter.language.model import typed as t
 from tables import all_rows
 from unit.certificate.test_problem_by_definition import facts_with, model_of
@@ -432,24 +439,24 @@ def test_a_map_is_stepped_as_often_as_it_steps(
     model = model_of(facts)
     _, states = model.new_terms()
     for members in ([0], [1], [0, 1], []):
-        boxes = map_steps.boxes_of(model, states, members)
+        boxes = case_model.boxes_of(model, states, members)
         wanted = [k for k in range(2) if k not in members]
-        assert list(boxes) == [map_steps.atom_of(states[k]) for k in wanted]
+        assert list(boxes) == [case_model.atom_of(states[k]) for k in wanted]
         for k in wanted:
-            ends = boxes[map_steps.atom_of(states[k])]
+            ends = boxes[case_model.atom_of(states[k])]
             assert tuple(map(float, ends)) == model.extents[k]
     period = facts.plants[0].period_ns
     for time, steps in ((0, 0), (1, 1), (period, 1), (period + 1, 2), (3 * period, 3)):
-        assert len(map_steps.map_free(model, [0, 1], time)) == steps
+        assert len(sc_chains.map_free(model, [0, 1], time)) == steps
     for most in (1, 2, 3):
-        monkeypatch.setattr(map_steps, "PHASE_MAX", most)
-        monkeypatch.setattr(map_steps, "STEPS_MAX", most)
+        monkeypatch.setattr(sc_chains, "PHASE_MAX", most)
+        monkeypatch.setattr(sc_chains, "STEPS_MAX", most)
         if most >= 2:
-            map_steps.map_free(model, [0, 1], 2 * period)
-            map_steps.map_step(model, [0, 1])  # two steps of the map in a period of SC
+            sc_chains.map_free(model, [0, 1], 2 * period)
+            sc_chains.map_step(model, [0, 1])  # two steps of the map in a period of SC
         else:
-            for of in (lambda: map_steps.map_free(model, [0, 1], 2 * period),
-                       lambda: map_steps.map_step(model, [0, 1])):  # fmt: skip
+            for of in (lambda: sc_chains.map_free(model, [0, 1], 2 * period),
+                       lambda: sc_chains.map_step(model, [0, 1])):  # fmt: skip
                 with pytest.raises(NotRecheckedError, match="steps of the map"):
                     of()
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.certificate.cells.cell_sets import Cells
-from soter.certificate.format.errors import RejectedError
-from soter.certificate.grid import estimates_and_shield, inward_flow, sc_chains
+from soter.certificate.cell_sets import Cells
+from soter.certificate.grid import estimates_and_shield, sc_chains
 from soter.certificate.grid.sc_chains import EVERY, Window, windows
+from soter.certificate.report import RejectedError
 from soter.certificate.terms.arb_balls import exact
 from tables import all_rows
 from unit.certificate.grid_tables import LINE, bools, tables
@@ -239,8 +239,8 @@ def test_a_linear_rate_is_least_at_a_corner(monkeypatch: pytest.MonkeyPatch) -> 
             constant=[exact(float(c[0]))], noise=[[exact(float(x)) for x in w]],
             ranges=((exact(-1.0), exact(2.0)),),
         )  # fmt: skip
-        monkeypatch.setattr(inward_flow, "linear_flow", lambda *_, flow=flow: flow)
-        inwards = inward_flow._linear(None, [0, 1])  # type: ignore[arg-type]
+        monkeypatch.setattr(sc_chains, "linear_flow", lambda *_, flow=flow: flow)
+        inwards = sc_chains._linear(None, [0, 1])  # type: ignore[arg-type]
         side = [(-1.0, -1.0), (0.0, 2.0)]
         rates = [
             a @ [x, y] + b[0] * u + c[0] + w @ [p, q]

@@ -132,7 +132,7 @@ system S { p: Point; module Guard; until 2s; always abs(p.truth.x) < 1.0; }
 def robot(here: Path) -> Path:
     """A program whose AC is an extern that nothing is bound to, and a file of policies."""
     (here / "robot.soter").write_text(ROBOT)
-    (here / "policies.py").write_text(POLICIES)
+    (here / "recovery.py").write_text(POLICIES)
     (here / "policy.c").write_text(POLICY_C)
     return here / "robot.soter"
 

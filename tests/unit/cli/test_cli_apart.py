@@ -121,12 +121,12 @@ def colours(inputs):
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "robot.soter").write_text(ROBOT)
-    (tmp_path / "policies.py").write_text(POLICIES)
+    (tmp_path / "recovery.py").write_text(POLICIES)
     return tmp_path
 
 
 def run(folder: Path, policy: str, *options: str) -> Done:
-    command = [*SOTER, "run", "robot.soter", "--bind", f"Learned=python:policies.py:{policy}"]
+    command = [*SOTER, "run", "robot.soter", "--bind", f"Learned=python:recovery.py:{policy}"]
     done = processes.run([*command, *options], cwd=folder, capture_output=True, text=True)
     assert "Traceback" not in done.stderr
     return done
@@ -168,7 +168,7 @@ def test_a_policy_that_ends_its_process_is_a_step_fault(
 def test_a_policy_that_ends_its_process_while_it_is_loaded_is_told(
     folder: Path, first: str, why: str
 ) -> None:
-    (folder / "policies.py").write_text(first + POLICIES)
+    (folder / "recovery.py").write_text(first + POLICIES)
     done = run(folder, "forks")
     assert done.returncode == 1
     assert "X003" in done.stderr

@@ -15,11 +15,10 @@ import pytest
 from json_documents import SCHEMAS, _check
 from soter.api import load
 from soter.api.assurance.certificate_check import rechecker_sha256
-from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED
-from soter.certificate.format.folder import canonical
-from soter.certificate.report import RecheckAssumption, RecheckedModule, Report
+from soter.certificate.folder import canonical
+from soter.certificate.report import ACCEPTED, RecheckAssumption, RecheckedModule, Report
+from soter.native.cache import soter_sha256
 from soter.native.compiler import find, told_version
-from soter.native.source_files import soter_sha256
 from soter.version import VERSION
 from unit.certificate import small_proofs
 
@@ -255,7 +254,7 @@ def test_a_report_that_confirms_nothing_supports_and_refutes_nothing(
 ) -> None:
     sha256 = load(cart / "c.soter").sha256
     assert sha256 is not None
-    empty = Report(NOT_RECHECKED if why else ACCEPTED, why, program_sha256=sha256)
+    empty = Report("not re-checked" if why else ACCEPTED, why, program_sha256=sha256)
     monkeypatch.setattr("soter.api.assurance.certificate_check.recheck", lambda *_: empty)
     done = soter("assure", "c.soter", "--cert", "proof", "-o", "out", "--json")
     assert (done.exit, set(done.document["goals"].values())) == (code, {"undeveloped"})

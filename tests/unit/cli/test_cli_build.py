@@ -102,7 +102,7 @@ def test_externs_bound_to_c_are_copied_with_their_headers(
     (here / "lib" / "gain.h").unlink()
     built = make(here / "out", "robot")
     run = soter(
-        "run", "robot.soter", "--bind", "Learned=python:policies.py:good", "--json"
+        "run", "robot.soter", "--bind", "Learned=python:recovery.py:good", "--json"
     ).document
     assert facts(built.stdout)["trace_sha256"] == run["trace_sha256"]
 
@@ -112,7 +112,7 @@ def test_a_binding_to_python_that_a_package_drops_is_told(
     soter: Soter, robot: Path, here: Path, target: str
 ) -> None:
     assert robot.exists()
-    bind = ("--bind", "Learned=python:policies.py:good", "--target", target)
+    bind = ("--bind", "Learned=python:recovery.py:good", "--target", target)
     notes = soter("build", "robot.soter", "-o", "out", *bind, "--json").document["notes"]
     assert any("Learned" in n and "Python" in n for n in notes)
     assert (here / "out").exists()
@@ -155,7 +155,7 @@ def test_other_externs_get_a_file_to_fill_in_that_is_kept(
     assert c_packages.command(plain, here / "out").returncode == 0
     built = built_command(here / "out", "robot")
     run = soter(
-        "run", "robot.soter", "--bind", "Learned=python:policies.py:good", "--json"
+        "run", "robot.soter", "--bind", "Learned=python:recovery.py:good", "--json"
     ).document
     assert facts(built.stdout)["trace_sha256"] == run["trace_sha256"]
 

@@ -64,8 +64,8 @@ def test_an_extern_that_is_trusted_is_named(soter: Soter, here: Path) -> None:
 
 def test_bindings_are_checked_against_all_systems(soter: Soter, robot: Path) -> None:
     assert robot.exists()
-    assert soter("check", "robot.soter", "--bind", "Learned=python:policies.py:good").exit == 0
-    wrong = soter("check", "robot.soter", "--bind", "Lerned=python:policies.py:good", "--json")
+    assert soter("check", "robot.soter", "--bind", "Learned=python:recovery.py:good").exit == 0
+    wrong = soter("check", "robot.soter", "--bind", "Lerned=python:recovery.py:good", "--json")
     assert (wrong.exit, wrong.codes) == (2, ["U005"])
 
 

@@ -41,7 +41,7 @@ def test_the_summary_of_a_run_with_a_failing_extern(
     soter: Soter, robot: Path, golden: Golden
 ) -> None:
     assert robot.exists()
-    done = soter("run", "robot.soter", "--bind", "Learned=python:policies.py:raises")
+    done = soter("run", "robot.soter", "--bind", "Learned=python:recovery.py:raises")
     assert done.exit == 0
     golden("cli/run_extern_fails.txt", steady(done.out))
 
@@ -158,7 +158,7 @@ def test_parameters_of_every_type(soter: Soter, robot: Path) -> None:
         "run",
         "robot.soter",
         "--bind",
-        "Learned=python:policies.py:good",
+        "Learned=python:recovery.py:good",
         "--json",
         *(word for s in sets for word in ("--set", s)),
     )
@@ -217,15 +217,15 @@ def test_python_and_c_do_the_same_on_both_engines(
         soter(
             "run", "robot.soter", "--engine", engine, "--json", "--bind", f"{name}={what}"
         ).document["trace_sha256"]
-        for what in ("python:policies.py:good", "c:policy.c:policy_step")
+        for what in ("python:recovery.py:good", "c:policy.c:policy_step")
     }
     assert len(hashes) == 1
 
 
 FAILING = [
-    ("raises", "extern", "ValueError: boom (policies.py:13)"),
+    ("raises", "extern", "ValueError: boom (recovery.py:13)"),
     ("shape", "extern", "its answer has the wrong shape"),
-    ("leaves", "extern", "SystemExit: 3 (policies.py:29)"),
+    ("leaves", "extern", "SystemExit: 3 (recovery.py:29)"),
     ("interrupts", "extern", "KeyboardInterrupt"),
     ("nan", "nonfinite", "`u` would be nan"),
     ("beyond", "range", "`u` would be 1.5, not in [-1.0, 1.0]"),
@@ -242,7 +242,7 @@ def test_nothing_an_extern_does_gets_out(
         "run",
         "robot.soter",
         "--bind",
-        f"Learned=python:policies.py:{policy}",
+        f"Learned=python:recovery.py:{policy}",
         "--json",
         "--engine",
         engine,
@@ -263,7 +263,7 @@ def test_what_an_extern_prints_is_not_in_the_document(
         "run",
         "robot.soter",
         "--bind",
-        "Learned=python:policies.py:prints",
+        "Learned=python:recovery.py:prints",
         "--json",
         "--engine",
         engine,
@@ -274,28 +274,28 @@ def test_what_an_extern_prints_is_not_in_the_document(
 
 def test_a_class_is_made_and_reset_for_every_run(soter: Soter, robot: Path) -> None:
     assert robot.exists()
-    done = soter("run", "robot.soter", "--bind", "Learned=python:policies.py:Counting", "--json")
+    done = soter("run", "robot.soter", "--bind", "Learned=python:recovery.py:Counting", "--json")
     assert done.document["modules"]["Guard"]["gate_faults"] == 0
 
 
 @pytest.mark.parametrize(
     ("binding", "exit_code", "code"),
     [
-        ("Learned=policies.py", 2, "U001"),
+        ("Learned=recovery.py", 2, "U001"),
         ("Learned=ruby:a.rb:step", 2, "U001"),
-        ("Learned=python:policies.py:", 2, "U001"),
+        ("Learned=python:recovery.py:", 2, "U001"),
         ("Learned=python:nowhere.py:step", 1, "X003"),
         ("Learned=python:.:step", 1, "X003"),
-        ("Learned=python:policies.py:god", 1, "X002"),
-        ("Learned=python:policies.py:number", 1, "X002"),
-        ("Learned=python:policies.py:Unmade", 1, "X003"),
-        ("Learned=python:policies.py:Stubborn", 1, "X003"),
+        ("Learned=python:recovery.py:god", 1, "X002"),
+        ("Learned=python:recovery.py:number", 1, "X002"),
+        ("Learned=python:recovery.py:Unmade", 1, "X003"),
+        ("Learned=python:recovery.py:Stubborn", 1, "X003"),
         ("Learned=python:policy.c:step", 1, "X003"),
         ("Learned=c:nowhere.c:step", 1, "X003"),
         ("Learned=c:policy.c:stepp", 1, "X004"),
-        ("Learned=c:policies.py:step", 1, "X004"),
-        ("Lerned=python:policies.py:good", 2, "U005"),
-        ("Stay=python:policies.py:good", 2, "U005"),
+        ("Learned=c:recovery.py:step", 1, "X004"),
+        ("Lerned=python:recovery.py:good", 2, "U005"),
+        ("Stay=python:recovery.py:good", 2, "U005"),
     ],
 )
 def test_bindings_that_cannot_be(

@@ -35,7 +35,7 @@ rta SafeTank {{
 system Plant default {{ t: Tank; module SafeTank; until 1s; always t.truth.h < 1.8; }}
 system Idle {{ t: Tank; module SafeTank; force SafeTank sc; until 1s; }}
 """
-BOUND = ("--bind", "Learned=python:policies.py:good")
+BOUND = ("--bind", "Learned=python:recovery.py:good")
 
 
 def test_changed_parameters_stand_in_the_summary(soter: Soter, robot: Path) -> None:
@@ -131,13 +131,13 @@ def test_a_missing_function_is_missed_in_its_file(soter: Soter, robot: Path, eng
     ("source", "reason"),
     [
         ("python:nowhere.py:step", "there is no file `nowhere.py`"),
-        ("python:policies.py:god", "`policies.py` does not define `god`"),
+        ("python:recovery.py:god", "`recovery.py` does not define `god`"),
         ("python:policy.c:step", "`policy.c` is not valid Python"),
         ("c:nowhere.c:step", "there is no file `nowhere.c`"),
         ("c:policy.c:step", "`policy.c` does not define `step`"),
-        ("python:policies.py:good", ""),
-        ("python:policies.py:Counting", ""),
-        ("python:policies.py:number", ""),
+        ("python:recovery.py:good", ""),
+        ("python:recovery.py:Counting", ""),
+        ("python:recovery.py:number", ""),
         ("c:policy.c:policy_step", ""),
     ],
 )

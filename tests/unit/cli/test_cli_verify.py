@@ -79,8 +79,11 @@ def test_the_document_has_every_property(soter: Soter, here: Path) -> None:
 @pytest.mark.parametrize(
     ("at", "told"),
     [
-        ("soter.verify.claims.claims.start", "P2a shown, P3 shown, ttf shown, safer shown; ended"),
-        ("soter.verify.attack.refute.refuted", "P2a proved, P2b proved, P3 proved"),
+        (
+            "soter.verify.claims.start.start",
+            "P2a shown, P3 shown, ttf shown, safer shown; ended",
+        ),
+        ("soter.verify.refute.refuted", "P2a proved, P2b proved, P3 proved"),
         ("soter.verify.command.enter_cost", "P2a proved, P2b proved, P3 proved"),
         ("soter.verify.verify_module.announce_work", "no claim settled"),
     ],

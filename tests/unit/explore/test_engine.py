@@ -11,7 +11,7 @@ import pytest
 from soter.explore.engine.explorer_library import Engine, EngineSettings, sources
 from soter.explore.search_options import EXHAUSTIVE, STEPS_MAX, STRATEGIES
 from soter.language.front_end import check_file, system_of_test
-from soter.native.source_files import SOTER
+from soter.native.cache import SOTER
 
 if TYPE_CHECKING:
     from soter.explore.engine.engine_exchange import EngineProgress

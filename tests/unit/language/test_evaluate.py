@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
-from soter.language.evaluate.statements import BudgetExceeded, Environment, Evaluator
+from soter.language.evaluate.environment import BudgetExceeded, Environment
+from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file
 from soter.language.model import typed as t
 from soter.language.model.types import INT, INT_MAX, INT_MIN

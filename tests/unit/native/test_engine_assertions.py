@@ -11,9 +11,9 @@ import pytest
 
 import processes
 from soter.explore.engine.explorer_library import FLAGS as EXPLORER
+from soter.native.cache import SOTER
 from soter.native.compiler import STRICT, WARNINGS, find
 from soter.native.shared_library import CHECK_FAILED, RUNTIME, include_flags
-from soter.native.source_files import SOTER
 from soter.verify.enclose.compiled_enclosures import FLAGS as SETS
 
 if TYPE_CHECKING:

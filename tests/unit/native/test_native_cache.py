@@ -11,9 +11,9 @@ import pytest
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
+from soter.native.cache import included
 from soter.native.compiler import compile_with, find
 from soter.native.shared_library import KERNEL, RUNTIME, library
-from soter.native.source_files import included
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit

@@ -7,8 +7,8 @@ import pytest
 
 import soter
 from soter.language import front_end
-from soter.native import source_files
-from soter.native.source_files import SOTER, files_below, soter_sha256
+from soter.native import cache
+from soter.native.cache import SOTER, files_below, soter_sha256
 from soter.verify.deploy import missing_predicates
 
 
@@ -41,7 +41,7 @@ def test_whatever_soter_is_made_of_changes_its_hash(
     whole = hashed()
     kinds = {p.suffix for p in SOTER.rglob("*") if p.suffix in {".py", ".c", ".h", ".soter"}}
     assert len(kinds) == 4
-    monkeypatch.setattr(source_files, "SOTER", tmp_path)
+    monkeypatch.setattr(cache, "SOTER", tmp_path)
     told = {whole}
     for name in ("a.py", "b.c", "deeper/c.h", "deeper/prelude.soter"):
         (tmp_path / name).parent.mkdir(exist_ok=True)

@@ -20,7 +20,7 @@ from soter.native.compiler import STANDARD, WARNINGS, find
 from soter.native.shared_library import CHECK_FAILED, RUNTIME
 from soter.targets.leases_and_lateness import ages_of, lease_times
 from soter.verify.problem.extract import extract
-from soter.verify.time.schedule import ActuationPath, Releases, Schedule
+from soter.verify.problem.schedule import ActuationPath, Releases, Schedule
 from tables import all_rows
 
 if TYPE_CHECKING:

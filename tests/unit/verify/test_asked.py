@@ -10,10 +10,10 @@ import pytest
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
-from soter.verify.attack import refute as refutations
-from soter.verify.attack.refute import refute
+from soter.verify import refute as refutations
 from soter.verify.command import verify
 from soter.verify.problem.extract import extract
+from soter.verify.refute import refute
 from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:

@@ -9,8 +9,7 @@ from bench.recheck.models import Cart
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
-from soter.verify.enclose.compiled_enclosures import library_of
-from soter.verify.enclose.enclosure_code import generate_enclosures
+from soter.verify.enclose.compiled_enclosures import generate_enclosures, library_of
 from soter.verify.problem.extract import extract
 
 if TYPE_CHECKING:

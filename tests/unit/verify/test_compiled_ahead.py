@@ -10,8 +10,8 @@ import pytest
 
 from processes import TIMEOUT_S
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.verify import command, module_methods
-from soter.verify.module_methods import ModuleMethod
+from soter.verify import command
+from soter.verify.verify_module import ModuleMethod
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,7 +38,7 @@ def proofs(
         unused: Any = None
         return ModuleMethod(verify, unused, unused, compiled[problem.name])
 
-    monkeypatch.setattr(module_methods, "module_method", method)
+    monkeypatch.setattr(command, "module_method", method)
     command._proved(PROBLEMS, False, None, None)
 
 

@@ -13,10 +13,9 @@ from soter.certificate.rechecker import recheck
 from soter.cli.main import main
 from soter.language.front_end import check_file, system_of
 from soter.verify.command import modules_of, problems_of
-from soter.verify.composition_table import rows_of
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 from soter.verify.proof_report import page
-from soter.verify.scope import coverage_of
+from soter.verify.scope import coverage_of, rows_of
 
 if TYPE_CHECKING:
     from soter.verify.claims.results import VerifyReport

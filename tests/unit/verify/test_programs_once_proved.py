@@ -1,6 +1,6 @@
 """Programs that were once called proved and leave C, or of which the verdict left out what matters.
 
-Each failed before the model of time (verify/time/schedule.py) and the coverage of a verdict were
+Each failed before the model of time (verify/problem/schedule.py) and the coverage of a verdict were
 there.
 """
 
@@ -13,8 +13,8 @@ import pytest
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.verify.command import verify
-from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import texts
 
 if TYPE_CHECKING:
     from soter.verify.claims.results import VerifyReport

@@ -12,7 +12,7 @@ from soter.language.front_end import check_file
 from soter.verify import verify_module as verifying
 from soter.verify.claims.results import PROPERTIES, ModuleResult
 from soter.verify.command import verify
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 
 ROOT = Path(__file__).parents[3]
 CART = (ROOT / "examples" / "wall" / "cart.soter").read_text("utf-8")

@@ -10,8 +10,8 @@ from long_tests import some
 from soter.api.program import load
 from soter.api.rechecking import recheck
 from soter.language.front_end import check_file, system_of
-from soter.verify.attack.refute import refuted
 from soter.verify.deploy.dm_check import check_decisions
+from soter.verify.refute import refuted
 from unit.certificate.small_proofs import edit_program, reseal
 
 if TYPE_CHECKING:

@@ -11,10 +11,9 @@ import pytest
 from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.current_phase import listening_to_phases
 from soter.language.front_end import check_file
-from soter.verify.claims.cells import cells_of
+from soter.verify.claims.cells import announce_work, cells_of
 from soter.verify.command import modules_of, problems_of
 from soter.verify.deploy import missing_predicates
-from soter.verify.work_estimate import announce_work
 from unit.verify.diagnosis.tank_modules import TANK, changed
 from unit.verify.diagnosis.test_tried_remedies import PREDICATES
 
@@ -35,7 +34,7 @@ def problem() -> Problem:
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """A clock that only `settle` moves: so much a cell."""
     now = [0.0]
-    monkeypatch.setattr("soter.verify.work_estimate.time.process_time", lambda: now[0])
+    monkeypatch.setattr("soter.verify.claims.cells.time.process_time", lambda: now[0])
     return now
 
 

@@ -20,21 +20,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.rechecking import no_certificate, recheck
-from soter.certificate.format.errors import REJECTED
+from soter.certificate.report import REJECTED
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError, mistake, reason
 from soter.language.front_end import system_to_prove
 from soter.language.load.named_files import opened
+from soter.native.cache import SOTER, files_below, soter_sha256
 from soter.native.compiler import find, told_version
 from soter.native.shared_library import library_flags
-from soter.native.source_files import SOTER, files_below, soter_sha256
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.api.arguments import Progress, Tell
-    from soter.certificate.format.folder import Certificate
+    from soter.certificate.folder import Certificate
     from soter.certificate.report import RecheckedModule, Report
     from soter.language.model.system import Module, System
 
@@ -122,14 +122,14 @@ def proof_of(
 
 def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedProof:
     """Seal, hashes and what the manifest says that it is about: all that takes no time."""
-    from soter.certificate.format.errors import (  # noqa: PLC0415 - needs NumPy
-        NotRecheckedError,
-        RejectedError,
-    )
-    from soter.certificate.format.folder import (  # noqa: PLC0415 - needs NumPy
+    from soter.certificate.folder import (  # noqa: PLC0415 - needs NumPy
         NotACertificateError,
         program_of,
         read_certificate,
+    )
+    from soter.certificate.report import (  # noqa: PLC0415 - needs NumPy
+        NotRecheckedError,
+        RejectedError,
     )
 
     path = str(folder)

@@ -41,12 +41,12 @@ if TYPE_CHECKING:
     from soter.api.arguments import Progress, Tell
     from soter.api.assurance.certificate_check import CertifiedProof
     from soter.api.assurance.evidence import AssuredProgram
-    from soter.certificate.format.folder import Certificate
+    from soter.certificate.folder import Certificate
     from soter.certificate.report import RecheckAssumption, RecheckedModule
     from soter.language.model.system import Module, System
     from soter.language.model.typed import PlantSymbol
+    from soter.verify.deploy.grid_tables import GroupTable
     from soter.verify.problem.problem import Problem
-    from soter.verify.tables.grid_tables import GroupTable
 
 
 UNTRIED = (typed.AgeRead, typed.ModeRead)
@@ -92,7 +92,7 @@ def _tables(
     """
     import numpy as np  # noqa: PLC0415 - only then
 
-    from soter.verify.tables.grid_tables import PER_BYTE, GroupTable  # noqa: PLC0415 - needs NumPy
+    from soter.verify.deploy.grid_tables import PER_BYTE, GroupTable  # noqa: PLC0415 - needs NumPy
 
     entry = next((e for e in entries if e.get("view", "") == problem.view), None)
     if entry is None:

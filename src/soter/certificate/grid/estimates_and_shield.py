@@ -22,16 +22,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.cells.cell_sets import Cells, uncovered, volume
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.cell_sets import Cells, uncovered, volume
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.group_claims import CELLS_AT_ONCE, SPLITS, FreeCheck
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import number_of
 from soter.certificate.reading.problem import error_of
 from soter.certificate.reading.symbolic_operations import FAR_TURNS
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
-from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
@@ -40,7 +39,7 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
-    from soter.certificate.cells.cell_sets import Block
+    from soter.certificate.cell_sets import Block
     from soter.certificate.grid.group_claims import GroupTables
     from soter.certificate.reading.module_facts import Facts
     from soter.language.model.system import Component

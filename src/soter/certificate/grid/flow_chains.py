@@ -3,7 +3,7 @@
 Purpose: the steps of `sc_chains.Chain` and `free_phase` for a group whose flow is enclosed
 step by step (`flow_enclosures.py`); forms are those of `certificate/terms/compile_terms.py`. They
 compute with balls; or with the values of a program, of a flow that is the same everywhere.
-Non-goals: maps (`map_steps.py`), sets (`group_claims.py`).
+Non-goals: maps (`sc_chains.py`), sets (`group_claims.py`).
 
 Everything is kept as rows over z: the states at the beginning of the hold, the commands that acted
 before, one unknown in [-1, 1] times `rho` for each new command, and 1. `OpenedForm.z` has the
@@ -40,7 +40,8 @@ from soter.certificate.grid.chain_form_layout import (
     spread_of,
 )
 from soter.certificate.grid.flow_enclosures import domain_of
-from soter.certificate.reading.map_steps import atom_of, boxes_of
+from soter.certificate.reading.case_model import atom_of, boxes_of
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
 from soter.certificate.terms.straight_line import (
@@ -55,7 +56,6 @@ from soter.certificate.terms.straight_line import (
     sum_of_sizes,
     units,
 )
-from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

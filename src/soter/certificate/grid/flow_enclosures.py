@@ -16,7 +16,7 @@ at the end of the time alone, and where it does not, B is a hair wider than X th
 end every solution is inside of B, none can leave it, and uniqueness is not used. Ends that the flow
 keeps have no hair: there are none where K has cells at rest.
 
-Ends of axes that the flow keeps (`inward_flow.py`): there the derivative is that of the state
+Ends of axes that the flow keeps (`sc_chains.py`): there the derivative is that of the state
 projected onto the grid in these axes, which only ever asks for f on the projected box. As long as
 the other states stay in their grids, the projection does nothing. Whoever uses a box checks that it
 lies in a set of cells, hence in the grid. Backwards in time it is the past of a run that is
@@ -34,9 +34,9 @@ from typing import TYPE_CHECKING, Any
 
 from flint import arb, arb_mat
 
-from soter.certificate.reading.case_model import control_inputs
+from soter.certificate.reading.case_model import atom_of, boxes_of, control_inputs
 from soter.certificate.reading.linear_flows import LinearFlow, Solution, integrals
-from soter.certificate.reading.map_steps import atom_of, boxes_of
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import (
     HALF,
     ONE,
@@ -60,7 +60,7 @@ from soter.certificate.terms.straight_line import (
     total,
     units,
 )
-from soter.certificate.terms.terms import NotRecheckedError, Proposition, inputs_of
+from soter.certificate.terms.terms import Proposition, inputs_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -2,8 +2,7 @@
 
 Purpose: `GridGroup` and `GridCheck`, the method of proof (`groups.py`); from the sets S of all
 cases the bytes that a DM with computed predicates reads (docs/verification.md, section 3).
-Non-goals: the inclusions themselves (`group_claims.py`, `estimates_and_shield.py`,
-`estimates_and_shield.py`).
+Non-goals: the inclusions themselves (`group_claims.py`, `estimates_and_shield.py`).
 """
 
 from __future__ import annotations
@@ -13,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.cells.cell_sets import Cells, Grid, brought_back, parts, volume
-from soter.certificate.cells.predicates import AdmitCheck, admitted
-from soter.certificate.format.claimed_parts import FREE
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.cell_predicates import AdmitCheck, admitted
+from soter.certificate.cell_sets import Cells, Grid, brought_back, parts, volume
+from soter.certificate.folder import FREE
 from soter.certificate.grid.estimates_and_shield import (
     cells_of,
     drifts,
@@ -35,11 +33,11 @@ from soter.certificate.grid.group_claims import (
     ranked,
     witnessed,
 )
-from soter.certificate.grid.inward_flow import points_inwards
 from soter.certificate.grid.resting import RESTS, rests
+from soter.certificate.grid.sc_chains import points_inwards
 from soter.certificate.groups import LOOK, Group, GroupCheck
 from soter.certificate.reading.linear_flows import is_linear
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.vacuous_proofs import GETS, KEEPS
 
 if TYPE_CHECKING:
@@ -47,8 +45,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.certificate.cells.cell_sets import Axes, Block
-    from soter.certificate.format.folder import Certificate
+    from soter.certificate.cell_sets import Axes, Block
+    from soter.certificate.folder import Certificate
     from soter.certificate.groups import Entry, Task
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.reading.module_facts import Facts
@@ -382,8 +380,9 @@ class GridCheck(GroupCheck):
     def _starts(self) -> Iterator[tuple[float, float]]:
         """The declared initial range of each state; what lies beyond an axis without ends moved in.
 
-        What is shown of runs from its outer cells holds of those from beyond (`cell_sets.py`).
-        On an axis that wraps around brought back by whole turns, maybe across its upper end.
+        What is shown of runs from its outer cells holds of those from beyond
+        (`certificate/cell_sets.py`). On an axis that wraps around brought back by whole turns,
+        maybe across its upper end.
         """
         for k, i in enumerate(self.tables.states):
             ends = self.model.facts.states[i].low, self.model.facts.states[i].high

@@ -1,8 +1,8 @@
 """The claims about one grid in one case, each inclusion recomputed from its witnesses.
 
 Purpose: K, R(H), Q, W of a group, and the start, cell by cell.
-Non-goals: predicates (`cells/predicates.py`), certificates (`folder.py`), which claims there are
-(`grid_group.py`).
+Non-goals: predicates (`certificate/cell_predicates.py`), certificates (`certificate/folder.py`),
+which claims there are (`grid_group.py`).
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.cells.cell_sets import (
+from soter.certificate.cell_sets import (
     Axes,
     Cells,
     Grid,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
-    from soter.certificate.cells.cell_sets import Block
+    from soter.certificate.cell_sets import Block
     from soter.certificate.grid.sc_chains import Chain
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.compile_terms import Step

@@ -21,14 +21,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.format.errors import RejectedError
-from soter.certificate.reading.case_model import FARTHEST, control_inputs
+from soter.certificate.reading.case_model import FARTHEST, atom_of, control_inputs
 from soter.certificate.reading.left_out_states import all_certain
 from soter.certificate.reading.linear_flows import is_linear
-from soter.certificate.reading.map_steps import atom_of
 from soter.certificate.reading.module_facts import bounded_topics
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.arb_balls import ZERO, above, below, exact
-from soter.certificate.terms.terms import NotRecheckedError, Terms, inputs_of
+from soter.certificate.terms.terms import Terms, inputs_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
-    from soter.certificate.cells.cell_sets import Axes, Block, Cells
+    from soter.certificate.cell_sets import Axes, Block, Cells
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.terms import Linear
 

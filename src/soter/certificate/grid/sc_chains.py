@@ -1,9 +1,23 @@
-"""The re-checker's chains of SC periods and free phases, for the states of one group.
+"""The re-checker's chains of SC periods and free phases, and ends of a grid that no run crosses.
 
 Purpose: `Chain`: functions that enclose what SC makes of a cell, period by period, delays, jitter,
 errors and disturbances inside; `free_phase`: what any command makes of it (docs/verification.md,
-section 3).
-Non-goals: which cells, and whether what comes out lies in a set (`group_claims.py`).
+section 3); of maps both are so many compiled steps of the plants. Which ends of the axes of a group
+no run crosses, whatever is commanded (`uncrossed_ends`), and groups that no command moves and no
+run leaves (`points_inwards`).
+Non-goals: steps of flows (`flow_chains.py`); which cells, and whether what comes out lies in a set
+(`group_claims.py`); ends that only SC keeps: chains show those.
+
+Let x_i' >= 0 wherever x_i is at the lower end of its axis, all other states in their grids, for
+every command, disturbance and influence of other groups (at the upper end: x_i' <= 0). Replace x in
+f by its projection p(x) onto the grid in the axes with such ends. A solution of x' = f(p(x), u, w)
+that begins in the grid stays above that end for as long as its other states are in their grids:
+before it were below at some t, it was at the end at some t_0 < t and below from then on, where x_i'
+= f_i(p(x), u, w) >= 0, so that x_i(t) >= x_i(t_0). There p does nothing: it solves x' = f(x, u, w),
+too, and solutions are unique (a linear flow is Lipschitz; for others a printed assumption). So a
+box that encloses the states of one step may be cut off at such an end, if what is left of it lies
+in a set of cells: whoever uses such a box checks that. Where all ends are of this kind the same
+holds of the whole grid, with no condition.
 
 SC acts at a_0 = 0 and a_k in [k delta - p, k delta - p + j], on a sample taken at most d before.
 Every run has one p in [0, j]: how long after the beginning of its window a_0 was. For all p in a
@@ -23,11 +37,14 @@ from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from soter.certificate.cell_sets import finer
 from soter.certificate.grid.flow_chains import FlowChain, Times
 from soter.certificate.grid.flow_enclosures import LocalFlow, SolvedFlow
-from soter.certificate.grid.inward_flow import uncrossed_ends
+from soter.certificate.reading.case_model import atom_of, boxes_of, control_inputs
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
-from soter.certificate.reading.map_steps import map_free, map_step
+from soter.certificate.report import NotRecheckedError
+from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.compile_terms import compile_step
 from soter.certificate.terms.straight_line import Builder, Function, NotCertainError
 
 if TYPE_CHECKING:
@@ -38,6 +55,133 @@ if TYPE_CHECKING:
     from soter.certificate.grid.flow_chains import Image
     from soter.certificate.reading.case_model import CaseModel
     from soter.certificate.terms.compile_terms import Step
+
+    Kept = list[tuple[bool, bool]]
+    Side = list[tuple[float, float]]
+    Test = Callable[[Side, int, int], bool]
+
+
+STEPS_MAX, PHASE_MAX = 1_000, 100_000
+"""Steps of a map in a period of SC, and in a phase of any command."""
+
+
+def map_step(model: CaseModel, members: Sequence[int]) -> Step:
+    """One period of SC: so many steps of the map under one command.
+
+    NotRecheckedError where they are too many.
+    """
+    terms, states = model.new_terms()
+    commands = model.commands(terms, states)
+    count = model.facts.times["delta_ns"] // model.facts.plants[0].period_ns
+    if count > STEPS_MAX:
+        raise NotRecheckedError(f"more than {STEPS_MAX:,} steps of the map in a period of SC")
+    current, between = states, []
+    for _ in range(count):
+        current = model.next_states(terms, current, commands)
+        between += [current[i] for i in members]
+    return compile_step(
+        terms,
+        [atom_of(states[i]) for i in members],
+        len(members),
+        [current[i] for i in members],
+        ranges=between,
+        must=terms.obligations,
+        boxes=boxes_of(model, states, members),
+    )
+
+
+def map_free(model: CaseModel, members: Sequence[int], time_ns: int) -> tuple[Step, ...]:
+    """Steps of the map under any commands, as many as the time has.
+
+    NotRecheckedError where they are too many.
+    """
+    period = model.facts.plants[0].period_ns
+    if time_ns > PHASE_MAX * period:
+        raise NotRecheckedError(f"more than {PHASE_MAX:,} steps of the map under any command")
+    terms, states = model.new_terms()
+    commands = control_inputs(model.facts, terms)
+    after = model.next_states(terms, states, commands)
+    step = compile_step(
+        terms,
+        [atom_of(states[i]) for i in members],
+        len(members),
+        [after[i] for i in members],
+        ranges=[after[i] for i in members],
+        must=terms.obligations,
+        boxes=boxes_of(model, states, members),
+    )
+    return (step,) * -(-time_ns // period)
+
+
+SPLITS = 8
+"""How often a side of the grid is halved along each axis where the flow is not linear."""
+
+
+def points_inwards(model: CaseModel, states: Sequence[int]) -> bool:
+    """Whether no run leaves the grid of a group that no command moves; False where uncertain."""
+    if model.facts.kind != "flow" or LocalFlow(model, states).moves:
+        return False
+    return all(low and high for low, high in uncrossed_ends(model, states))
+
+
+def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
+    """For each state whether its lower and its upper end are never crossed; False: uncertain.
+
+    An open end is taken not to be. Where K has cells at rest there are none: solutions may be
+    several, and one of them may cross an end at which another one stays.
+    """
+    if model.facts.kind != "flow" or model.facts.at_rest:
+        return [(False, False)] * len(members)
+    inwards = (_linear if is_linear(model, members) else _local)(model, members)
+    ends = []
+    for i in range(len(members)):
+        sides = [[model.extents[k] for k in members] for _ in range(2)]
+        if members[i] in model.facts.unbounded | model.facts.turning:
+            ends.append((False, False))
+            continue
+        low, high = model.extents[members[i]]
+        sides[0][i], sides[1][i] = (low, low), (high, high)
+        is_open = members[i] in model.facts.open_ends  # nobody gets there: an assumption
+        ends.append((inwards(sides[0], i, 1), is_open or inwards(sides[1], i, -1)))
+    return ends
+
+
+def _linear(model: CaseModel, members: Sequence[int]) -> Test:
+    """A linear form over a box is least at a corner; what else acts on it is noise."""
+    flow = linear_flow(model, members)
+
+    def inwards(side: Side, i: int, sign: int) -> bool:
+        low = sign * flow.constant[i]
+        for x in flow.noise[i]:
+            low -= abs(x)
+        ranges = [*((exact(a), exact(b)) for a, b in side), *flow.ranges]
+        for factor, (a, b) in zip((*flow.a[i], *flow.b[i]), ranges, strict=True):
+            low += (sign * factor * a).min(sign * factor * b)
+        return bool(low >= 0)
+
+    return inwards
+
+
+def _local(model: CaseModel, members: Sequence[int]) -> Test:
+    """Over parts of the side, halved where it is not certain."""
+    flow = LocalFlow(model, members)
+
+    def inwards(side: Side, i: int, sign: int) -> bool:
+        fixed = exact(side[i][0]), exact(side[i][1])
+
+        def holds(others: list[tuple[arb, arb]]) -> bool:
+            try:
+                lines = flow.lines([*others[:i], fixed, *others[i:]], flow.ranges)
+            except NotCertainError:
+                return False
+            low, high = flow.rates(lines)[i]
+            return bool(low >= 0 if sign > 0 else high <= 0)
+
+        others = [(exact(a), exact(b)) for k, (a, b) in enumerate(side) if k != i]
+        return finer(others, holds, SPLITS * len(others)) if others else holds([])
+
+    return inwards
+
 
 NANOSECOND = Fraction(1, 10**9)
 

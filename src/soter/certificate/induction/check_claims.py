@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.assumptions import acknowledged
 from soter.certificate.case_check import CLAIMS, PROVED, claimed_of, of_the_module
-from soter.certificate.format.errors import RejectedError
 from soter.certificate.induction.induction_problem import (
     TransitionSystem,
     calendar_of,
@@ -25,8 +23,13 @@ from soter.certificate.induction.induction_problem import (
     read_induction,
 )
 from soter.certificate.induction.solver_values import both, negation, one_of
-from soter.certificate.report import RecheckAssumption, RecheckedModule
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import (
+    NotRecheckedError,
+    RecheckAssumption,
+    RecheckedModule,
+    RejectedError,
+)
+from soter.certificate.scope import acknowledged
 from soter.certificate.vacuous_proofs import GETS, HOLDS_ANYWAY, KEEPS, READS_NOTHING
 from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model.tree_walk import topic_reads

@@ -4,7 +4,7 @@ Purpose: `why_not`: the node part of a hand-over (proof-sets.md), for one topic 
 Any two steps in a row of the node that publishes it, and its very first step: what the map reads is
 published as it was published last, or `enters` holds of what the later step reads and publishes,
 and that step publishes all by which the decision module and SC know of the view.
-Non-goals: that the state lies in R(H) wherever `enters` holds (`handover.py`).
+Non-goals: that the state lies in R(H) wherever `enters` holds (`control_changes.py`).
 
 Of the locals before the first of the two steps nothing is taken for granted, nor of what any step
 reads. A step that faults publishes nothing, and its node is latched: it is the last one.
@@ -28,7 +28,7 @@ from soter.certificate.induction.solver_values import (
     unknown,
 )
 from soter.certificate.reading.symbolic_reading import part_of
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import NotRecheckedError
 from soter.language.model import typed
 from soter.language.model.tree_walk import children
 from soter.language.model.tree_walk import nodes as parts_of

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.format.errors import RejectedError
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import (
     Elapsed,
@@ -31,10 +30,10 @@ from soter.certificate.induction.solver_values import (
     term,
     unknown,
 )
+from soter.certificate.reading.module_times import delayed
 from soter.certificate.reading.sc_locals_and_modes import modes_in
 from soter.certificate.reading.symbolic_operations import is_known
-from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.trusted_thread import delayed
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants_and_types import Calculator
 from soter.language.evaluate.predicates import maybe_nan

@@ -46,7 +46,7 @@ from soter.certificate.reading.symbolic_operations import (
     is_known,
 )
 from soter.certificate.reading.symbolic_reading import CallFrame, CodeReader, part_of
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import NotRecheckedError
 from soter.language.evaluate import arithmetic
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.predicates import operands_in

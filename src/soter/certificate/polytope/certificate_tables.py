@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.cells.cell_sets import Axes, Grid
-from soter.certificate.format.errors import NotRecheckedError, RejectedError
+from soter.certificate.cell_sets import Axes, Grid
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.arb_balls import HALF, ZERO, exact
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
-    from soter.certificate.format.folder import Certificate
+    from soter.certificate.folder import Certificate
 
     Rows = Sequence[Sequence[arb]]
     Weights = Sequence[tuple[int, float]]

@@ -36,8 +36,8 @@ from typing import TYPE_CHECKING
 from flint import arb, arb_mat
 
 from soter.certificate.reading.linear_flows import integral
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import HALF, ZERO, exact, magnitude
-from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

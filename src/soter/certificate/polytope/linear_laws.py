@@ -26,9 +26,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.case_model import control_inputs
 from soter.certificate.reading.linear_flows import LinearFlow
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact, magnitude
 from soter.certificate.terms.compile_terms import (
     TAIL,
@@ -39,7 +39,7 @@ from soter.certificate.terms.compile_terms import (
     make_atoms,
 )
 from soter.certificate.terms.straight_line import Function
-from soter.certificate.terms.terms import Linear, NotRecheckedError, inputs_of
+from soter.certificate.terms.terms import Linear, inputs_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -3,7 +3,7 @@
 Purpose: `PolytopeCheck`: K, R(H), predicates, the start, Q, the way to it. And that a topic's
 declared set holds what plants publish: in K, where AC has control and where SC begins a hold, at
 all times of such a hold (`docs/verification.md`, section 10), and of initial states.
-Non-goals: states on grids (`cells/predicates.py`); what is not affine in the states.
+Non-goals: states on grids (`certificate/cell_predicates.py`); what is not affine in the states.
 
 K is a core (docs/proof-sets.md, "Polytopes"): from every state of K at a nominal time C holds for a
 period and K when it ends, whatever is outstanding from the period before and whatever of the next
@@ -25,9 +25,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.cells.cell_sets import Axes, Grid
-from soter.certificate.cells.predicates import AdmitCheck, published
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.cell_predicates import AdmitCheck, published
+from soter.certificate.cell_sets import Axes, Grid
 from soter.certificate.groups import GroupCheck, whole
 from soter.certificate.polytope.certificate_tables import INSTANTS, HalfSpaces, less
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
@@ -36,8 +35,8 @@ from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.problem import error_of
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, ZERO, exact
-from soter.certificate.terms.terms import NotRecheckedError
 from soter.workers.solvers import new_highs
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
-    from soter.certificate.cells.cell_sets import Cells
+    from soter.certificate.cell_sets import Cells
     from soter.certificate.groups import Task
     from soter.certificate.polytope.certificate_tables import PolytopeTables, Rows, Triples, Weights
     from soter.certificate.polytope.linear_laws import CommandLaw

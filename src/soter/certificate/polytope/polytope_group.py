@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.format.errors import RejectedError
 from soter.certificate.groups import Group
 from soter.certificate.polytope.certificate_tables import (
     HINTS,
@@ -27,8 +26,8 @@ from soter.certificate.polytope.certificate_tables import (
     read_polytope,
 )
 from soter.certificate.polytope.polytope_check import PolytopeCheck, least
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, ZERO, exact
-from soter.certificate.terms.terms import NotRecheckedError
 from soter.certificate.vacuous_proofs import HARDLY, on, seldom
 
 if TYPE_CHECKING:
@@ -37,8 +36,8 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
-    from soter.certificate.cells.cell_sets import Axes, Cells
-    from soter.certificate.format.folder import Certificate
+    from soter.certificate.cell_sets import Axes, Cells
+    from soter.certificate.folder import Certificate
     from soter.certificate.groups import Entry
     from soter.certificate.polytope.certificate_tables import HalfSpaces, PolytopeTables
     from soter.certificate.reading.case_model import CaseModel

@@ -2,7 +2,7 @@
 
 Purpose: `CaseModel`: for one combination of parameter values the driven topics, the commands of SC,
 the predicates, and the derivative or the next state, each read off the checked tree.
-Non-goals: time (`linear_flows.py`, `map_steps.py`), sets.
+Non-goals: time (`linear_flows.py`, `grid/sc_chains.py`), sets.
 
 The argument: a term stands for every value that an expression may have. The states and whatever
 else is not known (disturbances, errors, what others publish) are inputs with their ranges; what
@@ -24,16 +24,9 @@ from soter.certificate.reading.module_facts import driven_topics, modes_read, to
 from soter.certificate.reading.sc_locals_and_modes import any_mode, every_step, one_of
 from soter.certificate.reading.symbolic_operations import filled, flat, truth_of
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader, variables_in
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import ONE, exact, greatest_below
-from soter.certificate.terms.terms import (
-    TRUE,
-    Linear,
-    NotRecheckedError,
-    Proposition,
-    Terms,
-    both,
-    negation,
-)
+from soter.certificate.terms.terms import TRUE, Linear, Proposition, Terms, both, negation
 from soter.language.evaluate.arithmetic import seconds
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.typed import TopicRead
@@ -47,6 +40,7 @@ if TYPE_CHECKING:
     from soter.certificate.reading.module_facts import Facts, Input
     from soter.language.model import typed
     from soter.language.model.system import Component
+
 
 LEFT_OUT = "left out: "
 FARTHEST = exact(2.0**1000)
@@ -337,3 +331,22 @@ def free(terms: Terms, inputs: Iterable[Input]) -> list[Linear]:
 def control_inputs(facts: Facts, terms: Terms) -> list[Linear]:
     """Commands that may be anything in their sets."""
     return free(terms, facts.controls)
+
+
+def boxes_of(
+    model: CaseModel, states: Sequence[Linear], members: Sequence[int]
+) -> dict[int, tuple[arb, arb]]:
+    """States of other groups range over their grids."""
+    range_by_atom = {}
+    for i, x in enumerate(states):
+        if i not in members:
+            (atom,) = x.terms
+            low, high = model.extents[i]
+            range_by_atom[atom] = (exact(low), exact(high))
+    return range_by_atom
+
+
+def atom_of(x: Linear) -> int:
+    """The atom that an input is."""
+    (atom,) = x.terms
+    return atom

@@ -1,15 +1,28 @@
-"""Checked again: states that a claim need not look at, and rates that are defined everywhere.
+"""Checked again: states that a claim need not look at, wholly or beyond the ends of their axes.
 
 Purpose: `leave_out` (the problem without the states that a certificate leaves out), `refuse_read`
 (their right to be left out: nothing that is asked depends on them). `rates_are_defined`: every
 obligation of the rates (a divisor is not 0, an index is there, an assertion holds) that no group
-shows cell by cell is shown over the whole grid at once.
-Non-goals: sets of the other states; the rates' values. A group that is not linear, and that runs
-could leave, shows those obligations itself that concern a state of its own (`flow_enclosures.py`).
+shows cell by cell is shown over the whole grid at once. Of extras: `nothing_reads`: of a state
+whose axis is unbounded the value occurs in no rate and in no command of SC, for whatever value it
+has; `read_turning` (which states have axes that wrap around, by a certificate, and whether they
+may), `refuse_turns_read` (all that reads them is the same a turn further).
+Non-goals: sets of the other states, and on such axes (`cell_sets.py`); the rates' values. A group
+that is not linear, and that runs could leave, shows those obligations itself that concern a state
+of its own (`flow_enclosures.py`).
 
-The argument: what is asked are terms of the other states, so that a run of all states shows a run
-of these. It has to go on for as long as is asked: the rates of what is left out grow no faster than
-it does, with factors that everything else bounds (Gronwall).
+The argument for a state that is left out: what is asked are terms of the other states, so that a
+run of all states shows a run of these. It has to go on for as long as is asked: the rates of what
+is left out grow no faster than it does, with factors that everything else bounds (Gronwall).
+
+The argument for an axis without ends, or one that wraps. Everything that is asked is a term. Each
+is read with the state anywhere up to 3 `THIRD`, so that nothing is decided by where it is. There it
+may only stand in arguments of functions of a full turn, as a whole multiple of itself, to which
+only what does not depend on it is added: then the argument moves by whole turns as the state does,
+and what is rounded of it there is within `FAR_TURNS`, which is added to it where runs are enclosed
+near the grid. So a run a turn further is a run, and its commands, rates and predicates are enclosed
+by those of the one near the grid. Estimates are those that the DM brings back to the grid, which is
+off by less.
 """
 
 from __future__ import annotations
@@ -17,12 +30,15 @@ from __future__ import annotations
 from math import inf
 from typing import TYPE_CHECKING
 
-from soter.certificate.format.errors import RejectedError
+from flint import arb
+
 from soter.certificate.reading.case_model import LEFT_OUT, CaseModel, control_inputs
 from soter.certificate.reading.module_facts import Facts, bounded_topics
-from soter.certificate.reading.symbolic_operations import EVERYWHERE
+from soter.certificate.reading.symbolic_operations import EVERYWHERE, FAR_TURNS, OF_A_TURN
+from soter.certificate.report import NotRecheckedError, RejectedError
+from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
-from soter.certificate.terms.terms import Linear, NotRecheckedError, Proposition, Terms, inputs_of
+from soter.certificate.terms.terms import Linear, Proposition, Terms, closure, inputs_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -133,3 +149,100 @@ def _of_atom(terms: Terms, index: int, inputs: Collection[int]) -> float:
     if atom.kind == "product":
         return sum(parts)
     return max(parts) if atom.kind in LARGEST_OF else inf
+
+
+FARTHEST = exact(2.0**1000)
+"""No state is farther out than that: a sum of two such numbers is still a double."""
+
+
+def nothing_reads(model: CaseModel, groups: int) -> None:
+    """`NotRecheckedError` where that is not certain, or axes have no ends where it would not do.
+
+    The rates and SC's step are read with states that may be anything up to `FARTHEST`, so that no
+    branch is left out because of where a grid ends.
+    """
+    facts = model.facts
+    if facts.kind == "map" or facts.symbol.verify.enters is not None:
+        raise NotRecheckedError("an axis without ends of a map, or of `enters`")
+    if groups != 1:
+        raise NotRecheckedError("an axis without ends beside other groups")
+    terms, states = model.new_terms(FARTHEST)
+    rates, _ = model.rates(terms, states, control_inputs(facts, terms))
+    read = inputs_of(terms, [*rates, *model.commands(terms, states), *terms.obligations])
+    for i in sorted(facts.unbounded):
+        (atom,) = states[i].terms
+        if atom in read:
+            name = facts.states[i].name
+            raise NotRecheckedError(f"`{name}`, whose axis has no ends, is read by SC or a plant")
+
+
+THIRD = 5461.5
+"""Terms hold on three times an extent: up to 16,384 is assumed of each such state."""
+NEAR = exact(2.0**-44)
+"""Ends of an axis are so near to a turn apart."""
+
+
+def read_turning(facts: Facts, names: object) -> None:
+    """Enter the states whose axis wraps around; RejectedError where one may not.
+
+    The extents of all states are known.
+    """
+    if not isinstance(names, list) or not names or len({*map(str, names)}) != len(names):
+        raise RejectedError("`wraps` is not as it should be")
+    by_name = {s.name: i for i, s in enumerate(facts.states)}
+    if not by_name.keys() >= {*names}:
+        raise RejectedError("`wraps` names a state that there is not")
+    symbol = facts.symbol
+    beside = (symbol.shield, symbol.verify.enters)
+    if facts.kind != "flow" or facts.view or beside != (None, None) or len(facts.tower) > 1:
+        raise RejectedError("an axis wraps around where that is not settled")
+    facts.turning = {*map(by_name.__getitem__, names)}
+    for i in facts.turning:
+        low, high = map(exact, facts.extents[i])
+        long = abs(high - low - 2 * arb.pi()) < NEAR and -low < 10 and high < 10
+        if not long or i in facts.unbounded | facts.open_ends:
+            raise RejectedError(f"the axis of {facts.states[i].name} is no full turn")
+
+
+def refuse_turns_read(model: CaseModel) -> None:
+    """RejectedError where something that is asked is not the same a turn further."""
+    facts, far = model.facts, (-THIRD, THIRD)
+    extents = tuple(far if i in facts.turning else e for i, e in enumerate(model.extents))
+    model = CaseModel(facts, model.parameter, extents)
+    terms, states = model.new_terms()
+    asked: list[Linear | Proposition] = list(model.commands(terms, states))
+    asked.append(model.predicate(terms, states, facts.symbol.safe, errors=False))
+    seen = [e for e in (facts.ttf, facts.symbol.safer) if e is not None]
+    asked += [model.predicate(terms, states, e, errors=True) for e in seen]
+    asked += [model.in_set(terms, states, topic) for topic in bounded_topics(facts)]
+    asked += model.rates(terms, states, control_inputs(facts, terms))[0]
+    asked += terms.obligations
+    if not all(_same_further(terms, x) for x in asked):
+        names = ", ".join(facts.states[i].name for i in sorted(facts.turning))
+        raise RejectedError(f"something reads how many turns there are in {names}")
+
+
+def _same_further(terms: Terms, asked: Linear | Proposition) -> bool:
+    """Whether a term is the same where angles are turns further."""
+    for index in closure(terms, [asked]):
+        atom = terms.atoms[index]
+        if atom.condition is not None and not _compares_no_angle(terms, atom.condition):
+            return False
+        angles = [x for x in atom.arguments if terms.turns(x)]
+        if angles and not (atom.kind in OF_A_TURN and all(_is_angle(terms, x) for x in angles)):
+            return False
+    return _compares_no_angle(terms, asked)
+
+
+def _compares_no_angle(terms: Terms, x: Linear | Proposition) -> bool:
+    """Whether no angle stands in it by itself."""
+    if isinstance(x, Linear):
+        return not terms.turns(x)
+    alone = x.argument is None or not terms.turns(x.argument)
+    return alone and all(_compares_no_angle(terms, part) for part in x.parts)
+
+
+def _is_angle(terms: Terms, x: Linear) -> bool:
+    """Whether angles stand in it as whole multiples, and it is rounded by little."""
+    whole = all(x.terms[i].is_integer() for i in terms.turning & x.terms.keys())
+    return whole and bool(x.radius <= 2 * FAR_TURNS)  # with that of the function

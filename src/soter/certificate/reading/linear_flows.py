@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 from flint import arb, arb_mat
 
 from soter.certificate.reading.case_model import control_inputs
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import HALF, ONE, UNIT, ZERO, above, exact, magnitude
 from soter.certificate.terms.straight_line import beside, plus, product, total, units
-from soter.certificate.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,7 +1,8 @@
 """What the program says about one module, read again for `problem.py`.
 
 Purpose: `Facts`: inputs with their ranges, axes, times; and small questions about them.
-Non-goals: reading them off the program (`problem.py`, `verification_system.py`, `module_times.py`).
+Non-goals: reading them off the program (`problem.py`, `verification_system.py`,
+`module_times.py`).
 """
 
 from __future__ import annotations
@@ -10,9 +11,8 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
 
-from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.view_predicates import without_ages
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model.system import tower_of
 from soter.language.model.tree_walk import nodes, topic_reads
@@ -22,7 +22,7 @@ from soter.language.model.types import leaf_name, leaves
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from soter.certificate.time.derived_times import DerivedTimes, TimingSetting, Ways
+    from soter.certificate.reading.derived_times import DerivedTimes, TimingSetting, Ways
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
     from soter.language.model.types import Type
@@ -110,7 +110,7 @@ class Facts:
     unbounded: set[int] = field(default_factory=set)
     """States whose axis has no ends: what lies beyond belongs to its outer cells."""
     turning: set[int] = field(default_factory=set)
-    """States whose axis is a full turn that wraps around (`axes_without_ends.py`)."""
+    """States whose axis is a full turn that wraps around (`left_out_states.py`)."""
     left_out: list[Input] = field(default_factory=list)
     """States of which a certificate has no sets, as nothing that is asked depends on them."""
     view: str = ""

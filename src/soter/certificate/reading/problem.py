@@ -25,11 +25,11 @@ from soter.certificate.reading.module_facts import (
     read_by_sc,
     topics_of_others,
 )
+from soter.certificate.reading.module_times import read_times
 from soter.certificate.reading.symbolic_operations import flat
 from soter.certificate.reading.verification_system import abstracted, as_it_runs, flown
 from soter.certificate.reading.view_predicates import seen
-from soter.certificate.terms.terms import NotRecheckedError
-from soter.certificate.time.module_times import read_times
+from soter.certificate.report import NotRecheckedError
 from soter.language.model import typed
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads

@@ -7,7 +7,7 @@ combination of them, a predicate with each of them open.
 Non-goals: which of these values occur after which: any element of the set that every step keeps may
 be there at any step (docs/proof.md, "Setting"); that a step keeps it is an obligation of the step.
 What a module waits for (P2b is not claimed of one that waits); sharing code with
-`verify/problem/modes_of_other_modules.py`, which reads topics in their place.
+`verify/problem/other_modules.py`, which reads topics in their place.
 
 Truths, enumerations and short ranges are taken value by value; what would make too many
 combinations becomes an input over its range.
@@ -20,8 +20,9 @@ from math import prod
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.symbolic_operations import filled, whole
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import ONE, ZERO, exact, key_of
-from soter.certificate.terms.terms import Atom, NotRecheckedError
+from soter.certificate.terms.terms import Atom
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import BoolType, EnumType, IntType, leaves

@@ -12,10 +12,9 @@ from __future__ import annotations
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.format.errors import FOLLOWED
-from soter.certificate.module_above import refuse_unproved_towers
+from soter.certificate.control_changes import refuse_unproved_towers
 from soter.certificate.reading.sc_locals_and_modes import only_modes_of_others
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import FOLLOWED, NotRecheckedError
 from soter.language.model import system as model
 from soter.language.model import typed as t
 

@@ -15,12 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import HALF, ONE, TINIEST, UNIT_ROUNDOFF, exact, magnitude
 from soter.certificate.terms.terms import (
     LARGEST,
     TRUE,
     Linear,
-    NotRecheckedError,
     Proposition,
     Terms,
     both,
@@ -123,7 +123,7 @@ OF_A_TURN = frozenset({"sin", "cos", "tan", "wrap_angle"})
 """Functions of the prelude that are the same a turn further."""
 FAR_TURNS = exact(2.0**-33)
 """By how much more a sum with an angle in it may be rounded where that is many turns further: what
-is shown of such sums in `axes_without_ends.py`."""
+is shown of such sums in `left_out_states.py`."""
 EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
 """Functions of the prelude that have a value, and no large one, of all real numbers."""
 

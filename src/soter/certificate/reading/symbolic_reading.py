@@ -27,8 +27,9 @@ from soter.certificate.reading.symbolic_operations import (
     mapped,
     zipped,
 )
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import PRELUDE
-from soter.certificate.terms.terms import Linear, NotRecheckedError, Proposition, Terms
+from soter.certificate.terms.terms import Linear, Proposition, Terms
 from soter.language.evaluate import arithmetic
 from soter.language.model import typed as t
 from soter.language.model.tree_walk import nodes

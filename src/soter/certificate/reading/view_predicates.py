@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import NotRecheckedError
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes, rewritten, topic_reads
 from soter.language.model.types import BOOL

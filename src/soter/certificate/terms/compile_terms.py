@@ -6,7 +6,7 @@ over the states that hold all over the form; `compile_truths`: to what is known 
 `AffineForms`: rows and ranges of `terms.Linear`, once the atoms in them have theirs; `make_atoms`:
 a line and a range for each atom, bits for each truth.
 Non-goals: reading programs (`symbolic_reading.py`), which sets to check (`sc_chains.py`,
-`predicates.py`), how programs run (`straight_line.py`).
+`certificate/cell_predicates.py`), how programs run (`straight_line.py`).
 
 Argument: over the form an atom lies in its range (`bounds`), and is its row times the inputs plus
 its constant, up to its spread (`rows`). Arguments come first, so each rule below rests on

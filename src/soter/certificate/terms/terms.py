@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
-from soter.certificate.format.errors import NotRecheckedError
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import (
     ONE,
     TINIEST,
@@ -158,7 +158,7 @@ class Terms:
     excluded: dict[int, int] = field(default_factory=dict)
     """Inputs that lie above their lower end (1), or below their upper one (-1)."""
     turning: set[int] = field(default_factory=set)
-    """Inputs that stand for angles any number of turns further (`reading/axes_without_ends.py`)."""
+    """Inputs that stand for angles any number of turns further (`reading/left_out_states.py`)."""
 
     def oblige(self, what: Proposition) -> None:
         """Demand `what` wherever the code being read runs."""

@@ -2,7 +2,7 @@
 
 Purpose: `recheck_rest`: every constant that its decision module is made of against the program,
 then P1, P2a and `start`; what is decided in flight is not confirmed, and said to be so.
-Non-goals: tubes and what they show (`rest_claims.py`, `flight_verdict.py`).
+Non-goals: tubes and what they show (`rest_claims.py`, `tube_chains.py`).
 """
 
 from __future__ import annotations
@@ -10,18 +10,21 @@ from __future__ import annotations
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.assumptions import assumptions_of
 from soter.certificate.case_check import CLAIMS, PROVED, claimed_of, static_claims
-from soter.certificate.format.claimed_parts import only_keys
-from soter.certificate.format.errors import NotRecheckedError, RejectedError
-from soter.certificate.format.folder import hexadecimal
+from soter.certificate.folder import hexadecimal, only_keys
 from soter.certificate.reading.module_facts import bounded_topics
+from soter.certificate.reading.module_times import compare_times
 from soter.certificate.reading.symbolic_operations import flat as flat_leaves
-from soter.certificate.report import RecheckAssumption, RecheckedModule
-from soter.certificate.time.module_times import compare_times
-from soter.certificate.tubes.flight_verdict import ModuleTube
+from soter.certificate.report import (
+    NotRecheckedError,
+    RecheckAssumption,
+    RecheckedModule,
+    RejectedError,
+)
+from soter.certificate.scope import assumptions_of
 from soter.certificate.tubes.rest_claims import answers, drifts, keeps
 from soter.certificate.tubes.rest_problem import REACH, read_rest, shield_of
+from soter.certificate.tubes.tube_chains import ModuleTube
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

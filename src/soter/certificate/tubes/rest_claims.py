@@ -3,7 +3,7 @@
 Purpose: condition 3 (`answers`) and the two rules of rest ("Decisions by tubes", proof-flight.md):
 `keeps`, of the box B and the ways Y of a certificate, and `drifts`, of what `moves` says; `slope`:
 a ball around every derivative of a term in one input, at kinks around Clarke's.
-Non-goals: the start and single estimates (`flight_verdict.py`); finding B and Y.
+Non-goals: the start and single estimates (`tube_chains.py`); finding B and Y.
 
 The argument is the chain rule, atom by atom, with the range of each atom for its value: by the mean
 value theorem (Lebourg's, of functions that are Lipschitz) a term differs between two values of the
@@ -34,18 +34,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from flint import arb
 
-from soter.certificate.format.errors import NotRecheckedError, RejectedError
+from soter.certificate.case_check import harmless
 from soter.certificate.grid.flow_chains import NOW
-from soter.certificate.reading.case_model import control_inputs
+from soter.certificate.reading.case_model import atom_of, boxes_of, control_inputs
 from soter.certificate.reading.left_out_states import all_certain
-from soter.certificate.reading.map_steps import atom_of, boxes_of
 from soter.certificate.reading.module_facts import read_by_sc
 from soter.certificate.reading.symbolic_operations import filled
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.arb_balls import HALF, ONE, UNIT, ZERO, above, exact, hull
 from soter.certificate.terms.compile_terms import compile_lines, form_of_box
 from soter.certificate.terms.straight_line import NotCertainError
 from soter.certificate.terms.terms import Terms, closure, inputs_of
-from soter.certificate.time.sc_on_default_inputs import harmless
 from soter.certificate.tubes.rest_problem import NANOSECOND, REACH, RestModel
 from soter.certificate.tubes.tube_chains import Body, Truths, TubeChain, TubeFlow
 from soter.language.model.types import FloatType, leaves

@@ -23,12 +23,11 @@ from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.case_check import survives_the_start
 from soter.certificate.grid.estimates_and_shield import cells_of
 from soter.certificate.grid.flow_chains import NOW, Times
-from soter.certificate.reading.case_model import CaseModel, control_inputs
+from soter.certificate.reading.case_model import CaseModel, atom_of, control_inputs
 from soter.certificate.reading.left_out_states import degree
-from soter.certificate.reading.map_steps import atom_of
 from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,
@@ -42,9 +41,9 @@ from soter.certificate.reading.module_facts import (
 from soter.certificate.reading.problem import followed, read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.symbolic_operations import filled
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.arb_balls import above, below, exact
-from soter.certificate.terms.terms import NotRecheckedError, Terms, both, inputs_of
-from soter.certificate.time.sc_on_default_inputs import survives_the_start
+from soter.certificate.terms.terms import Terms, both, inputs_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import FloatType, leaf_name, leaves
 

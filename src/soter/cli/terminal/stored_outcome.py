@@ -28,9 +28,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.cli.terminal.console import painted
 from soter.diagnostics.diagnostic import SoterError
-from soter.native.cache import cache_dir, digest, find_cached, is_ours, store
+from soter.native.cache import cache_dir, digest, find_cached, is_ours, soter_sha256, store
 from soter.native.compiler import find
-from soter.native.source_files import soter_sha256
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -35,8 +35,8 @@ from soter.explore.search_options import (
     knows_ends,
     reduce_bits,
 )
+from soter.native.cache import files_below
 from soter.native.shared_library import RUNTIME, address, declarations, interface, library, opened
-from soter.native.source_files import files_below
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -14,7 +14,8 @@ from soter.diagnostics.diagnostic import replace, the_other_way
 from soter.language.check.checker_interface import Context
 from soter.language.check.expression_base import error_expr
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
-from soter.language.evaluate.statements import BudgetExceeded, Evaluator
+from soter.language.evaluate.environment import BudgetExceeded
+from soter.language.evaluate.statements import Evaluator
 from soter.language.load.loader import DataError
 from soter.language.load.named_files import ReadError, near_names
 from soter.language.model import typed

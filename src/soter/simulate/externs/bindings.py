@@ -23,7 +23,7 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, mistake
 from soter.diagnostics.similar_names import nearest_or_all
 from soter.language.load.named_files import FORMS, ReadError, binding_of, read_bytes
-from soter.native.source_files import included
+from soter.native.cache import included
 from soter.simulate.externs.python_extern import (
     PythonExtern,
     answered,

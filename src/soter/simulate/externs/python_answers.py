@@ -17,7 +17,7 @@ from soter.codegen.externs import answer_fields
 from soter.core.layout import arrange, decode_from, image_of_members
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.model.values import ValueShapeError, inputs_to_python
-from soter.native.source_files import SOTER
+from soter.native.cache import SOTER
 from soter.report.printable_text import visible
 from soter.semantics.externs import Converted, Stop, converted, message_of, step_of, visible_error
 from soter.semantics.publication_gate import check_of, messages, to_ends
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Component, System
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Type, Value
-    from soter.native.library import Library
+    from soter.native.shared_library import Library
 
 
 OWN_FOLDER = str(SOTER)

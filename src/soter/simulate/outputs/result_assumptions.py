@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.language.elaborate.elaborator import show_ns
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model.system import claims_nothing, modules_above
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import FloatType, IntType, leaf_name, leaves
+from soter.language.model.types import FloatType, IntType, leaf_name, leaves, show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping

@@ -1,30 +1,42 @@
-"""Cells of grids: boxes of them, finer ones, and how they stand in a certificate.
+"""Cells of grids: boxes of them, finer and coarser ones, and how long a proof on them will take.
 
 Purpose: sets of cells as boxes that people can read, and which cells hold a box of states; finer
 grids, where only borders failed (`refined`) or everywhere (`halved`), a bounded number of times and
-said so; `matrix` and `axes`, what the entries of all groups in a certificate are made of.
-Non-goals: deciding anything: a finer grid is a new attempt, no more; sets (`verify/grid/sets.py`).
+said so; the same problem on fewer cells (`merged`); `matrix` and `axes`, what the entries of all
+groups in a certificate are made of. `announce_work`: the first case on merged cells, twice; how its
+time grows with the cells says how long the declared grid takes. That is said only where somebody
+waits for it, and where it is long.
+Non-goals: deciding anything: another grid is a new attempt, no more; sets (`verify/grid/sets.py`);
+in the estimate finer grids, and what comes after the sets (counterexamples, what may help).
 """
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import replace
+from itertools import islice
 from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.diagnostics.current_phase import announce, lasting, passing_phase
 from soter.verify.claims.results import Region
+from soter.verify.grid.group_model import UnboundedError
+from soter.verify.problem.extract import cases
 from soter.verify.problem.left_out_states import FAR_TURNS, TURN
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Callable, Collection, Sequence
 
     from numpy.typing import NDArray
 
     from soter.core.layout import Bools
     from soter.verify.claims.case import Case
     from soter.verify.problem.problem import Axis, Group, Interval, Problem
+
+    Settle = Callable[[Problem, tuple[int, ...]], object]
 
 
 def matrix(path: str, values: NDArray[Any], files: dict[str, bytes]) -> dict[str, object]:
@@ -302,3 +314,75 @@ def _finer_notes(done: Sequence[Case]) -> dict[str, None]:
         text = f"P2b: Q on cells of {size} the size ({', '.join(counts)})"
         lines[f"{text}; the DM's table is as declared"] = None
     return lines
+
+
+def merged(problem: Problem, most: int) -> Problem:
+    """As many cells a step are merged along every axis as leave `most` of them in each group."""
+    groups = tuple(_merged_group(g, most) for g in problem.groups)
+    return replace(problem, groups=groups, declared_groups=())
+
+
+def _size(group: Group) -> int:
+    return int(np.prod([len(a.edges) - 1 for a in group.axes], dtype=np.int64))
+
+
+def _merged_group(group: Group, most: int) -> Group:
+    if group.representation != "grid" or _size(group) <= most:
+        return group
+    step = int(np.ceil((_size(group) / most) ** (1 / len(group.axes))))
+    return replace(group, axes=tuple(_every(a, step) for a in group.axes))
+
+
+def _every(axis: Axis, step: int) -> Axis:
+    edges = axis.edges[::step]
+    last = axis.edges[-1]
+    return replace(axis, edges=edges if edges[-1] == last else (*edges, last))
+
+
+FROM_CELLS = 50_000
+"""Fewer cells are not worth a look."""
+PILOTS = (1_500, 6_000)
+"""Cells of a group in the two tries."""
+GROWTH = (1.0, 1.2)
+"""Exponents of the cells between which the time is taken to grow."""
+FROM_S = 20.0
+"""Less is not said."""
+TO_S = 10
+"""Seconds that are told apart."""
+
+
+def announce_work(problem: Problem, settle: Settle) -> None:
+    """Say how much work the sets of a problem are. `settle`: a case of a problem, computed."""
+    if cells_of(problem) >= FROM_CELLS:
+        with passing_phase(f"{problem.name}: how long it will take"):
+            announce(lambda: _said(problem, _estimate(problem, settle)))
+
+
+def _estimate(problem: Problem, settle: Settle) -> float:
+    """CPU seconds of all threads for all cases; 0 where nothing can be told."""
+    first = next(iter(cases(problem)))
+    count = sum(1 for _ in islice(cases(problem), 100_000))
+    tries = []
+    for most in PILOTS:
+        small = merged(problem, most)
+        began = time.process_time()
+        try:
+            settle(small, first)
+        except UnboundedError:
+            return 0.0
+        tries.append((cells_of(small), time.process_time() - began))
+    (n, t), (m, s) = tries
+    slope = math.log(s / t) / math.log(m / n) if m > n and s > t > 0.0 else GROWTH[0]
+    growth = min(max(slope, GROWTH[0]), GROWTH[1])
+    return float(s * (cells_of(problem) / m) ** growth * count)
+
+
+def _said(problem: Problem, seconds: float) -> str:
+    """A line; "" where it is not worth one."""
+    if seconds < FROM_S:
+        return ""
+    shapes = [" x ".join(str(len(a.edges) - 1) for a in g.axes) for g in problem.groups]
+    axes = sum(len(g.axes) for g in problem.groups)
+    many = "1 axis" if axes == 1 else f"{axes} axes"
+    told = f"{problem.name}: {many} of {' and '.join(shapes)} cells"
+    return f"{told}: about {lasting(seconds, TO_S)} of processor time"

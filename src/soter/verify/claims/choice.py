@@ -4,8 +4,8 @@ Purpose: `choose`: one answer for proofs and for whatever flies. `levels`: for a
 `ttf` and `safer` the sets S_0, S_1, ... on estimates: ttf := estimate not in S_0, safer := S_(m-2),
 of every case, and what of that the DM holds for all of them. `after_core`: everything that rests on
 K; W stands in the place of K where a few cells of K are not led back to `safer`.
-Non-goals: finer grids (`cells.py`), the sets of a group (`verify/grid/levels.py`,
-`verify/polytope/`), W (`verify/grid/recovery.py`), tables (`verify/tables/`).
+Non-goals: finer grids (`cells.py`), the sets of a group (`verify/grid/estimate_sets.py`,
+`verify/polytope/`), W (`verify/grid/recovery.py`), tables (`verify/deploy/`).
 
 Computed predicates rest on K as well: with a smaller one fewer estimates leave AC in control, and Q
 may lose cells, too. What is proved is proved of the sets of the last round, or K is as it was.
@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
-from soter.verify.claims import claims
+from soter.verify.claims import claims, start
 from soter.verify.claims.case import ClaimTimer
 from soter.verify.claims.cells import cells_of, counts_of, smaller_cells
 from soter.verify.claims.claims import recover
-from soter.verify.grid.sets import UnboundedError
+from soter.verify.grid.group_model import UnboundedError
 from soter.verify.proof_methods import pairs_of, tables
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def after_core(case: Case) -> None:
             with ClaimTimer(case, predicate):
                 claims.inclusion(case, predicate)
     with ClaimTimer(case, "start"):
-        claims.start(case)
+        start.start(case)
 
 
 def shrunk(case: Case) -> bool:
@@ -179,7 +179,7 @@ def _may_give_up(case: Case) -> bool:
 def _starts(case: Case) -> bool:
     """Whether the start is shown; of a flight nobody has asked."""
     probe = replace(case, failures=[], spent={}, counts={})
-    claims.start(probe)
+    start.start(probe)
     return not probe.failures
 
 

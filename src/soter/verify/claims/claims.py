@@ -1,14 +1,15 @@
 """The claims of one case, asked of its groups in turn (docs/verification.md, section 3).
 
 Purpose: for one combination of parameter values: C, K, R(H), the inclusions of `ttf` and `safer`,
-the start, and P2b: sets Q_g that SC keeps inside the states whose every estimate satisfies `safer`,
-and the time that it takes to be there from all of K. T counts from SC's first acting output to the
-instant at which the verdict that gives control back is in force. Beside them stand what plants can
-publish (beyond the declared set of a topic a plant stops), and whether the integration scheme that
-flies is in the proof. What a group cannot show it says itself; here is what concerns several.
-Non-goals: how a group is proved (`case.py`, `verify/grid/`, `verify/polytope/`), refinement and
-verdicts (`verify_module.py`), the error of a scheme (`enclose/scheme_error.py`). That long arrays
-and lists stay in their sets is an assumption.
+and P2b: sets Q_g that SC keeps inside the states whose every estimate satisfies `safer`, and the
+time that it takes to be there from all of K. T counts from SC's first acting output to the instant
+at which the verdict that gives control back is in force. Beside them stand what plants can publish
+(beyond the declared set of a topic a plant stops), whether the integration scheme that flies is in
+the proof, and P1, which is a matter of the times alone. What a group cannot show it says itself;
+here is what concerns several.
+Non-goals: where control begins (`start.py`), how a group is proved (`case.py`, `verify/grid/`,
+`verify/polytope/`), refinement and verdicts (`verify_module.py`), the error of a scheme
+(`enclose/scheme_error.py`). That long arrays and lists stay in their sets is an assumption.
 
 The way back may take longer than everything else. Where `ttf`, `safer` or the start fail, `put_off`
 leaves it to an attempt on a finer grid; without one the module is undecided whatever P2b says, and
@@ -25,7 +26,6 @@ from soter.diagnostics.current_phase import CancelledError, cancelled_when, pass
 from soter.language.evaluate.integration_stability import diverging
 from soter.language.model.types import leaf_name, leaves, show_ns
 from soter.verify.claims.case import Case
-from soter.verify.claims.handover_claims import handed_back
 from soter.verify.claims.product_sets import (
     NOTHING_INSIDE,
     NOTHING_KEPT,
@@ -36,26 +36,24 @@ from soter.verify.claims.product_sets import (
     product_holds,
     without_law,
 )
-from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED
+from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED, Finding, ModuleResult
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
+from soter.verify.enclose.core_enclosure import paths
 from soter.verify.enclose.enclosed_steps import room_of
-from soter.verify.enclose.enclosure_inputs import paths
 from soter.verify.grid.claims import grids
-from soter.verify.grid.sets import RESTS, UnboundedError
-from soter.verify.problem.assumption import EVERY_SOLUTION, SCHEME
-from soter.verify.problem.modes_of_other_modules import said
+from soter.verify.grid.group_model import UnboundedError
+from soter.verify.grid.sets import RESTS
+from soter.verify.problem.problem import EVERY_SOLUTION, SCHEME, said
+from soter.verify.problem.problem_times import DELAYS, in_words
 from soter.verify.proof_methods import by_method, in_order, method_of
-from soter.verify.time.sc_on_default_inputs import fault_on_defaults
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from soter.language.model.system import Bound
     from soter.verify.claims.product_sets import SetFactor
-    from soter.verify.claims.results import Finding, ModuleResult
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
-    from soter.verify.problem.assumption import Assumption
-    from soter.verify.problem.problem import Group, Problem
+    from soter.verify.problem.problem import Assumption, Group, Problem
 
 
 HOLDS = 8
@@ -199,25 +197,6 @@ def inclusion(case: Case, predicate: str) -> None:
     """`ttf` or `safer`: an estimate from which AC may have control comes from a state in R(H)."""
     for proof in case.fresh:
         proof.inclusion(case, predicate)
-
-
-def start(case: Case) -> None:
-    """The declared initial states lie in R(h_0), h_0 the first instant SC's output acts.
-
-    Below another module that one has control first: asked is where it gives control back.
-    """
-    if case.problem.above:
-        handed_back(case)
-        return
-    if not case.problem.starts_with(case.parameter):
-        return
-    wrong_read = fault_on_defaults(case.problem)
-    if wrong_read:
-        hint = "let SC step only after what it reads was published: `phase`"
-        case.fail("start", wrong_read, hint=hint)
-    until_ns = case.problem.in_horizon(case.problem.times.start)
-    for proof in case.proofs:
-        proof.start(case, until_ns)
 
 
 GIVE_BACK = "let one of them give control back whatever the other one does"
@@ -407,3 +386,35 @@ def _follows_scheme(case: Case) -> bool:
     if len(case.proofs) < len(case.problem.groups):
         return False
     return all(p.covers_scheme for p in case.proofs)
+
+
+HOW = {
+    "P1a": "periods compared",
+    "P1b": "outputs compared",
+    "P1c": "worst case over all releases",
+    "P3": "inclusions of `ttf` and `safer`",
+    "failsafe": "K inside the core of the fail-safe law",
+    "DM": "the compiled DM on all facts, and tried on every class of input",
+}
+"""What is no matter of groups."""
+
+
+def static_claims(problem: Problem, result: ModuleResult) -> None:
+    """P1a and P1b were checked with the program; P1c is a sum."""
+    times = problem.times
+    result.findings["P1a"] = Finding(
+        PROVED,
+        method=HOW["P1a"],
+        text=f"SC every {show_ns(times.delta_sc)}, DM every {show_ns(times.delta_dm)}",
+    )
+    result.findings["P1b"] = Finding(
+        PROVED, method=HOW["P1b"], text="AC and SC publish the same topics"
+    )
+    enough = times.horizon_ns >= times.h_star
+    held = PROVED if all(n in times.declared for n in (*DELAYS, "nodes")) else ASSUMED
+    result.findings["P1c"] = Finding(
+        held if enough else UNDECIDED,
+        method=HOW["P1c"],
+        text=in_words(times),
+        hint="" if enough else f"a horizon of {show_ns(times.h_star)} or more, or less delay",
+    )

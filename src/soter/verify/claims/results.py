@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from soter.verify.problem.assumption import SCHEME, VerificationScope, remaining
+from soter.verify.problem.problem import SCHEME, VerificationScope, remaining
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from soter.verify.polytope.extract_group import ExtractedGroup
     from soter.verify.polytope.half_spaces import Polytope
     from soter.verify.polytope.proofs import PolytopeSets
-    from soter.verify.problem.assumption import Assumption
-    from soter.verify.problem.problem import Group, Problem
+    from soter.verify.problem.problem import Assumption, Group, Problem
 
 PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
 WORSE = (PROVED, ASSUMED, UNDECIDED, REFUTED)
@@ -167,7 +166,7 @@ class Finding:
     """The verdict on one property.
 
     `method`: how; `text`: what was found, one sentence; `hint`: what would help where undecided;
-    `counterexample`: the run of a refutation (`verify/attack/counterexample.py`); `causes`,
+    `counterexample`: the run of a refutation (`verify/counterexample.py`); `causes`,
     `leaving`: what was measured where it is undecided.
     """
 

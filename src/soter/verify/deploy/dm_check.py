@@ -41,10 +41,10 @@ from soter.verify.deploy.dm_test_cases import (
     gates,
     values,
 )
+from soter.verify.deploy.grid_tables import GroupTable
 from soter.verify.deploy.missing_predicates import put
+from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.proof_methods import pairs_of, tables
-from soter.verify.tables.grid_tables import GroupTable
-from soter.verify.tables.shield_tables import command_edges
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -57,8 +57,8 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System, Topic
     from soter.verify.claims.results import ModuleResult
     from soter.verify.deploy.dm_test_cases import Points
+    from soter.verify.deploy.level_table import EstimateSamples, LevelTable
     from soter.verify.problem.problem import Problem
-    from soter.verify.tables.level_table import EstimateSamples, LevelTable
 
     Place = tuple[int, float]
     ActingCommands = tuple[Place, Place, NDArray[np.bool_]]

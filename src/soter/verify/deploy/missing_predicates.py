@@ -24,24 +24,22 @@ from soter.language.model.system import LEVELS_DEFAULT
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.typed import Literal, TypedUnary
 from soter.language.model.types import BOOL
-from soter.native.cache import digest, find_cached, store
-from soter.native.source_files import SOTER, files_below
+from soter.native.cache import SOTER, digest, files_below, find_cached, store
 from soter.verify.claims import claims
-from soter.verify.claims.cells import cells_of
+from soter.verify.claims.cells import announce_work, cells_of
 from soter.verify.claims.choice import choose, levels, returned, withheld
+from soter.verify.deploy.grid_tables import GroupTable, grid_ends, predicates
+from soter.verify.deploy.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.enclose.compiled_enclosures import library_of
-from soter.verify.grid.sets import UnboundedError
-from soter.verify.problem.estimates import seen
+from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import cases, extract
+from soter.verify.problem.inputs import seen
 from soter.verify.proof_methods import in_order, method_of, pairs_of, tables
-from soter.verify.tables.grid_tables import GroupTable, grid_ends, predicates
-from soter.verify.tables.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, shown, too_long
 from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
 from soter.verify.tubes.tube_table import TubeLevels
-from soter.verify.work_estimate import announce_work
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -54,10 +52,10 @@ if TYPE_CHECKING:
     from soter.language.model.typed import Cost, TopicSymbol, TypedExpr
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import ModuleResult
+    from soter.verify.deploy.level_table import LevelTable
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
-    from soter.verify.tables.level_table import LevelTable
 
     Found = list[LevelTable]
     Sets = tuple[Problem, list[Pairs]]

@@ -14,23 +14,23 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.format.errors import RejectedError
+from soter.certificate.report import RejectedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.derived_systems import at_once, faultless
 from soter.language.elaborate.views_for_proofs import systems_by_view
-from soter.verify.module_methods import module_method
-from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import cases, extract
+from soter.verify.problem.problem import texts
 from soter.verify.proof_methods import in_order, method_of
+from soter.verify.verify_module import module_method
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.certificate.format.folder import Certificate
+    from soter.certificate.folder import Certificate
     from soter.language.model.system import Module, System
+    from soter.verify.deploy.level_table import LevelTable
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
-    from soter.verify.tables.level_table import LevelTable
 
 
 def certified_sets(

@@ -3,7 +3,7 @@
 Purpose: the verification system with disturbances and errors at their corners, constant or
 following a rate, and commands as late as the declared times allow; the run that leaves C soonest.
 Non-goals: refuting: these are runs of the plant's equations, integrated by RK4, not of the program
-(`refute.py`); finding the worst adversary.
+(`verify/refute.py`); finding the worst adversary.
 
 Command k acts from k delta + j on and answers the state d before that: one of the choices that
 docs/verification.md (section 3) leaves to the world, as is answering at once.

@@ -31,10 +31,9 @@ from soter.diagnostics.current_phase import (
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.derived_systems import faultless, with_changed_topics
 from soter.language.model.system import LEVELS_DEFAULT
-from soter.native.library import Library
-from soter.native.shared_library import library
+from soter.native.shared_library import Library, library
 from soter.verify.claims.case import SPENT, settled
-from soter.verify.claims.cells import cells_of
+from soter.verify.claims.cells import cells_of, merged
 from soter.verify.claims.results import (
     ASSUMED,
     PROVED,
@@ -47,9 +46,9 @@ from soter.verify.deploy.missing_predicates import complete, open_modules, put, 
 from soter.verify.diagnosis.model_runs import PointModel, patterns, run
 from soter.verify.diagnosis.open_claims import HABIT, explain
 from soter.verify.diagnosis.vacuity import vacuity
-from soter.verify.diagnosis.variations import HALVED, OTHERS, NotProved, merged, remedies
+from soter.verify.diagnosis.variations import HALVED, OTHERS, NotProved, remedies
 from soter.verify.enclose.enclosure_emitter import EnclosureError
-from soter.verify.grid.sets import UnboundedError
+from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import extract
 from soter.verify.proof_methods import tables
 

@@ -21,7 +21,7 @@ from soter.language.model.typed import AgeRead
 from soter.language.model.types import show_ns
 from soter.verify.claims.product_sets import candidates
 from soter.verify.claims.results import Vacuity
-from soter.verify.problem.estimates import errors_of
+from soter.verify.problem.inputs import errors_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

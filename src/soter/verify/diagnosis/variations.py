@@ -4,9 +4,11 @@ Purpose: `VARIATIONS`: in what words a change is told, the problems that it make
 it may help, and what it costs beside others. One `Problem` is made of another, as it would be had
 something else been written; there is none where that is no problem, or where the module cannot be
 read again from its verification system alone (views, `abstracts`, modes, a fail-safe law).
-`remedies`: what the table has for a module; `merged`: the same problem on fewer cells.
+`remedies`: what the table has for a module; `at_periods`: the problem with other periods, for
+`soter advise`.
 Non-goals: verdicts: nothing here is claimed of the declared problem; which change helps
-(`tried_remedies.py`); laws, plants and predicates of another shape; changing the program's text.
+(`tried_remedies.py`); laws, plants and predicates of another shape; changing the program's text;
+fewer cells (`claims/cells.py`).
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from soter.verify.claims.choice import CELLS_MAX
 from soter.verify.diagnosis.model_runs import TRUE, PointModel
 from soter.verify.grid.claims import GridProof
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import Group, Interval
+from soter.verify.problem.problem import Interval
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -273,12 +275,6 @@ VARIATIONS = (
 # ---------------------------------------------------------------- problems made of others
 
 
-def merged(problem: Problem, most: int) -> Problem:
-    """As many cells a step are merged along every axis as leave `most` of them in each group."""
-    groups = tuple(_merged_group(g, most) for g in problem.groups)
-    return replace(problem, groups=groups, declared_groups=())
-
-
 def predicates_left_out(problem: Problem) -> Problem | None:
     """Neither `ttf` nor `safer`."""
     if problem.computed:
@@ -377,23 +373,6 @@ def _read_again(problem: Problem, system: System, module: Module) -> Problem | N
 # ---------------------------------------------------------------- grids
 
 
-def _size(group: Group) -> int:
-    return int(np.prod([len(a.edges) - 1 for a in group.axes], dtype=np.int64))
-
-
-def _merged_group(group: Group, most: int) -> Group:
-    if group.representation != "grid" or _size(group) <= most:
-        return group
-    step = int(np.ceil((_size(group) / most) ** (1 / len(group.axes))))
-    return replace(group, axes=tuple(_every(a, step) for a in group.axes))
-
-
-def _every(axis: Axis, step: int) -> Axis:
-    edges = axis.edges[::step]
-    last = axis.edges[-1]
-    return replace(axis, edges=edges if edges[-1] == last else (*edges, last))
-
-
 def _unbounded(axis: Axis) -> Axis:
     width = axis.edges[-1] - axis.edges[0]
     ends = (axis.edges[0] - width, *axis.edges, axis.edges[-1] + width)
@@ -417,3 +396,17 @@ def _written(axis: Axis) -> str:
     if axis.open:
         return f"{said} open to {axis.end(axis.edges[-1])}"
     return f"{said} open" if axis.unbounded else said
+
+
+def at_periods(problem: Problem, delta_ns: int, sc_ns: int) -> Problem:
+    """The problem with another Delta and period of SC; nothing else changes.
+
+    Phases stay: they are those of the calendar. The scheme's error is that of the plant's step.
+    """
+    times, was = problem.times, problem.times.schedule
+    dm, sc = replace(was.dm, period=delta_ns), replace(was.sc, period=sc_ns)
+    schedule = replace(was, dm=dm, sc=sc)
+    law = problem.law
+    if law is not None:
+        law = replace(law, times=replace(law.times, schedule=schedule))
+    return replace(problem, times=replace(times, schedule=schedule), law=law)

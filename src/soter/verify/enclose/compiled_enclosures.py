@@ -1,28 +1,36 @@
-"""The enclosures of one module as a compiled library: the grid engine, and functions over boxes.
+"""The enclosures of one module: generated as C, compiled with the engine, called over boxes.
 
-Purpose: `ReachLibrary`: compile a generated enclosure unit together with `soter_reach*.c`, once for
-each content, and reach both through cffi. `CompiledEnclosures`: evaluate `law`, `safe`, ... over
-single boxes, for checks that look at few boxes.
-Non-goals: generating the unit (`enclosure_code.py`); grids (`verify/grid/sets.py`), where C walks
+Purpose: `generate_enclosures`: `law`, `derivative` or `next`, `safe`, `constraint`, `core`, `ttf`,
+`safer`, `drives` of one module over the forms of `verify/engine/soter_form.h`
+(docs/verification.md, section 2). `ReachLibrary`: compile such a unit together with
+`soter_reach*.c`, once for each content, and reach both through cffi. `CompiledEnclosures`: evaluate
+`law`, `safe`, ... over single boxes, for checks that look at few boxes.
+Non-goals: what a step comes to (`enclosed_steps.py`); grids (`verify/grid/sets.py`), where C walks
 over millions of cells.
+
+What a function does not read as an input ranges over its declared set, without a symbol.
 """
 
 from __future__ import annotations
 
 import re
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from copy import copy
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.codegen import c_tree as c
+from soter.codegen.c_printer import print_file
 from soter.core.lower_statements import FunctionTable
 from soter.core.steps import lower_predicate
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.model.tree_walk import PARTS_MAX
-from soter.native.cache import cached, digest
+from soter.language.model.tree_walk import PARTS_MAX, conjuncts
+from soter.native.cache import cached, digest, files_below
 from soter.native.compiler import STRICT, compile_with, find, vector_flags
 from soter.native.shared_library import (
     CHECK_FAILED,
@@ -34,24 +42,233 @@ from soter.native.shared_library import (
     opened,
     texts,
 )
-from soter.native.source_files import files_below
-from soter.verify.enclose.enclosure_code import (
-    CONTROLS_MAX,
-    EnclosureError,
-    EnclosureUnit,
-    generate_enclosures,
-)
-from soter.verify.problem.modes_of_other_modules import in_ac
+from soter.verify.enclose.enclosed_operations import EnclosureOperations
+from soter.verify.enclose.enclosed_steps import Enclosed
+from soter.verify.enclose.enclosure_emitter import Emitter, EnclosureError, framed, given, names_in
+from soter.verify.problem.other_modules import in_ac
+from soter.verify.problem.supported_constructs import ttf_of_states
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
-    from soter.core.core import Function, Predicate
+    from soter.core import core as core_ir
     from soter.core.layout import Floats
     from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedExpr
-    from soter.verify.problem.problem import Problem
+    from soter.verify.problem.problem import Problem, Quantities
+
+
+PARAMETERS = (
+    ("const soter_form ", "in[]"),
+    ("const int64_t ", "param[]"),
+    ("soter_form ", "out[]"),
+)
+CONTROLS_MAX = 8
+"""So many controls have a function of their own each."""
+PREDICATE_PARAMETERS = (*PARAMETERS[:2], ("soter_truth ", "out[]"))
+
+
+@dataclass(frozen=True)
+class EnclosureUnit:
+    """C text of one module's enclosures, and what they rest on."""
+
+    source: str
+    prelude: tuple[str, ...]
+    """Prelude functions whose error bounds were used: tested
+    (`language/prelude/function_error_bounds.py`)."""
+    functions: tuple[str, ...]
+    """Names of the functions that were emitted: `soter_law`, `soter_derivative`, ..."""
+    reads: Mapping[str, frozenset[int]]
+    """The float inputs that each of them reads, by its name without `soter_`."""
+    boundless: frozenset[str]
+    """Those that read a number of which nothing is known, as a state that is no input."""
+    of_turns: frozenset[str]
+    """Those that hang on how many turns a state has made that is read modulo a full turn."""
+
+
+def generate_enclosures(
+    system: System,
+    core: core_ir.CoreSystem,
+    module: Module,
+    quantities: Quantities,
+    back: TypedExpr | None = None,
+    *,
+    apart: bool = False,
+) -> EnclosureUnit:
+    """The enclosures of a module in its verification system.
+
+    `back` is what P2b takes for `safer`, where that is something else. `apart`: the derivative of
+    each state is a function of its own, too: `derivative_K`. EnclosureError says for people why
+    something cannot be enclosed.
+    """
+    unit = _Unit(system, core, module, quantities)
+    unit.run(back)
+    if apart:
+        unit.derivatives()
+    prelude, boundless = tuple(sorted(unit.prelude)), frozenset(unit.boundless)
+    names, of_turns = tuple(unit.names), frozenset(unit.of_turns)
+    return EnclosureUnit(unit.text(), prelude, names, unit.reads, boundless, of_turns)
+
+
+class _Unit:
+    def __init__(
+        self, system: System, core: core_ir.CoreSystem, module: Module, quantities: Quantities
+    ) -> None:
+        self.system = system
+        self.core = core
+        self.module = module
+        self.quantities = quantities
+        self.statics: dict[tuple[str, str], c.VariableDef] = {}
+        self.prelude: set[str] = set()
+        self.definitions: list[c.FunctionDef] = []
+        self.names: list[str] = []
+        self.reads: dict[str, frozenset[int]] = {}
+        self.boundless: set[str] = set()
+        self.of_turns: set[str] = set()
+
+    def run(self, back: TypedExpr | None) -> None:
+        """Emit every function that there is something for."""
+        hint, more = self._hint()
+        symbol = self.module.symbol
+        if not symbol.synthesized:
+            self._law()
+        if any(p.integrate for p in self.core.plants.values()):
+            flow = Enclosed.is_flow(self.core)
+            what = "derivative of every state" if flow else "every state one period later"
+            name = "derivative" if flow else "next"
+            self._numbers(name, what, lambda e: e.derivative() if flow else e.next())
+        self._numbers("drives", "leaves of the topics that plants drive", lambda e: e.drives())
+        self._predicate("safe", symbol.safe, estimated=False)
+        self._constraint(symbol.safe)
+        if hint is not None:
+            self._truth("core", lambda e: e.predicate(hint, more, estimated=False))
+        ttf = ttf_of_states(symbol.ttf)
+        for name, said in (("ttf", ttf), ("safer", symbol.safer), ("back", back)):
+            if said is not None:
+                self._predicate(name, said, estimated=True)
+        if symbol.verify.enters is not None:
+            with suppress(EnclosureError):  # what rests on it is not shown then
+                self._expression("enters", symbol.verify.enters, estimated=True)
+
+    def _hint(self) -> tuple[core_ir.Predicate | None, dict[str, core_ir.Function]]:
+        """`core e;` lowered, with the functions that it calls."""
+        e = self.module.symbol.verify.core
+        if e is None:
+            return None, {}
+        functions = FunctionTable(self.system)
+        predicate = lower_predicate(functions, self.system, self.module.scope, e, e.span)
+        return predicate, dict(functions.by_name)
+
+    def derivatives(self) -> None:
+        """That of each state alone."""
+        for k, leaf in enumerate(self.quantities.states):
+            enclosed = self._enclosed()
+            rate = given(0, enclosed.derivative()[k])
+            doc = f"derivative of {leaf.name} alone"
+            self._define(f"derivative_{k}", doc, PARAMETERS, enclosed.emitter, [rate])
+
+    def _constraint(self, safe: TypedExpr) -> None:
+        """C, and its parts: those of `safe`, then what plants have to be able to publish."""
+        parts = conjuncts(safe)
+        self._truth("constraint", lambda e: e.constraint(safe))
+        probe = self._enclosed()
+        probe.drive()
+        leaves = len(probe.published())
+        numbers = [*range(leaves)] if len(parts) + leaves <= PARTS_MAX else [None]
+        if len(parts) == PARTS_MAX:
+            return  # it is checked as a whole
+        for k, part in enumerate(parts):
+            self._expression(f"constraint_{k}", part, estimated=False)
+        for k, number in enumerate(numbers, len(parts)):
+            self._truth(f"constraint_{k}", lambda e, n=number: e.publishing(n))  # type: ignore[misc]
+
+    def _law(self) -> None:
+        """All controls at once, and each alone: a group is moved by few, and asks very often.
+
+        `law_K` leaves control K in out[K]. A fault elsewhere in SC is not seen by it: only `law`
+        says that there is none.
+        """
+        enclosed = self._enclosed()
+        results = [given(i, e) for i, e in enumerate(enclosed.law())]
+        emitter = enclosed.emitter
+        self._define("law", "SC's published controls", PARAMETERS, emitter, results)
+        if 1 < len(results) <= CONTROLS_MAX:
+            for k, result in enumerate(results):
+                doc = f"{self.quantities.controls[k].name} alone; faults elsewhere are not seen"
+                self._define(f"law_{k}", doc, PARAMETERS, emitter, [result], faults=False)
+
+    def _predicate(self, name: str, said: TypedExpr, *, estimated: bool) -> None:
+        """A predicate, and its parts where it has several."""
+        self._expression(name, said, estimated=estimated)
+        parts = conjuncts(said)
+        for k, part in enumerate(parts if len(parts) > 1 else []):
+            self._expression(f"{name}_{k}", part, estimated=estimated)
+
+    def _expression(self, name: str, said: TypedExpr, *, estimated: bool) -> None:
+        self._truth(name, lambda e: e.expression(said, estimated=estimated))
+
+    # ------------------------------------------------------------ one function
+
+    def _enclosed(self) -> Enclosed:
+        emitter = Emitter(self.statics)
+        return Enclosed(self.system, self.core, self.module, self.quantities, emitter, self.prelude)
+
+    def _numbers(self, name: str, doc: str, make: Callable[[Enclosed], list[c.CExpr]]) -> None:
+        enclosed = self._enclosed()
+        results = [given(i, e) for i, e in enumerate(make(enclosed))]
+        self._define(name, doc, PARAMETERS, enclosed.emitter, results)
+
+    def _truth(self, name: str, make: Callable[[Enclosed], c.CExpr]) -> None:
+        enclosed = self._enclosed()
+        result = c.Assign(c.IndexExpr(c.Name("out"), c.Number("0")), make(enclosed))
+        doc = f"`{name}` of {self.module.name}: false, true or either"
+        self._define(name, doc, PREDICATE_PARAMETERS, enclosed.emitter, [result])
+
+    def _define(
+        self,
+        name: str,
+        doc: str,
+        parameters: tuple[tuple[str, str], ...],
+        emitter: Emitter,
+        results: list[c.CStmt],
+        *,
+        faults: bool = True,
+    ) -> None:
+        body = framed(emitter.block, emitter.reads, results, faults=faults)
+        mentioned = set(names_in(body))
+        self.reads[name] = frozenset(k for k, x in emitter.reads.items() if x.text in mentioned)
+        if EnclosureOperations(emitter).anything in mentioned:
+            self.boundless.add(name)
+        if emitter.reads_turns:
+            self.of_turns.add(name)
+        full = f"soter_{name}"
+        self.names.append(full)
+        made = c.FunctionDef("unsigned", full, parameters, body, doc, static=False)
+        self.definitions.append(made)
+
+    def text(self) -> str:
+        """The translation unit."""
+        q = self.quantities
+        counts = {
+            "INPUTS": len(q.inputs),
+            "STATES": len(q.states),
+            "CONTROLS": len(q.controls),
+            "DISTURBANCES": len(q.disturbances),
+            "ERRORS": len(q.errors),
+            "OTHERS": len(q.others),
+            "PARAMS": len(q.parameters),
+        }
+        legend = [f"in[{i}] {x.name}" for i, x in enumerate(q.inputs)]
+        legend += [f"param[{i}] {x.name}" for i, x in enumerate(q.parameters)]
+        # no name of a system: what is equal in several is compiled, and computed with, once
+        items: list[c.CTop] = [c.FileComment(("Enclosures of a module.", *legend))]
+        items += [c.Define(f"SOTER_{n}", str(k)) for n, k in counts.items()]
+        items.append(c.Include("soter_form.h"))
+        prototypes = [replace(f, body=None, doc="") for f in self.definitions]
+        used = {n for f in self.definitions for n in names_in(f.body)}
+        statics = [s for s in self.statics.values() if s.name in used]
+        return print_file(c.CFile((*items, *prototypes, *statics, *self.definitions)))
 
 
 HERE = Path(__file__).resolve().parents[1] / "engine"
@@ -144,17 +361,9 @@ def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
 
     `SoterError` R007 where something cannot be enclosed, or depends on a state without bounds.
     """
-    hint, functions = hint_of(problem.system, problem.module)
+    parts = problem.system, problem.core, problem.module, problem.quantities
     try:
-        unit = generate_enclosures(
-            problem.system,
-            problem.core,
-            problem.module,
-            problem.quantities,
-            core_hint=hint,
-            hint_functions=functions,
-            back=_back(problem),
-        )
+        unit = generate_enclosures(*parts, _back(problem))
     except EnclosureError as error:
         span = getattr(error, "span", None) or problem.module.symbol.span
         note = "a proof must be able to enclose what the program computes"
@@ -188,16 +397,6 @@ def _back(problem: Problem) -> TypedExpr | None:
     return in_ac(safer, problem.modes)
 
 
-def hint_of(system: System, module: Module) -> tuple[Predicate | None, dict[str, Function]]:
-    """`core e;` lowered, with the functions that it calls."""
-    e = module.symbol.verify.core
-    if e is None:
-        return None, {}
-    functions = FunctionTable(system)
-    predicate = lower_predicate(functions, system, module.scope, e, e.span)
-    return predicate, dict(functions.by_name)
-
-
 class CompiledEnclosures:
     """Evaluates the unit over boxes; a box is an array (inputs, 2) of bounds in input order."""
 
@@ -209,17 +408,8 @@ class CompiledEnclosures:
         self.results = len(self._out)
         """So many results a function may have at most."""
         self._param = np.array(list(parameter) or [0], dtype=np.int64)
-        ranges = [
-            (i.low, i.high)
-            for part in (
-                problem.states,
-                problem.controls,
-                problem.disturbances,
-                problem.errors,
-                problem.others,
-            )
-            for i in part
-        ]
+        inputs = (*problem.states, *problem.controls, *problem.disturbances, *problem.errors)
+        ranges = [(i.low, i.high) for i in (*inputs, *problem.others)]
         self.whole: Floats = np.array(ranges, dtype=np.float64).reshape(-1, 2)
         """The box of all inputs over their whole ranges."""
 

@@ -1,7 +1,7 @@
 """The steps of a verification system, put together as the functions of an enclosure.
 
 Purpose: SC on what it sees, plants on what acts on them, predicates on true or estimated topics.
-Non-goals: printing (`enclosure_code.py`), statements (`core_enclosure.py`).
+Non-goals: printing (`compiled_enclosures.py`), statements (`core_enclosure.py`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from soter.core import core
 from soter.core.lower_statements import FunctionTable
 from soter.core.steps import lower_deciding, lower_predicate
 from soter.language.model.types import FloatType, IntType, RecordType, leaves
-from soter.verify.enclose.core_enclosure import EnclosureBody
+from soter.verify.enclose.core_enclosure import EnclosureBody, EnclosureInputs, key, parts
 from soter.verify.enclose.enclosed_operations import UNKNOWN, EnclosureOperations, kind_of
 from soter.verify.enclose.enclosure_emitter import (
     FAULT,
@@ -31,7 +31,6 @@ from soter.verify.enclose.enclosure_emitter import (
     at_most,
     float_literal,
 )
-from soter.verify.enclose.enclosure_inputs import EnclosureInputs, key, parts
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

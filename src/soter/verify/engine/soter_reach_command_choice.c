@@ -1,6 +1,6 @@
 /* K for any of a finite set of commands, one hold each.
  * Purpose: which commands keep which cell, down to the greatest fixpoint.
- * Non-goals: which command an estimate gets (verify/grid/policies.py), chains of holds. */
+ * Non-goals: which command an estimate gets (verify/grid/recovery.py), chains of holds. */
 #include "soter_reach_internal.h"
 #include "soter_reach_thread_pool.h"
 

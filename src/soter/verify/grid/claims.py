@@ -2,8 +2,8 @@
 
 Purpose: `GridProof`: for one group of a case C, K, R(H), the inclusions, levels, the start and the
 return, on cells; `Grids`: the method; `entry`: the sets of a group as tables, one entry a cell.
-Non-goals: sets (`sets.py`), P2b (`recovery.py`), levels of estimates (`levels.py`), shares and
-figures (`set_figures.py`); checking a certificate (`soter recheck`).
+Non-goals: sets (`sets.py`), P2b (`recovery.py`), levels of estimates (`estimate_sets.py`), shares
+and figures (`set_figures.py`); checking a certificate (`soter recheck`).
 """
 
 from __future__ import annotations
@@ -18,28 +18,29 @@ from soter.verify.claims.case import GroupProof, Method
 from soter.verify.claims.cells import axes, mesh_of, regions_of
 from soter.verify.claims.product_sets import CellsPart, candidates, states_elsewhere
 from soter.verify.claims.results import GroupSets
+from soter.verify.deploy.grid_tables import CommandTable, Estimates, GroupTable, table
 from soter.verify.enclose.scheme_error import STIFF_HINT
-from soter.verify.grid import levels, recovery, set_figures
+from soter.verify.grid import estimate_sets as levels
+from soter.verify.grid import recovery, set_figures
 from soter.verify.grid.recovery import led_back
 from soter.verify.grid.resting import resting
 from soter.verify.grid.set_figures import figure
 from soter.verify.grid.sets import RESTS, GridGroup
-from soter.verify.tables.grid_tables import CommandTable, Estimates, GroupTable, table
-from soter.verify.time.problem_times import looking_ahead
+from soter.verify.problem.problem_times import looking_ahead
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from soter.certificate.format.folder import Certificate
+    from soter.certificate.folder import Certificate
     from soter.core.layout import Bools, Floats
     from soter.report.proof.record import RegionFigure
     from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
     from soter.verify.claims.results import Region
+    from soter.verify.deploy.level_table import LevelTable
     from soter.verify.problem.problem import Group, Problem
-    from soter.verify.tables.level_table import LevelTable
 
     Arrays = Mapping[str, NDArray[np.generic]]
 

@@ -1,7 +1,7 @@
 """One group as the engine sees it: grid, ranges, dynamics.
 
 Purpose: the group's description in C, its linear model, memory and slices of work, for
-`sets.py` and `policies.py`.
+`sets.py` and `recovery.py`.
 Non-goals: sets.
 """
 

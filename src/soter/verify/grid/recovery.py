@@ -1,13 +1,13 @@
 """P2b of a grid: Q, and ranks that lead there from all of K.
 
-Purpose: the set Q that SC keeps inside a target, and W with its ranks (docs/verification.md,
-section 3). `finer_home`: where SC keeps no set of declared cells inside a computed `safer`, Q and W
-on smaller cells than the DM's table keeps: every interval in which `safer` lies is cut in two, then
-in four.
+Purpose: the set Q that SC keeps inside a target, and W with numbers of holds and times
+(docs/verification.md, section 3). `finer_home`: where SC keeps no set of declared cells inside a
+computed `safer`, Q and W on smaller cells than the DM's table keeps: every interval in which
+`safer` lies is cut in two, then in four.
 Non-goals: targets, T (`verify/claims/claims.py`); `safer` of the user, for which the whole grid is
 refined (`verify/claims/cells.py`).
 
-Whether it is tried, and how finely, depends on counts of cells alone.
+Whether smaller cells are tried, and how small they are, depends on counts of cells alone.
 """
 
 from __future__ import annotations
@@ -17,22 +17,102 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.diagnostics.current_phase import share_done
 from soter.verify.claims.cells import halved
-from soter.verify.grid.policies import HOLDS, RecoveryRanks, way
+from soter.verify.grid import sets as grids
 from soter.verify.grid.sets import LONGEST, GridGroup
-from soter.verify.problem.estimates import errors_of
+from soter.verify.problem.inputs import errors_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy.typing as npt
     from numpy.typing import NDArray
 
-    from soter.core.layout import Bools
+    from soter.core.layout import Bools, Bytes
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
     from soter.verify.problem.problem import Group
 
     Lengths = Sequence[Sequence[int]]
+
+
+HOLDS = (1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200)
+"""Numbers of holds that are tried on the way to Q."""
+
+
+@dataclass(frozen=True)
+class RecoveryRanks:
+    """W: rank per cell (0 = not in W, 1 = Q), holds N of each rank, longest time in ns to Q."""
+
+    rank: npt.NDArray[np.uint16]
+    holds: Bytes
+    time_ns: npt.NDArray[np.int64]
+    steps: int
+    """Holds that were computed: what it took."""
+
+    @property
+    def cells(self) -> Bools:
+        """Which cells are in W, in the grid's shape."""
+        return np.asarray(self.rank != 0)
+
+    @property
+    def longest_ns(self) -> int:
+        """The longest time from W to Q."""
+        return int(self.time_ns[self.cells].max(initial=0))
+
+
+def way(
+    group: GridGroup,
+    core: Bools,
+    constraint: Bools,
+    goal: Bools,
+    *,
+    holds: Sequence[int] = HOLDS,
+    before: RecoveryRanks | None = None,
+) -> RecoveryRanks:
+    """W: from which cells of `core` the law reaches `goal` (Q) on every run, and how soon.
+
+    W_0 = Q, W_(k+1) = W_k and {c in `core`: for some N of `holds` the tube lies in `constraint`,
+    the image over [N delta - j, N delta + j] in W_k and in `core`}. P2b needs W to cover K.
+
+    `before`: a W to go on from, for what it lacks. The sets have the grid's shape.
+    """
+    ffi, lib = group.library.ffi, group.library.lib
+    steps = np.array(sorted({h for h in holds if h <= grids.LONGEST}), dtype=np.int32)
+    initial_way = before or _at_once(goal & core)
+    rank, taken, time_ns = (
+        initial_way.rank.copy(),
+        initial_way.holds.copy(),
+        initial_way.time_ns.copy(),
+    )
+    asked = core & (rank == 0)
+    slot = np.where(asked, np.cumsum(asked, dtype=np.int32).reshape(core.shape) - 1, -1)
+    slot = np.ascontiguousarray(slot, dtype=np.int32)
+    image = np.empty((int(asked.sum()), len(steps), len(group.axes), 2), dtype=np.uint16)
+    w = ffi.new("soter_reach_way *")
+    memory = group.rounds(w.r)
+    memory["kept"][:] = group.bits(rank != 0)
+    inside, allowed = group.bits(constraint), group.bits(core)
+    at = group.pointer
+    w.allowed, w.inside = at(allowed, "uint64_t *"), at(inside, "uint64_t *")
+    w.holds, w.count = at(steps, "int32_t *"), len(steps)
+    w.slot, w.image = at(slot, "int32_t *"), at(image, "uint16_t *")
+    w.rank, w.taken = at(rank, "uint16_t *"), at(taken, "uint8_t *")
+    w.time = at(time_ns, "int64_t *")
+    w.base = max(0, int(rank.max(initial=0)) - 1)
+    w.period_ns, w.jitter_ns = group.inputs.period_ns, group.inputs.jitter_ns
+    lib.soter_reach_way_begin(group.c, w)
+    while not lib.soter_reach_way_continue(group.c, w, grids.SLICE_S, group.threads):
+        share_done(0.0, "way")  # the same
+    del memory, inside, allowed, image, slot
+    return RecoveryRanks(rank, taken, time_ns, sum(w.r.steps))
+
+
+def _at_once(goal: Bools) -> RecoveryRanks:
+    """W = Q."""
+    none = np.zeros(goal.shape, np.int64)
+    return RecoveryRanks(goal.astype(np.uint16), none.astype(np.uint8), none, 0)
 
 
 SIZES = (("half", 80_000), ("a quarter of", 20_000))

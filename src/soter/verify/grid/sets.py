@@ -3,7 +3,7 @@
 Purpose: the Python face of `verify/engine/soter_reach*.c` for one group of up to four axes. Sets
 are numpy arrays of the grid's shape, one item a cell, in C order; bool, or uint8 witnesses. All
 times are nanoseconds. What is claimed is claimed of the real dynamics: rounding is outward.
-Non-goals: extracting the problem, verdicts, certificates; synthesis and ranks (`policies.py`).
+Non-goals: extracting the problem, verdicts, certificates; synthesis and ranks (`recovery.py`).
 """
 
 from __future__ import annotations

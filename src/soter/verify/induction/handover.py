@@ -20,8 +20,8 @@ from soter.language.model import typed
 from soter.language.model.system import Property
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.types import FLOAT, MODE, RecordType
-from soter.verify.induction.core_to_terms import Evaluation
 from soter.verify.induction.solver_terms import Age, SolverTerms
+from soter.verify.induction.step_terms import Evaluation
 from soter.workers.solvers import ctrl_c_waits
 
 if TYPE_CHECKING:

@@ -21,16 +21,23 @@ from soter.language.model.tree_walk import calls_in, margin_reads, mode_reads, n
 from soter.language.model.types import show_ns
 from soter.timing.trusted_thread import in_thread
 from soter.verify.induction.calendar import ComponentCalendar
-from soter.verify.problem.assumption import FRESH, Assumption, of_latch
-from soter.verify.problem.modes_of_other_modules import NO_MODES
-from soter.verify.problem.problem import NODES, Problem, Quantities, Times
-from soter.verify.time.problem_times import AssumedTimes, check_deployed
-from soter.verify.time.schedule import Releases, Schedule
+from soter.verify.problem.problem import (
+    FRESH,
+    NO_MODES,
+    NODES,
+    Assumption,
+    Problem,
+    Quantities,
+    Times,
+    of_latch,
+)
+from soter.verify.problem.problem_times import AssumedTimes, check_deployed
+from soter.verify.problem.schedule import Releases, Schedule
 
 if TYPE_CHECKING:
     from soter.core.core import Predicate
     from soter.language.model.system import Component, Module, Scope, System
-    from soter.verify.problem.modes_of_other_modules import Modes
+    from soter.verify.problem.problem import Modes
 
 OF_MODES = (
     "modes of others may stand in SC, `ttf` and `safer`; another mode may change at any instant, "

@@ -35,8 +35,8 @@ from soter.language.model.types import (
 )
 from soter.verify.induction.calendar import hyperperiod, settled
 from soter.verify.induction.solver_terms import SolverTerms
+from soter.verify.induction.step_terms import AC, SC, ClusterView
 from soter.verify.induction.transition_relation import Stretch
-from soter.verify.induction.visible_state import AC, SC, ClusterView
 from soter.workers.solvers import ctrl_c_waits
 
 if TYPE_CHECKING:
@@ -46,8 +46,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Bound, System
     from soter.language.model.types import Type, Value
     from soter.verify.induction.problem import InductionProblem
-    from soter.verify.induction.solver_query import Query
-    from soter.verify.induction.solver_terms import Term
+    from soter.verify.induction.solver_terms import Query, Term
 
 
 DEPTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)

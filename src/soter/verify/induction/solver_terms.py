@@ -1,10 +1,13 @@
-"""Values of Soter as terms of a solver: exact, or uninterpreted.
+"""Values of Soter as terms of a solver, exact or uninterpreted, and questions about them.
 
 Purpose: truths, ints and enums are themselves; an age is whole nanoseconds; whatever else a value
 is made of (floats, lists, long arrays) is an element of one uninterpreted sort, and what is
 computed with it an uninterpreted function of it: equal values, equal answers, and nothing else is
-known. So every run of the program is a model; not every model is a run.
-Non-goals: statements (`core_to_terms.py`), time (`calendar.py`).
+known. So every run of the program is a model; not every model is a run. `Query`: several ways of
+searching, each up to so much work, each in a context of its own, so that an answer hangs on nothing
+but the question.
+Non-goals: statements (`step_terms.py`), time (`calendar.py`), which questions prove a module
+(`prove_or_refute.py`).
 """
 
 from __future__ import annotations
@@ -27,8 +30,8 @@ from soter.language.model.types import (
     leaves,
 )
 from soter.language.model.values import Table
-from soter.verify.induction.solver_query import Query
 from soter.version import pip_install
+from soter.workers.solvers import answer_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,6 +40,63 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type, Value
 
     Bounds = Sequence[Bound | None]
+
+
+QUERY_WORK = 50_000_000
+"""Of each way of searching, in the solver's own units: five seconds or so of a free core."""
+QUERY_MS = 120_000
+"""Some loops of the solver do not count their work."""
+
+
+class Query:
+    """Constraints, and whether they can be met: asked in contexts of the solver's own.
+
+    How the solver searches hangs on how its context numbers terms, so one that has served other
+    questions may answer otherwise; and one way of searching may take a thousand times as long as
+    another (seen: 1.4 million units of work, and more than 470 million). So each way is tried by
+    itself, up to so much work, however long that takes: neither a busy machine nor what a process
+    did before changes a verdict.
+    """
+
+    def __init__(self, z3: Term) -> None:
+        self._z3 = z3
+        self._constraints = z3.SimpleSolver()
+        self._asked: Term = None
+
+    def add(self, *truths: Term) -> None:
+        """More constraints."""
+        self._constraints.add(*[self._z3.BoolVal(t) if isinstance(t, bool) else t for t in truths])
+
+    def check(self) -> Term:
+        """sat, unsat or unknown."""
+        answer = self._z3.unknown
+        for way in (self._with_equations_solved, self._as_it_is, self._with_simplex):
+            self._asked = way(self._z3.Context())
+            self._asked.set("rlimit", QUERY_WORK)
+            self._asked.set("timeout", QUERY_MS)
+            self._asked.set("random_seed", 0)
+            self._asked.add(self._constraints.translate(self._asked.ctx).assertions())
+            answer = answer_of(self._asked)
+            if answer != self._z3.unknown:
+                break
+        return answer
+
+    def _with_equations_solved(self, context: Term) -> Term:
+        tactics = ("simplify", "propagate-values", "solve-eqs", "smt")
+        return self._z3.Then(*[self._z3.Tactic(t, context) for t in tactics]).solver()
+
+    def _as_it_is(self, context: Term) -> Term:
+        return self._z3.SimpleSolver(ctx=context)
+
+    def _with_simplex(self, context: Term) -> Term:
+        solver = self._z3.SimpleSolver(ctx=context)
+        solver.set("arith.solver", 2)
+        return solver
+
+    def model(self) -> Term:
+        """Values that meet the constraints, after `sat`."""
+        return self._asked.model().translate(self._z3.main_ctx())
+
 
 Term = Any
 """A bool, int or float of Python where it is known, else a term of the solver; tuples of them for
@@ -60,15 +120,9 @@ def require_z3() -> Any:  # noqa: ANN401 - an untyped module
     try:
         import z3  # noqa: PLC0415 - an extra
     except ImportError:
-        raise SoterError(
-            (
-                Diagnostic(
-                    "D007",
-                    "induction needs the package `z3-solver`",
-                    helps=(f"install it: {pip_install('prove')}",),
-                ),
-            )
-        ) from None
+        helps = (f"install it: {pip_install('prove')}",)
+        missing = Diagnostic("D007", "induction needs the package `z3-solver`", helps=helps)
+        raise SoterError((missing,)) from None
     return z3
 
 
@@ -430,12 +484,9 @@ def range_of(t: Type, bounds: Bounds | None) -> tuple[int, int]:
 
 def allowed(value: Value, t: Type, bounds: Bounds) -> bool:
     """What the gate says of a known value."""
-    if isinstance(t, RecordType):
-        pairs = zip(value, _divided_long(t, bounds), strict=True)
-        return all(allowed(v, p, b) for v, (p, b) in pairs)
-    if isinstance(t, ArrayType):
-        pairs = zip(value, _divided_long(t, bounds), strict=True)
-        return all(allowed(v, p, b) for v, (p, b) in pairs)
+    if isinstance(t, (RecordType, ArrayType)):
+        own = zip(value, _divided(t, bounds), strict=True)
+        return all(allowed(v, p, b or ()) for v, (p, b) in own)
     if isinstance(t, ListType):
         return all(allowed(v, t.element, bounds) for v in value)
     if isinstance(t, (BoolType, EnumType)):
@@ -443,14 +494,3 @@ def allowed(value: Value, t: Type, bounds: Bounds) -> bool:
     if isinstance(t, FloatType) and not math.isfinite(value):
         return False
     return bounds[0] is None or bounds[0].low <= value <= bounds[0].high
-
-
-def _divided_long(t: RecordType | ArrayType, bounds: Bounds) -> list[tuple[Type, Bounds]]:
-    own = [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
-    bounded_parts: list[tuple[Type, Bounds]] = []
-    at = 0
-    for part in own:
-        count = sum(1 for _ in leaves(part))
-        bounded_parts.append((part, bounds[at : at + count]))
-        at += count
-    return bounded_parts

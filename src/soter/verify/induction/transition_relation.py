@@ -16,12 +16,12 @@ from soter.core.core_walks import walk
 from soter.language.model.system import queues_of
 from soter.language.model.types import BOOL, MODE
 from soter.verify.induction.calendar import before, clusters, steps_of
-from soter.verify.induction.core_to_terms import Evaluation
-from soter.verify.induction.visible_state import (
+from soter.verify.induction.step_terms import (
     AC,
     NEVER,
     SC,
     ClusterView,
+    Evaluation,
     JudgedInstant,
     State,
     StepEffect,

@@ -36,8 +36,7 @@ from soter.verify.claims.results import (
 )
 from soter.verify.diagnosis.vacuity import vacuity_of_nodes
 from soter.verify.induction.prove_or_refute import induct, refuting_run
-from soter.verify.problem.assumption import Assumption
-from soter.verify.problem.modes_of_other_modules import said
+from soter.verify.problem.problem import Assumption, said
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -4,7 +4,7 @@ Purpose: `PolytopeProof`: for one group of a case C, K, R(H), levels or inclusio
 the return; each proved with multipliers, and entered as a failure where it is not; `Polytopes`: the
 method.
 Non-goals: finding sets (`proofs.py`), reading matrices (`extract.py`), comparing predicates with
-sets (`predicates_on_boxes.py`), verdicts.
+sets (`regions.py`), verdicts.
 
 C_g is a box on which `safe` surely holds; the product with the other groups is checked by
 `verify/claims/claims.py`.
@@ -23,34 +23,28 @@ from soter.verify.claims.case import SPENT, GroupProof, Method
 from soter.verify.claims.product_sets import BoxPart
 from soter.verify.claims.results import PolytopePart
 from soter.verify.polytope import proofs
-from soter.verify.polytope.ball_matrices import BeyondError
 from soter.verify.polytope.extract_group import NotLinearError, linear_group
-from soter.verify.polytope.half_spaces import (
-    LinearProgram,
-    Polytope,
-    SpentError,
-    inner_point,
-)
-from soter.verify.polytope.predicates_on_boxes import box_of, inside, outside, shares
+from soter.verify.polytope.half_spaces import LinearProgram, Polytope, SpentError, inner_point
+from soter.verify.polytope.matrices import BeyondError
 from soter.verify.polytope.proofs import NotProvedError, Windows
-from soter.verify.polytope.region_figure import figures
+from soter.verify.polytope.regions import box_of, figures, inside, outside, shares
 from soter.verify.polytope.tables import Facets, entry, polytope_of
-from soter.verify.problem.estimates import seen
-from soter.verify.time.problem_times import looking_ahead
+from soter.verify.problem.inputs import seen
+from soter.verify.problem.problem_times import looking_ahead
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from soter.certificate.format.folder import Certificate
+    from soter.certificate.folder import Certificate
     from soter.core.layout import Floats
     from soter.report.proof.record import RegionFigure
     from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
+    from soter.verify.deploy.level_table import LevelTable
     from soter.verify.polytope.proofs import PolytopeSets
     from soter.verify.problem.problem import Group, Problem
-    from soter.verify.tables.level_table import LevelTable
 
     Pair = tuple[Polytope, Polytope]
     Arrays = Mapping[str, NDArray[np.generic]]

@@ -31,8 +31,8 @@ from soter.verify.enclose.scheme_error import (
 )
 from soter.verify.grid.group_model import OUTSET
 from soter.verify.polytope.linear_group import LinearGroup
-from soter.verify.polytope.rational_rows import inverse_of, pivots_of
-from soter.verify.problem.estimates import errors_of
+from soter.verify.polytope.matrices import inverse_of, pivots_of
+from soter.verify.problem.inputs import errors_of
 from soter.verify.problem.verification_system import sc_reads
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.verify.polytope.ball_matrices import Array, Ball, centred, exact, up_product, up_sum
+from soter.verify.polytope.matrices import Array, Ball, centred, exact, up_product, up_sum
 from soter.version import pip_install
 from soter.workers.solvers import new_highs
 

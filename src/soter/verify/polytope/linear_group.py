@@ -37,7 +37,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from soter.verify.polytope.ball_matrices import (
+from soter.verify.polytope.matrices import (
     Array,
     Ball,
     centred,

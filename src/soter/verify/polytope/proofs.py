@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.verify.polytope.ball_matrices import Array, Ball, exact, up_product, up_sum
 from soter.verify.polytope.half_spaces import (
     SLACK,
     Bounds,
@@ -35,6 +34,7 @@ from soter.verify.polytope.half_spaces import (
     lean,
 )
 from soter.verify.polytope.linear_group import FreePhase, Hold, LinearGroup
+from soter.verify.polytope.matrices import Array, Ball, exact, up_product, up_sum
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

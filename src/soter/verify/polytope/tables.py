@@ -3,7 +3,7 @@
 Purpose: the sets S_0 and S_(m-2) of a group, and the checked function that tells the level of an
 estimate by some hundred scalar products, which interpreter, Core and C see like any other; `entry`:
 the sets of a group in a certificate, with the multipliers of every claim.
-Non-goals: the sets (`proofs.py`), tables of grids (`verify/tables/grid_tables.py`), checking a
+Non-goals: the sets (`proofs.py`), tables of grids (`verify/deploy/grid_tables.py`), checking a
 certificate (`soter recheck`).
 
 Why it is sound. The estimate is first compared with a box, which NaN, infinities and everything
@@ -26,20 +26,20 @@ import numpy as np
 from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT
 from soter.verify.claims.cells import axes, matrix
+from soter.verify.deploy.level_table import EstimateSamples, LevelTable
 from soter.verify.polytope.half_spaces import Polytope, inner_point, surely_inside
 from soter.verify.polytope.linear_group import free_instants, hold_instants
-from soter.verify.tables.level_table import EstimateSamples, LevelTable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from soter.certificate.format.folder import Certificate
+    from soter.certificate.folder import Certificate
     from soter.core.layout import Floats
     from soter.verify.claims.results import PolytopePart
+    from soter.verify.deploy.level_table import Writer
     from soter.verify.problem.problem import Group, Problem
-    from soter.verify.tables.level_table import Writer
 
 
 def half_spaces(stem: str, p: Polytope, files: dict[str, bytes]) -> dict[str, object]:

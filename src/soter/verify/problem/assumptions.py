@@ -13,10 +13,9 @@ from soter.language.model.tree_walk import calls_in, topic_reads
 from soter.language.model.types import FloatType, leaf_name, leaves, show_ns
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.induction.handover import handovers
-from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, of_latch
-from soter.verify.problem.problem import Jumps
+from soter.verify.problem.problem import FRESH, SCHEME, Assumption, Jumps, of_latch
+from soter.verify.problem.problem_times import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 from soter.verify.problem.supported_constructs import assumed_of_maps
-from soter.verify.time.problem_times import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,10 +23,10 @@ if TYPE_CHECKING:
     from soter.language.model import typed
     from soter.language.model.system import Component
     from soter.language.model.types import Type
+    from soter.verify.problem.cause_effect_chains import CauseEffectChain, CauseEffectChains
     from soter.verify.problem.inputs import Inputs
     from soter.verify.problem.problem import Leaf, ProblemKind, Times
     from soter.verify.problem.verification_system import VerificationSystem
-    from soter.verify.time.cause_effect_chains import CauseEffectChain, CauseEffectChains
 
 EXACT = ("clamp", "sign", "quat_conj")
 """Prelude functions without an error of their own."""

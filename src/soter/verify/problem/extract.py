@@ -21,9 +21,9 @@ from soter.language.syntax.schemes import SCHEMES
 from soter.timing.trusted_thread import in_thread
 from soter.verify.enclose.scheme_error import NS, ORDER
 from soter.verify.induction.problem import extract_induction
-from soter.verify.problem.assumption import Assumption
 from soter.verify.problem.assumptions import assumptions_of, jumps_of
 from soter.verify.problem.axes import Axes
+from soter.verify.problem.cause_effect_chains import is_state_of_proof, side_inputs
 from soter.verify.problem.inputs import Inputs, inputs_of
 from soter.verify.problem.left_out_states import (
     far_turns,
@@ -33,9 +33,9 @@ from soter.verify.problem.left_out_states import (
     turning_as,
     wrapping,
 )
-from soter.verify.problem.modes_of_other_modules import modes_as_topics
-from soter.verify.problem.module_above import handed_back, under
-from soter.verify.problem.problem import Interval, Problem, Times
+from soter.verify.problem.other_modules import handed_back, modes_as_topics, under
+from soter.verify.problem.problem import Assumption, Interval, Problem, Times
+from soter.verify.problem.problem_times import times_of
 from soter.verify.problem.supported_constructs import check_supported
 from soter.verify.problem.verification_system import (
     VerificationSystem,
@@ -44,8 +44,6 @@ from soter.verify.problem.verification_system import (
     under_law,
     whole,
 )
-from soter.verify.time.cause_effect_chains import is_state_of_proof, side_inputs
-from soter.verify.time.problem_times import times_of
 from soter.verify.tubes.problem import followed
 
 if TYPE_CHECKING:
@@ -53,10 +51,9 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import Module, System
-    from soter.verify.problem.modes_of_other_modules import Modes
-    from soter.verify.problem.module_above import Above
-    from soter.verify.problem.problem import Group, ProblemKind, Quantities
-    from soter.verify.time.cause_effect_chains import DownstreamPath
+    from soter.verify.problem.cause_effect_chains import DownstreamPath
+    from soter.verify.problem.other_modules import Above
+    from soter.verify.problem.problem import Group, Modes, ProblemKind, Quantities
 
 CASES_MAX = 4096
 

@@ -1,8 +1,11 @@
-"""The inputs of a verification problem: which leaves, over which ranges.
+"""The inputs of a verification problem: which leaves, over which ranges; how far estimates are off.
 
 Purpose: states, controls, disturbances, errors, others and parameters of a verification system
-(docs/verification.md, section 1), with a diagnostic where the program does not determine one.
-Non-goals: grids (`axes.py`), enclosures (`verify/enclose/enclosure_code.py`).
+(docs/verification.md, section 1), with a diagnostic where the program does not determine one; of
+topic leaves that are states how far an estimate is from the state, and the topics that show a state
+to the DM.
+Non-goals: grids (`axes.py`), enclosures (`verify/enclose/compiled_enclosures.py`), sets of
+estimates (`grid/estimate_sets.py`, `polytope/proofs.py`).
 """
 
 from __future__ import annotations
@@ -13,10 +16,11 @@ from typing import TYPE_CHECKING
 from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaf_name, leaves
+from soter.verify.problem.left_out_states import FAR_TURNS
 from soter.verify.problem.problem import DiscreteParameter, Interval, Leaf, Quantities
+from soter.verify.problem.problem_times import read_by_dm
 from soter.verify.problem.supported_constructs import ttf_of_states
 from soter.verify.problem.verification_system import sc_reads
-from soter.verify.time.problem_times import read_by_dm
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -24,8 +28,11 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.model import typed
     from soter.language.model.system import Component
+    from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Type, Value
+    from soter.verify.problem.problem import Problem
     from soter.verify.problem.verification_system import VerificationSystem
+
 
 PARAMETER_VALUES_MAX = 4096
 
@@ -273,3 +280,36 @@ def _others(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics)
             if isinstance(t, FloatType) and bound is not None:  # the rest ranges over its type
                 inputs.others.append(Leaf(index, "", path, leaf_name(topic.name, path)))
                 inputs.other_ranges.append(Interval(bound.low, bound.high))
+
+
+def errors_of(problem: Problem) -> dict[int, float]:
+    """State -> largest |estimate - state| of the topic leaf that is that state.
+
+    An estimate is the sum of state and error, rounded once; that is included. On an axis that wraps
+    around it is brought back by whole turns, which rounds once more.
+    """
+    error_by_state: dict[int, float] = {}
+    for state, (topic, leaf) in problem.topic_leaf_of_state.items():
+        path = list(leaves(problem.system.topics[topic].type))[leaf][0]
+        for e, bounds in zip(problem.quantities.errors, problem.errors, strict=True):
+            error = max(-bounds.low, bounds.high)
+            if (e.owner, e.path) == (topic, path) and error > 0.0:
+                extent = problem.states[state]
+                largest = max(abs(extent.low), abs(extent.high)) + error
+                error_by_state[state] = max(
+                    error_by_state.get(state, 0.0), error + (error + largest) * 2.0**-50
+                )
+        if state in problem.quantities.turning:
+            error_by_state[state] = error_by_state.get(state, 0.0) + FAR_TURNS
+    return error_by_state
+
+
+def seen(problem: Problem) -> dict[int, TopicSymbol]:
+    """State -> the topic in which the DM sees it: one of those whose age is inside A."""
+    symbol = problem.module.symbol
+    declared = {a.topic for g in symbol.verify.groups for a in g.axes if a.topic is not None}
+    sc = problem.system.components[problem.module.sc]
+    scope = {**sc.scope.topics, **problem.module.scope.topics}
+    names = {index: s for s, index in scope.items() if not declared or s in declared}
+    at = problem.topic_leaf_of_state
+    return {s: names[topic] for s, (topic, _) in at.items() if topic in names}

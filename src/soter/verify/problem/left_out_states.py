@@ -6,7 +6,7 @@ full turn long those whose state is read in functions of a full turn alone, so t
 around; of the others who reads them otherwise.
 Non-goals: whether a proof without them holds: what reads a left out state all the same gets any
 number there; sets that wrap around (`verify/engine/soter_reach_grid.c`), the DM's table
-(`verify/tables/grid_tables.py`).
+(`verify/deploy/grid_tables.py`).
 
 Such a function takes sums in which the state stands as it is. What a sum may be off where the state
 is many turns further is `SOTER_FAR_TURNS` of `verify/engine/soter_form_math.h`; it holds up to
@@ -24,11 +24,9 @@ from soter.language.model import typed
 from soter.language.model.system import tower_of
 from soter.language.model.tree_walk import children, nodes
 from soter.language.model.types import IntType
-from soter.verify.enclose.compiled_enclosures import hint_of
-from soter.verify.enclose.enclosure_code import generate_enclosures
+from soter.verify.enclose.compiled_enclosures import generate_enclosures
 from soter.verify.enclose.enclosure_emitter import EnclosureError
-from soter.verify.problem.assumption import Assumption
-from soter.verify.problem.problem import Interval
+from soter.verify.problem.problem import Assumption, Interval
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -92,13 +90,10 @@ def _readers(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, state: int
 ) -> frozenset[str]:
     """The functions of a proof that read a state; of rates each alone, by number."""
-    hint, functions = hint_of(at.system, at.module)
     without = replace(
         quantities, states=tuple(x for s, x in enumerate(quantities.states) if s != state)
     )
-    unit = generate_enclosures(
-        at.system, core, at.module, without, core_hint=hint, hint_functions=functions, apart=True
-    )
+    unit = generate_enclosures(at.system, core, at.module, without, apart=True)
     numbers = [s for s in range(len(quantities.states)) if s != state]
     names = {f"{MOVING}_{k}": f"{MOVING}_{s}" for k, s in enumerate(numbers)}
     together = {MOVING, "drives"}  # what they say is in others
@@ -226,11 +221,8 @@ def _readers_of_turns(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, state: int
 ) -> frozenset[str]:
     """The functions of a proof that hang on how many turns a state has made."""
-    hint, functions = hint_of(at.system, at.module)
     turning = replace(quantities, turning=frozenset({state}))
-    unit = generate_enclosures(
-        at.system, core, at.module, turning, core_hint=hint, hint_functions=functions, apart=True
-    )
+    unit = generate_enclosures(at.system, core, at.module, turning, apart=True)
     return frozenset(name for name in unit.of_turns if name not in APART)
 
 

@@ -1,9 +1,13 @@
-"""The verification problem of one module, as plain data.
+"""The verification problem of one module, and what its proof takes for granted, as plain data.
 
 Purpose: what `extract.py` reads off a program and everything else in this room works on
 (docs/verification.md, section 1); `Quantities`: which leaf of a plant or topic each input of the
-dynamics is, in order.
-Non-goals: computing anything; finding the inputs (`inputs.py`), C (`verify/enclose/`).
+dynamics is, in order; `Modes`: whose modes the module reads. `Assumption`, and those that every
+proof says alike; `remaining`: what is left of a problem's assumptions once a proof has shown some
+of them and added others. Nothing is ever taken out of a list, and nothing by its wording.
+`VerificationScope` and `ScopeGuarantee`, of which reports are made.
+Non-goals: computing anything; finding the inputs (`inputs.py`), the assumptions (`assumptions.py`,
+`induction/problem.py`), C (`verify/enclose/`), what a verification is about (`verify/scope.py`).
 """
 
 from __future__ import annotations
@@ -14,15 +18,19 @@ from typing import TYPE_CHECKING, Final, Literal
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Iterable, Mapping
 
     from soter.core.core import CoreSystem
     from soter.diagnostics.diagnostic import Span
     from soter.language.elaborate.views_for_proofs import Influence
+    from soter.language.model import typed
     from soter.language.model.system import Module, System
-    from soter.verify.problem.assumption import Assumption
-    from soter.verify.problem.modes_of_other_modules import Modes
-    from soter.verify.time.schedule import Schedule
+    from soter.language.model.typed import ModuleSymbol
+    from soter.language.model.types import Value
+    from soter.verify.problem.schedule import Schedule
+
+    Read = tuple[str, typed.ModuleSymbol | str]
+    Names = tuple[tuple[Read, typed.TopicSymbol], ...]
 
 
 @dataclass(frozen=True)
@@ -359,3 +367,129 @@ class Problem:
         if self.kind == "map":
             return -(-ns // self.plant_period_ns) * self.plant_period_ns
         return ns
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """`key`: what it is about, the same for the same thing in every proof; `text`: in words."""
+
+    key: str
+    text: str
+
+
+SCHEME = Assumption(
+    "scheme",
+    "the plant is the only solution of its differential equation (where the right-hand side jumps: "
+    "with any rate between those on both sides); not the simulator's scheme",
+)
+"""Of a proof that is about the differential equation alone."""
+EVERY_SOLUTION = Assumption(
+    SCHEME.key,
+    "the plant is any absolutely continuous solution of its differential equation, with any rate "
+    "between those on both sides where its right-hand side jumps; not the simulator's scheme",
+)
+"""Of such a proof that does not rest on solutions being unique, as where SC comes to rest."""
+FRESH = Assumption("fresh", "P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+
+
+def of_latch(module: ModuleSymbol) -> list[Assumption]:
+    """That the operator acknowledges, where only then the DM gives control back."""
+    return [
+        Assumption(
+            f"acknowledged {topic.name}",
+            f"P2b: the operator acknowledges: a press of {topic.name} is in force when `safer` "
+            "holds; without one SC keeps control",
+        )
+        for topic in module.acknowledgements
+    ]
+
+
+def remaining(
+    before: Iterable[Assumption], *, added: Iterable[Assumption], shown: Collection[str]
+) -> tuple[Assumption, ...]:
+    """The assumptions of a problem but for those whose keys were `shown`, and the `added` ones.
+
+    KeyError where one was shown that nobody had made, or whose key several have: then it is not
+    known which of them was meant.
+    """
+    before = tuple(dict.fromkeys(before))
+    keys = [a.key for a in before]
+    unclear = [key for key in shown if keys.count(key) != 1]
+    if unclear:
+        raise KeyError(", ".join(sorted(unclear)))
+    return tuple(dict.fromkeys((*(a for a in before if a.key not in shown), *added)))
+
+
+def texts(assumptions: Iterable[Assumption]) -> list[str]:
+    """In words, each once."""
+    return list(dict.fromkeys(a.text for a in assumptions))
+
+
+@dataclass(frozen=True)
+class ScopeGuarantee:
+    """What a module takes for granted of somebody else, and why it may.
+
+    `how`: "enforced" (the language lets no other value arrive), "declared" (a range of the world,
+    printed as an assumption), "guaranteed" (a part of the `safe` of the module `by`, if that is
+    proved), "published" (the proof of the module `by` is about the plant that drives it, if that is
+    proved) or "assumed".
+    """
+
+    module: str
+    what: str
+    by: str
+    how: str
+
+
+@dataclass(frozen=True)
+class VerificationScope:
+    """`also`: modules of other systems that pose the same problem; `rest`: what is not covered."""
+
+    also: tuple[str, ...] = ()
+    rest: tuple[str, ...] = ()
+    params: tuple[tuple[str, Value], ...] = ()
+    """Every parameter of the program with the value that this is about."""
+    guarantees: tuple[ScopeGuarantee, ...] = ()
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Whose modes a module reads.
+
+    `topics`: what stands for a mode -> the name of its module; `margins`: what stands for a margin
+    -> what is assumed of it; `waits`: whose modes `safer` reads; `never`: why nothing shows that
+    all of these are in AC at some time; "": nothing speaks against.
+    """
+
+    topics: Mapping[typed.TopicSymbol, str] = field(default_factory=dict)
+    margins: Mapping[typed.TopicSymbol, str] = field(default_factory=dict)
+    waits: tuple[str, ...] = ()
+    never: str = ""
+
+    @property
+    def assumptions(self) -> list[Assumption]:
+        """What is not restricted, and what P2b rests on."""
+        assumptions = [
+            Assumption(f"mode {name}", f"mode({name}): SC or AC, anew at every read")
+            for name in self.topics.values()
+        ]
+        assumptions += [Assumption(f"margin {t.name}", text) for t, text in self.margins.items()]
+        if self.waits:
+            text = (
+                f"for P2b alone: {said(self.waits)} in AC; otherwise `safer` may not hold and SC "
+                "keeps control"
+            )
+            assumptions.append(Assumption("waits", text))
+        if self.never:
+            text = f"for P2b nothing can be assumed: {self.never}"
+            assumptions.append(Assumption("waits for ever", text))
+        return assumptions
+
+
+NO_MODES = Modes()
+
+
+def said(names: tuple[str, ...]) -> str:
+    """`A is`, or `A and B are`."""
+    *most, last = names
+    return f"{', '.join(most)} and {last} are" if most else f"{last} is"

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from soter.language.model import typed
 from soter.language.model.tree_walk import calls_in, disjuncts, nodes, plant_code, topic_reads
 from soter.language.model.types import BOOL, BoolType, EnumType, FloatType, IntType, leaves
-from soter.verify.problem.assumption import Assumption
+from soter.verify.problem.problem import Assumption
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics, Span

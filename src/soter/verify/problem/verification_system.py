@@ -5,7 +5,7 @@ plants, and nothing else (docs/verification.md, section 1). `under_law`: the mod
 the place of SC, from which the core K_fs is computed (docs/proof.md, "When the trusted part
 stops"). The law is a constant for each output, so SC reads nothing there.
 Non-goals: quantities and ranges (`extract.py`); the sets (`verify/claims/product_sets.py`), the
-lease (`verify/time/schedule.py`).
+lease (`schedule.py`).
 """
 
 from __future__ import annotations

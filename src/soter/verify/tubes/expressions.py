@@ -3,7 +3,7 @@
 Purpose: `Expressions` makes nodes, takes factors out and differentiates along a direction. Nothing
 is rounded: an expression is the real function that the operations stand for, and every form of it
 (`forms.soter`) holds what the machine rounds as well.
-Non-goals: reading Core (`expression_reading.py`), printing (`generated_functions.py`).
+Non-goals: reading Core (`module_expressions.py`), printing (`generated_functions.py`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+
+    from soter.verify.problem.problem import Interval
+
 
 LARGEST = 1e300
 """Above it no form computes (`forms.soter`)."""
@@ -339,3 +342,13 @@ def in_order(roots: Sequence[Node]) -> list[Node]:
             todo.append((e, True))
             todo += [(x, False) for x in reversed(e.of) if isinstance(x, Node)]
     return list(seen)
+
+
+def middle(r: Interval) -> float:
+    """A number about halfway."""
+    return 0.5 * r.low + 0.5 * r.high
+
+
+def below(e: Node, kind: str) -> bool:
+    """Whether an input of a kind occurs in it."""
+    return any(x.op == "input" and x.of[0] == kind for x in in_order([e]))

@@ -25,9 +25,8 @@ import numpy as np
 from soter.diagnostics.current_phase import announce, phase, share_done
 from soter.diagnostics.diagnostic import SoterError
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expressions import in_order
+from soter.verify.tubes.expressions import in_order, middle
 from soter.verify.tubes.generated_functions import Caller, TooLongError
-from soter.verify.tubes.module_expressions import middle
 from soter.verify.tubes.problem import reached
 from soter.verify.tubes.tube_check import CUTS, PLAIN
 

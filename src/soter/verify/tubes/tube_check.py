@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING
 from soter.core.core_walks import STATEMENTS_MAX, TooManyStatementsError
 from soter.language.model.tree_walk import cost_of
 from soter.language.model.types import leaves
+from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.problem.problem import Interval
-from soter.verify.tables.shield_tables import command_edges
-from soter.verify.tubes.expressions import NoExpressionError, in_order
+from soter.verify.tubes.expressions import NoExpressionError, in_order, middle
 from soter.verify.tubes.generated_functions import (
     MAP,
     RANGES,
@@ -30,7 +30,7 @@ from soter.verify.tubes.generated_functions import (
     functions_of,
     number,
 )
-from soter.verify.tubes.module_expressions import ModuleExpressions, middle
+from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.problem import FARTHEST, read_by, refused
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 from soter.language.model import typed as t
 from soter.language.model.types import FLOAT, INT, ArrayType, leaves
-from soter.verify.tables.grid_tables import estimate
-from soter.verify.tables.level_table import LevelTable
+from soter.verify.deploy.grid_tables import estimate
+from soter.verify.deploy.level_table import LevelTable
 from soter.verify.tubes.generated_functions import functions_of
 from soter.verify.tubes.problem import TubeProblem
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.language.model.typed import FunSymbol
+    from soter.verify.deploy.level_table import Writer
+    from soter.verify.deploy.shield_tables import ShieldWriter
     from soter.verify.problem.problem import Group, Problem
-    from soter.verify.tables.level_table import Writer
-    from soter.verify.tables.shield_tables import ShieldWriter
     from soter.verify.tubes.rest_claims import RestClaims
     from soter.verify.tubes.tube_check import TubeCheck
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import phase
 from soter.language.model.types import show_ns
+from soter.verify.claims.claims import static_claims
 from soter.verify.claims.product_sets import NO_LAW
 from soter.verify.claims.results import (
     ASSUMED,
@@ -28,11 +29,10 @@ from soter.verify.claims.results import (
 )
 from soter.verify.deploy.missing_predicates import rest_claims
 from soter.verify.diagnosis.variations import younger_reads
-from soter.verify.problem.assumption import Assumption
-from soter.verify.sets_certificate_entry import inputs_of, times_of
+from soter.verify.problem.problem import Assumption
+from soter.verify.proof_methods import inputs_of, times_of
 from soter.verify.tubes.problem import FARTHEST, TubeProblem, is_far
 from soter.verify.tubes.tube_check import TubeCheck
-from soter.verify.verify_module import static_claims
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -8,7 +8,7 @@ import pytest
 
 from soter.certificate import flight_check
 from soter.certificate.flight_check import flights_of
-from soter.certificate.format.errors import ACCEPTED, NOT_RECHECKED, REJECTED
+from soter.certificate.report import ACCEPTED, NOT_RECHECKED, REJECTED
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import SoterError
 from soter.report import mcap_log

@@ -8,7 +8,7 @@ import pytest
 
 from soter.certificate import flight_check
 from soter.certificate.flight_check import flights_of
-from soter.certificate.format.folder import program_of, read_certificate
+from soter.certificate.folder import program_of, read_certificate
 from unit.certificate.flights.logged_flights import (
     MS,
     TEXT,

@@ -12,9 +12,9 @@ import pytest
 from json_documents import problems_of
 from soter.api import Program
 from soter.certificate import flight_check, proof_methods
-from soter.certificate.format.errors import NotRecheckedError, RejectedError
-from soter.certificate.format.folder import Certificate
+from soter.certificate.folder import Certificate
 from soter.certificate.proof_methods import ModuleMethod
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.tubes import check_rest
 from soter.cli.main import main
 from unit.certificate.flights.logged_flights import (

@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.time.module_times import TIME_KEYS
+from soter.certificate.reading.module_times import TIME_KEYS
 from soter.certificate.tubes.rest_problem import read_rest, shield_of
 from soter.language.front_end import check_file, system_to_prove
 

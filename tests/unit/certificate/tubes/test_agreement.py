@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from long_tests import examples, seed_of
-from soter.certificate.tubes.flight_verdict import ModuleTube
 from soter.certificate.tubes.rest_problem import read_rest
+from soter.certificate.tubes.tube_chains import ModuleTube
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.deploy.missing_predicates import rest_claims
 from soter.verify.problem.extract import extract

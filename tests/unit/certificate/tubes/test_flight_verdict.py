@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 from flint import arb
 
-from soter.certificate.tubes.flight_verdict import ModuleTube
 from soter.certificate.tubes.rest_problem import read_rest
+from soter.certificate.tubes.tube_chains import ModuleTube
 from soter.language.front_end import check_file, system_to_prove
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate.format.errors import NotRecheckedError, RejectedError
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.tubes import check_rest
 from soter.certificate.tubes.check_rest import recheck_rest
 from tables import all_rows

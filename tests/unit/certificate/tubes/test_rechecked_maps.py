@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.api import Program
-from soter.certificate.format.errors import NotRecheckedError
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.tubes.check_rest import recheck_rest
-from soter.certificate.tubes.flight_verdict import ModuleTube
 from soter.certificate.tubes.rest_problem import read_rest
+from soter.certificate.tubes.tube_chains import ModuleTube
 from soter.cli.main import main
 from unit.certificate.tubes import rest_entries
 from unit.verify.tubes.test_world_maps import BEFORE_A_WALL, changed, check_of

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate.format.errors import NotRecheckedError
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import exact, greatest_below
-from soter.certificate.tubes import flight_verdict
+from soter.certificate.tubes import tube_chains
 from soter.certificate.tubes.check_rest import recheck_rest, rest_of
 from unit.certificate.tubes.rest_entries import entry, flat_of
 from unit.certificate.tubes.test_forged_rest import DRIFTS, KEEPS, LEADS, changed, without
@@ -115,5 +115,5 @@ def test_a_start_needs_the_ends_that_no_run_crosses(monkeypatch: pytest.MonkeyPa
     flat, made = rover(changed(ROVER, *fast))
     assert rest_of(flat, made).starts() is None
     none = [(False, False)] * 4
-    monkeypatch.setattr(flight_verdict, "uncrossed_ends", lambda *_: none)
+    monkeypatch.setattr(tube_chains, "uncrossed_ends", lambda *_: none)
     assert "out of C" in (rest_of(flat, made).starts() or "")

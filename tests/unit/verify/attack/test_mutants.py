@@ -6,7 +6,7 @@ import pytest
 
 from generators.changed_modules import BASES
 from soter.language.front_end import check_file, system_of
-from soter.verify.attack.counterexample import Counterexample, replay
+from soter.verify.counterexample import Counterexample, replay
 from soter.verify.problem.extract import extract
 from soter.verify.verify_module import verify_module
 

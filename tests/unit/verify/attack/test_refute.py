@@ -13,8 +13,8 @@ from generators.changed_modules import BASES
 from soter.language.front_end import check_file, system_of
 from soter.semantics.draws import AdverseDraws
 from soter.semantics.externs import UnboundExternError
-from soter.verify.attack.attacked_system import DRAWN, OWN, NotAttackableError, attacked
-from soter.verify.attack.counterexample import (
+from soter.verify.attacked_system import DRAWN, OWN, NotAttackableError, attacked
+from soter.verify.counterexample import (
     CYCLE,
     LEAVES,
     leaving,
@@ -22,8 +22,8 @@ from soter.verify.attack.counterexample import (
     replay,
     write_counterexample,
 )
-from soter.verify.attack.refute import refute, refute_return
 from soter.verify.problem.verification_system import place
+from soter.verify.refute import refute, refute_return
 
 if TYPE_CHECKING:
     from pathlib import Path

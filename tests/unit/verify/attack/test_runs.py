@@ -10,7 +10,7 @@ import pytest
 from generators.changed_modules import BASES
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
-from soter.verify.attack.counterexample import replay_file
+from soter.verify.counterexample import replay_file
 
 if TYPE_CHECKING:
     from pathlib import Path

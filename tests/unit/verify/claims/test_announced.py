@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import soter
-from soter.certificate.format.errors import NotRecheckedError, RejectedError
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.cli.main import main
 from tables import all_rows
 from unit.certificate.test_polytope_certificates import PROGRAM as HALF_SPACES

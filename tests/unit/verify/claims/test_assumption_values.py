@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from soter.certificate.assumptions import assumptions_of
+from soter.certificate.scope import assumptions_of
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims.results import ASSUMED, PROVED, REFUTED, UNDECIDED, WORSE, Finding
-from soter.verify.module_methods import module_method
-from soter.verify.problem.assumption import FRESH, SCHEME, Assumption, remaining
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import FRESH, SCHEME, Assumption, remaining
+from soter.verify.verify_module import module_method
 from tables import all_rows
 from unit.certificate.small_proofs import facts_of
 

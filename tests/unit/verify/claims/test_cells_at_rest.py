@@ -17,22 +17,22 @@ import pytest
 
 import soter
 from soter.api import recheck
-from soter.certificate.cells.cell_sets import Axes, Cells, Grid
+from soter.certificate.cell_sets import Axes, Cells, Grid
 from soter.certificate.grid.flow_enclosures import LocalFlow
-from soter.certificate.grid.inward_flow import uncrossed_ends
 from soter.certificate.grid.resting import RESTS as MARK
 from soter.certificate.grid.resting import rests
+from soter.certificate.grid.sc_chains import uncrossed_ends
 from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.terms import NotRecheckedError
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims import claims
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.claims import GridProof
 from soter.verify.grid.resting import resting
 from soter.verify.grid.sets import RESTS
-from soter.verify.problem.assumption import EVERY_SOLUTION
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import EVERY_SOLUTION
 from unit.certificate.small_proofs import facts_of, reseal
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import pytest
 from generators.corridor_program import SAFER
 from generators.handover_program import GUARDS, IN, of_walls
 from soter.api.program import load
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,10 +13,10 @@ import pytest
 import soter
 from soter.api import recheck
 from soter.language.front_end import check_file, system_of
+from soter.verify.advice import advise
 from soter.verify.deploy.missing_predicates import complete
-from soter.verify.period_sweep import advise
-from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import texts
 from soter.verify.scope import problem_key
 from soter.verify.verify_module import verify_module
 from unit.certificate.small_proofs import edit_program, reseal

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from soter.api import recheck
-from soter.certificate.format.errors import REJECTED
+from soter.certificate.report import REJECTED
 from soter.cli.main import main
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims.results import PROVED, UNDECIDED

@@ -13,7 +13,7 @@ import pytest
 import soter
 from generators.passive_program import FALLING, PASSIVE, WRONG_ROVERS
 from soter.api import recheck
-from soter.certificate.time.module_times import TIME_KEYS
+from soter.certificate.reading.module_times import TIME_KEYS
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.verify.problem.extract import extract

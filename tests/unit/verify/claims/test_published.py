@@ -10,7 +10,7 @@ import pytest
 
 from soter.language.front_end import check_file
 from soter.verify.command import modules_of, problems_of
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 from soter.verify.verify_module import verify_module
 from unit.verify.diagnosis.tank_modules import TANK, changed
 

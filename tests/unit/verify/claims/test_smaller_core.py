@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 
 from soter.api import recheck
-from soter.certificate.format.errors import REJECTED
+from soter.certificate.report import REJECTED
 from soter.cli.main import main
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims import choice
 from soter.verify.claims.results import PROVED, UNDECIDED
 from soter.verify.deploy import missing_predicates
+from soter.verify.deploy.grid_tables import Estimates
 from soter.verify.grid import recovery
 from soter.verify.problem.extract import extract
-from soter.verify.tables.grid_tables import Estimates
 from soter.verify.verify_module import verify_module
 from unit.certificate import small_proofs
 

@@ -19,10 +19,10 @@ from soter.language.model.system import Module, Scope, System
 from soter.language.model.types import FLOAT
 from soter.verify.claims.case import Case
 from soter.verify.deploy import missing_predicates as complete_
+from soter.verify.deploy.grid_tables import GroupTable, level_function
+from soter.verify.deploy.level_table import Writer
 from soter.verify.deploy.missing_predicates import complete
-from soter.verify.grid import levels as levels_
-from soter.verify.tables.grid_tables import GroupTable, level_function
-from soter.verify.tables.level_table import Writer
+from soter.verify.grid import estimate_sets as levels_
 
 SPAN = Span(Source("table.soter", "x"), 0, 1)
 

@@ -10,9 +10,9 @@ from soter.language.model.system import System
 from soter.verify.command import verify
 from soter.verify.deploy.dm_check import DMCheck, check_decisions, check_module, decided
 from soter.verify.deploy.dm_test_cases import AC, SC
+from soter.verify.deploy.grid_tables import GroupTable
 from soter.verify.deploy.missing_predicates import complete, put
 from soter.verify.proof_methods import pairs_of, tables
-from soter.verify.tables.grid_tables import GroupTable
 
 EXAMPLES = Path(__file__).parents[4] / "examples"
 MUTANTS = {

@@ -15,12 +15,11 @@ import pytest
 import soter
 from long_tests import examples, seeds
 from soter.language.front_end import check_file, system_of
+from soter.verify.deploy.grid_tables import GroupTable
 from soter.verify.deploy.missing_predicates import looks_of
 from soter.verify.polytope.tables import Facets
-from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import DiscreteParameter
-from soter.verify.tables.grid_tables import GroupTable
+from soter.verify.problem.problem import DiscreteParameter, texts
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -20,7 +20,8 @@ from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file, system_of
 from soter.native.shared_library import CHECK_FAILED
-from soter.verify.enclose.enclosure_code import EnclosureError, generate_enclosures
+from soter.verify.enclose.compiled_enclosures import generate_enclosures
+from soter.verify.enclose.enclosure_emitter import EnclosureError
 from soter.verify.problem.problem import Leaf, Quantities
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.verify.grid.sets import GridGroup, GridInputs
+from soter.verify.grid.group_inputs import GridInputs
+from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.small_enclosure_units import car
 from unit.verify.grid.test_boxes_that_move_together import CASES, FLOWS, LANES
 from unit.verify.grid.test_grid_enclosures import MS

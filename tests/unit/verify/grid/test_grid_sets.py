@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from soter.diagnostics.current_phase import CancelledError, cancelled_when
-from soter.verify.grid.sets import GridGroup, GridInputs
+from soter.verify.grid.group_inputs import GridInputs
+from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.grid_adversary import Car, Runs, flow
 from unit.verify.grid.small_enclosure_units import corner, hill
 from unit.verify.grid.test_grid_enclosures import CARS, MS, group_of

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.verify.grid.policies import CommandTable, _Synthesis, core_synthesis, way
-from soter.verify.grid.sets import GridGroup, GridInputs
+from soter.verify.find_sc import CommandTable, _Synthesis, core_synthesis
+from soter.verify.grid.group_inputs import GridInputs
+from soter.verify.grid.recovery import way
+from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.grid_adversary import Runs
 from unit.verify.grid.small_enclosure_units import corner, hill
 from unit.verify.grid.test_grid_enclosures import CARS, MS, group_of

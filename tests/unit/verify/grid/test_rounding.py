@@ -7,7 +7,8 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from soter.verify.grid.sets import GridGroup, GridInputs
+from soter.verify.grid.group_inputs import GridInputs
+from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.small_enclosure_units import car
 
 HOLDS = 12

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.verify.grid.sets import GridGroup, GridInputs
+from soter.verify.grid.group_inputs import GridInputs
+from soter.verify.grid.sets import GridGroup
 from tables import all_rows
 from unit.verify.grid.sampled_sc_runs import Sampled
 from unit.verify.grid.small_enclosure_units import END, SIGNATURE, _source, corner, linear

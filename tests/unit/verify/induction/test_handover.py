@@ -12,7 +12,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.verify.induction.handover import handovers
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 from tables import all_rows
 
 if TYPE_CHECKING:

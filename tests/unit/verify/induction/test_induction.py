@@ -12,7 +12,7 @@ from generators.opaque_planner import OPAQUE
 from long_tests import some
 from soter.api.program import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 from soter.verify.proof_report import page
 
 if TYPE_CHECKING:

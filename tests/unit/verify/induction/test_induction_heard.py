@@ -8,7 +8,7 @@ import pytest
 
 from soter.api.program import load
 from soter.certificate.rechecker import recheck
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from soter.verify.induction import solver_query
-from soter.verify.induction.solver_query import Query
+from soter.verify.induction import solver_terms
+from soter.verify.induction.solver_terms import Query
 
 z3 = pytest.importorskip("z3", reason="the extra is absent: pip install 'soter-rta[prove]'")
 
@@ -32,7 +32,7 @@ def test_values_that_meet_the_constraints_are_of_the_context_that_asked() -> Non
 
 def test_the_solver_gives_up_after_so_much_work(monkeypatch: pytest.MonkeyPatch) -> None:
     assert _pigeons(4).check() == z3.unsat
-    monkeypatch.setattr(solver_query, "QUERY_WORK", 200)
+    monkeypatch.setattr(solver_terms, "QUERY_WORK", 200)
     assert _pigeons(4).check() == z3.unknown
 
 

@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 
 from soter.language.front_end import check_file, system_of
-from soter.verify import write_certificate
+from soter.verify import command
 from soter.verify.claims.case import GroupProof, Method
 from soter.verify.claims.product_sets import BoxPart
 from soter.verify.claims.results import VerifyReport
+from soter.verify.deploy.grid_tables import GroupTable
 from soter.verify.problem.extract import extract
 from soter.verify.proof_methods import METHODS
 from soter.verify.proof_report import page
-from soter.verify.tables.grid_tables import GroupTable
 from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
     from soter.verify.claims.results import ModuleResult
+    from soter.verify.deploy.level_table import LevelTable
     from soter.verify.problem.problem import Group, Problem
-    from soter.verify.tables.level_table import LevelTable
 
     Set = frozenset[float]
     Floats = NDArray[np.float64]
@@ -307,7 +307,7 @@ def test_certificate_and_report_are_written_by_the_method(tmp_path: Path) -> Non
     program = check_file(str(tmp_path / "walk.soter")).program
     assert program is not None
     module_result = verified()
-    write_certificate.write(tmp_path / "cert", program, [module_result], ["S"])
+    command.write(tmp_path / "cert", program, [module_result], ["S"])
     manifest = json.loads((tmp_path / "cert" / "manifest.json").read_text())
     (group,) = manifest["modules"][0]["cases"][0]["groups"]
     assert group["kind"] == "finite"

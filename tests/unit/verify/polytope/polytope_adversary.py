@@ -19,7 +19,7 @@ from soter.verify.polytope.half_spaces import LinearProgram, Polytope
 from soter.verify.polytope.linear_group import LinearGroup
 
 if TYPE_CHECKING:
-    from soter.verify.polytope.ball_matrices import Array
+    from soter.verify.polytope.matrices import Array
 
 MS = 1_000_000
 H = 1e-3

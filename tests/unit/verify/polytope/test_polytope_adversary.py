@@ -11,15 +11,15 @@ import pytest
 
 from long_tests import some
 from soter.verify.polytope import linear_group as polytope_model
-from soter.verify.polytope.ball_matrices import exact, up_product
+from soter.verify.polytope.matrices import exact, up_product
 from soter.verify.polytope.proofs import Windows, claims_of, find_core, prove_core
 from unit.verify.polytope.polytope_adversary import MS, Attack, random_group
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.verify.polytope.ball_matrices import Array
     from soter.verify.polytope.linear_group import LinearGroup
+    from soter.verify.polytope.matrices import Array
     from soter.verify.polytope.proofs import PolytopeSets
 
 pytest.importorskip("highspy")

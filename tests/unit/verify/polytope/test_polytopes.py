@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soter.verify.polytope.ball_matrices import Array, exponential
 from soter.verify.polytope.half_spaces import (
     TOLD,
     Bounds,
@@ -23,6 +22,7 @@ from soter.verify.polytope.half_spaces import (
     surely_inside,
 )
 from soter.verify.polytope.linear_group import LinearGroup
+from soter.verify.polytope.matrices import Array, exponential
 from soter.verify.polytope.proofs import (
     NotProvedError,
     PolytopeSets,
@@ -287,7 +287,7 @@ def test_bounds_hold_at_random_points() -> None:
     p = Polytope(-np.ones(3), np.ones(3), rng.normal(size=(12, 3)), rng.uniform(0.2, 1.0, 12))
     points = rng.uniform(-1, 1, size=(20_000, 3))
     points = points[p.contains(points)]
-    from soter.verify.polytope.ball_matrices import exact
+    from soter.verify.polytope.matrices import exact
 
     rows = rng.normal(size=(20, 3))
     bounds = Bounds(p).of(exact(rows))

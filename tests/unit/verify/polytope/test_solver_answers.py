@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from soter.verify.polytope import half_spaces
-from soter.verify.polytope.ball_matrices import Ball, exact
 from soter.verify.polytope.half_spaces import Bounds, LinearProgram, Polytope
+from soter.verify.polytope.matrices import Ball, exact
 from soter.workers.solvers import new_highs
 
 pytest.importorskip("highspy")

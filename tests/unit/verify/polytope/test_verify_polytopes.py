@@ -15,22 +15,22 @@ from soter.certificate.rechecker import recheck
 from soter.language.front_end import check_file, system_of
 from soter.monitor.linear_model import Plants
 from soter.verify import verify_module as verifying
-from soter.verify.attack.refute import refute
 from soter.verify.claims.results import ModuleResult, PolytopePart
 from soter.verify.deploy.missing_predicates import complete
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
-from soter.verify.polytope.ball_matrices import exact, exponential
 from soter.verify.polytope.claims import why_not
 from soter.verify.polytope.extract_group import NotLinearError, linear_group
 from soter.verify.polytope.half_spaces import LinearProgram, Polytope
+from soter.verify.polytope.matrices import exact, exponential
 from soter.verify.polytope.proofs import claims_of
-from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import texts
+from soter.verify.refute import refute
 from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:
     from soter.verify.claims.case import Failure
-    from soter.verify.polytope.ball_matrices import Array
+    from soter.verify.polytope.matrices import Array
     from soter.verify.problem.problem import Problem
 
 pytest.importorskip("highspy")

@@ -20,13 +20,13 @@ from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims.cells import mesh_of
+from soter.verify.deploy.grid_tables import place_function
+from soter.verify.deploy.level_table import Writer
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.sets import GridGroup
-from soter.verify.problem.estimates import errors_of
 from soter.verify.problem.extract import extract
+from soter.verify.problem.inputs import errors_of
 from soter.verify.problem.left_out_states import FAR_TURNS, FARTHEST
-from soter.verify.tables.grid_tables import place_function
-from soter.verify.tables.level_table import Writer
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

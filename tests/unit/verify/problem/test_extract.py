@@ -10,10 +10,9 @@ import pytest
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
-from soter.verify.problem.assumption import texts
+from soter.verify.problem import schedule as clock
 from soter.verify.problem.extract import cases, extract
-from soter.verify.problem.problem import Interval, Problem, Times
-from soter.verify.time import schedule as clock
+from soter.verify.problem.problem import Interval, Problem, Times, texts
 
 ROOT = Path(__file__).parents[4]
 HEAD = """soter 1;

@@ -11,15 +11,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.certificate.format.errors import RejectedError
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.left_out_states import leave_out, refuse_read
-from soter.certificate.terms.terms import NotRecheckedError
+from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
-from soter.verify.problem.assumption import texts
 from soter.verify.problem.axes import DEFAULT_CELLS
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import texts
 from soter.verify.verify_module import verify_module
 from tables import all_rows
 from unit.certificate import small_proofs

@@ -7,9 +7,8 @@ import pytest
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims.results import UNDECIDED
-from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
-from soter.verify.problem.problem import Interval, Problem
+from soter.verify.problem.problem import Interval, Problem, texts
 from soter.verify.verify_module import verify_module
 
 SIGHTED = """soter 1;

@@ -11,8 +11,8 @@ from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
 from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.front_end import check_file, system_of, system_to_prove
-from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import texts
 
 if TYPE_CHECKING:
     from pathlib import Path

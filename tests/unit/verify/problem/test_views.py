@@ -18,7 +18,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
 from soter.language.model import typed
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 from soter.verify.proof_report import page
 
 if TYPE_CHECKING:

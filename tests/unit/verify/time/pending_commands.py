@@ -14,7 +14,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.verify.time.schedule import ActuationPath, Releases, Schedule, SensorPath
+from soter.verify.problem.schedule import ActuationPath, Releases, Schedule, SensorPath
 
 if TYPE_CHECKING:
     import random

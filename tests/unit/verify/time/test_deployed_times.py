@@ -20,8 +20,8 @@ from soter.certificate.reading.module_facts import DiffersError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.timing.trusted_thread import in_thread
-from soter.verify.problem.assumption import texts
 from soter.verify.problem.extract import extract
+from soter.verify.problem.problem import texts
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:

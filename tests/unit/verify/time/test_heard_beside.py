@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import soter
-from soter.verify.problem.assumption import texts
+from soter.verify.problem.problem import texts
 
 if TYPE_CHECKING:
     from pathlib import Path

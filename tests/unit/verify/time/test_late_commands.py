@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.certificate.time.derived_times import (
+from soter.certificate.reading.derived_times import (
     Clock,
     DerivedTimes,
     Effect,
@@ -19,7 +19,7 @@ from soter.certificate.time.derived_times import (
 from unit.verify.time.pending_commands import PendingCommands, late_system
 
 if TYPE_CHECKING:
-    from soter.verify.time.schedule import Releases, Schedule
+    from soter.verify.problem.schedule import Releases, Schedule
 
 SYSTEMS, RUNS = 40, 60
 

@@ -13,8 +13,8 @@ from generators.every_schedule_of_module import EverySchedule
 from generators.one_schedule import OneSchedule
 from generators.schedule_systems import Compared, compare, in_the_limit, multiple, said, system
 from soter.verify.problem.problem import Times
-from soter.verify.time.problem_times import in_words
-from soter.verify.time.schedule import ActuationPath, Releases, Schedule, SensorPath
+from soter.verify.problem.problem_times import in_words
+from soter.verify.problem.schedule import ActuationPath, Releases, Schedule, SensorPath
 from tables import all_rows
 
 SYSTEMS = 200

@@ -1,0 +1,246 @@
+"""Where predicates certainly hold on cells, by the re-checker's own evaluation.
+
+Purpose: cells on which `safe` or `safer` holds; that `ttf` and `safer` let AC only where R(H) is.
+Non-goals: computed predicates (`grid/estimates_and_shield.py`), which claims there are
+(`case_check.py`).
+"""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING
+
+import numpy as np
+from flint import arb
+
+from soter.certificate.cell_sets import (
+    Cells,
+    block_index,
+    finer,
+    halves,
+    uncovered,
+    volume,
+)
+from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.compile_terms import compile_truths, form_of_box
+from soter.certificate.terms.straight_line import content_of
+from soter.certificate.terms.terms import (
+    FALSE,
+    TRUE,
+    Terms,
+    both,
+    conjuncts,
+    either,
+    influence,
+    inputs_of,
+    negation,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.certificate.cell_sets import Axes, Block, Grid
+    from soter.certificate.reading.case_model import CaseModel
+    from soter.certificate.terms.terms import Linear, Proposition
+    from soter.language.model import typed
+
+
+HOLDS, NEITHER = 2, 3
+"""What is known of a proposition on a box, as bits: it may fail (1), it may hold (2)."""
+ENDLESS = arb("inf")
+"""A bound for states whose axis has no ends: rounding is one of the size of what is rounded."""
+SPLITS_OF_PREDICATES = 10
+"""How often a cell is halved where a predicate is evaluated: errors are halved, too."""
+SPLITS_OF_SETS = 4
+"""The same where it is only asked which cells to use: a failure costs cells, no proof."""
+CERTAIN_CELLS_MAX = 2**26
+"""Cells of the sets that are remembered, a byte each."""
+
+
+def _grid_boxes(model: CaseModel) -> list[tuple[arb, arb]]:
+    return [(exact(low), exact(high)) for low, high in model.extents]
+
+
+def certain(
+    model: CaseModel, groups: Sequence[Axes], expr: typed.TypedExpr, *, errors: bool
+) -> list[Cells]:
+    """For each group the cells on which its share of a predicate certainly holds.
+
+    The predicate holds on the product of these sets: each of its conjuncts is the matter of one
+    group, all other states ranging over their whole grids, in which their C's lie. It is that of
+    the group on which it depends most; any choice is sound, and only this one is useful. Where
+    `errors`, on every estimate of every state.
+    """
+    terms, states = model.new_terms(ENDLESS)
+    truth = model.predicate(terms, states, expr, errors=errors)
+    return _shared_out(model, groups, terms, states, truth)
+
+
+def published(model: CaseModel, groups: Sequence[Axes], topic: int) -> list[Cells]:
+    """The same of what a plant publishes on a topic: on every estimate it is in its declared set.
+
+    Outside of it the plant stops. NotRecheckedError as `certain`.
+    """
+    terms, states = model.new_terms(ENDLESS)
+    return _shared_out(model, groups, terms, states, model.in_set(terms, states, topic))
+
+
+def _shared_out(
+    model: CaseModel,
+    groups: Sequence[Axes],
+    terms: Terms,
+    states: Sequence[Linear],
+    truth: Proposition,
+) -> list[Cells]:
+    """The cells of each group on which its share of a proposition certainly holds."""
+    shares: list[list[Proposition]] = [[] for _ in groups]
+    atoms = {next(iter(x.terms)): i for i, x in enumerate(states)}
+    for part in [*conjuncts(truth), *terms.obligations]:
+        weights = [
+            influence(terms, part, [a for a, i in atoms.items() if i in g.states]) for g in groups
+        ]
+        owner = max(range(len(groups)), key=lambda k: float(weights[k]))
+        shares[owner].append(part)
+    cells = []
+    for group, share in zip(groups, shares, strict=True):
+        whole = both_all(share)
+        cells.append(
+            _certain_cells(model, group, terms, [next(iter(x.terms)) for x in states], whole)
+        )
+    return cells
+
+
+def both_all(parts: Sequence[Proposition]) -> Proposition:
+    """The proposition that all of them hold."""
+    conjunction = TRUE
+    for p in parts:
+        conjunction = both(conjunction, p)
+    return conjunction
+
+
+class Decision:
+    """The truth of a proposition on boxes of some states, other states on their grids.
+
+    Errors and other topics count as states here, behind those that are asked for, so that they are
+    halved with the cell. `ranges`: theirs; `reads`: of each state that is asked for whether
+    the proposition depends on it.
+    """
+
+    def __init__(
+        self,
+        model: CaseModel,
+        states: Sequence[int],
+        terms: Terms,
+        atoms: Sequence[int],
+        truth: Proposition,
+    ) -> None:
+        places = [atoms[i] for i in states]
+        boxes = dict(zip(atoms, _grid_boxes(model), strict=True))
+        read = inputs_of(terms, [truth])
+        free = sorted(i for i in read if terms.atoms[i].kind == "box")
+        self.ranges = [(terms.atoms[i].low, terms.atoms[i].high) for i in free]
+        self.reads = tuple(a in read for a in places)
+        self._written = compile_truths(terms, [*places, *free], [truth], boxes)
+
+    @property
+    def content(self) -> object:
+        """Equal for decisions only that say the same of every box."""
+        return self._written.content, content_of(tuple(self.ranges)), self.reads
+
+    def of(self, box: list[tuple[arb, arb]]) -> int:
+        """Its bits on a box: it may fail, it may hold."""
+        bits: int = self._written(form_of_box(box, symbols=False))[0]
+        return bits
+
+    def of_cell(self, grid: Grid, block: Block) -> int:
+        """The same on a block, with all that lies beyond."""
+        boxes = grid.whole_boxes(block, self.reads)
+        return reduce(or_, (self.of([*box, *self.ranges]) for box in boxes))
+
+    def holds(self, box: list[tuple[arb, arb]], splits: int) -> bool:
+        """Whether it certainly does on a box of states; it and the errors are halved so often."""
+        return finer([*box, *self.ranges], lambda part: self.of(part) == HOLDS, splits)
+
+    def holds_in(self, grid: Grid, block: Block, splits: int) -> bool:
+        """The same of a block, with all that lies beyond."""
+        return all(self.holds(box, splits) for box in grid.whole_boxes(block, self.reads))
+
+
+def _certain_cells(
+    model: CaseModel, group: Axes, terms: Terms, atoms: Sequence[int], truth: Proposition
+) -> Cells:
+    """Cells on which a proposition certainly holds, whatever the other groups do."""
+    decision = Decision(model, group.states, terms, atoms, truth)
+    key = decision.content, group.grid.edges, group.grid.unbounded, group.grid.wraps
+    members = _CERTAIN_CELLS.get(key)
+    if members is None:
+        members = _decided_cells(decision, group.grid)
+        if sum(m.size for m in list(_CERTAIN_CELLS.values())) + members.size > CERTAIN_CELLS_MAX:
+            _CERTAIN_CELLS.clear()
+        _CERTAIN_CELLS[key] = members
+    return Cells(group.grid, members)
+
+
+_CERTAIN_CELLS: dict[object, NDArray[np.bool_]] = {}
+"""By what is asked and the grid: parameters and modules often differ in neither."""
+
+
+def _decided_cells(decision: Decision, grid: Grid) -> NDArray[np.bool_]:
+    """The same of one decision and grid."""
+    members = np.zeros(grid.shape, dtype=np.bool_)
+    waiting = [grid.whole]
+    while waiting:
+        block = waiting.pop()
+        bits = decision.of_cell(grid, block)
+        if bits == NEITHER and volume(block) > 1:
+            waiting.extend(halves(block))
+        elif bits == HOLDS or (bits == NEITHER and decision.holds_in(grid, block, SPLITS_OF_SETS)):
+            members[block_index(block)] = True
+    return members
+
+
+class AdmitCheck:
+    """Whether `safe` fails or, on every estimate, `expr` is not `admits`.
+
+    Of `enters` with `anywhere`: then nothing helps that `safe` may fail.
+    """
+
+    def __init__(
+        self,
+        model: CaseModel,
+        group: Axes,
+        expr: typed.TypedExpr,
+        *,
+        admits: bool,
+        anywhere: bool = False,
+    ) -> None:
+        self.group = group
+        terms, states = model.new_terms(ENDLESS)
+        fails = FALSE
+        if not anywhere:
+            safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
+            fails = both(negation(safe), both_all(terms.obligations))
+            terms.obligations.clear()
+        told = model.predicate(terms, states, expr, errors=True)
+        sound_told = both_all(terms.obligations)
+        refused = negation(told) if admits else told
+        fine = either(fails, both(refused, sound_told))
+        atoms = [next(iter(x.terms)) for x in states]
+        self.decision = Decision(model, group.states, terms, atoms, fine)
+
+
+def admitted(check: AdmitCheck, free: NDArray[np.bool_], block: Block) -> Iterator[Block]:
+    """Cells outside R where `safe` may hold and, on an estimate, the predicate lets AC.
+
+    `free`: shaped as the grid.
+    """
+    grid = check.group.grid
+
+    def attempt(at: Block) -> bool:
+        splits = SPLITS_OF_PREDICATES if volume(at) == 1 else 0
+        return check.decision.holds_in(grid, at, splits)
+
+    return uncovered(~free, block, attempt, volume(grid.whole))

@@ -1,0 +1,436 @@
+"""Where control changes between modules, checked again: hand-overs and towers.
+
+Purpose: `jumps_of`: for every topic that the map of a view reads, whether what `enters` says of it
+is confirmed: of the node that publishes it, and of R(H) (docs/proof-sets.md, "Hand-over");
+`not_entered`: that the state lies in R(H) wherever something holds of an estimate.
+`refuse_unproved_towers`: which module of a tower is followed here, and that all of its controllers
+publish what it publishes; `slowest_below`: as often as P1a asks. `read_above`: the parts of the
+`safer` above which speak of the plants of this proof, what a hand-back asks of H, and assumptions
+that follow (docs/proof-modules.md, Towers). `handed_back`: from the state on which the module above
+gives control back to the instant from which all that acts is SC's, on states that are no older.
+Non-goals: rejecting hand-overs: what is not confirmed is an assumption, and the report says why.
+That a node changes a view in no other step (`induction/handover_jumps.py`); sharing code with
+`verify/problem/`, which the prover goes by.
+
+`enters` is judged on what a step publishes, which is the state after the jump up to the declared
+errors. Nothing is known yet of that state: not that `safe` holds there, nor that it lies in a grid.
+
+To the theorem an AC is anything that publishes values of the declared sets, and what it publishes
+once the DM says SC is dropped. A module in the place of AC is that: a controller of it has control
+only while the mode of every module above it is AC (docs/semantics.md, Modules above modules), and
+each of its steps checks its values.
+
+The module above said "SC" before: what SC publishes is dropped until the verdict is in force. It is
+released at r, on a state of r - A or later, and in force `slow` later at most; in one instant SC
+may come first. Of the states before that one nothing is known, and a command of SC answers a state
+that is d old: so SC's run begins with the first output that acts d or more after that state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from soter.certificate.cell_predicates import Decision, both_all
+from soter.certificate.folder import FREE
+from soter.certificate.reading.case_model import CaseModel
+from soter.certificate.reading.derived_times import Clock, releases
+from soter.certificate.reading.module_facts import ModuleAbove, driven_topics, read_by
+from soter.certificate.reading.problem import followed, read_facts
+from soter.certificate.reading.view_predicates import entered, said_of
+from soter.certificate.report import NotRecheckedError, RejectedError
+from soter.certificate.terms.arb_balls import (
+    HALF,
+    TINIEST,
+    UNIT_ROUNDOFF,
+    above,
+    below,
+    exact,
+    magnitude,
+)
+from soter.certificate.terms.terms import both, conjuncts, influence, inputs_of, negation
+from soter.language.model.system import modules_above
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import leaves, show_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from flint import arb
+
+    from soter.certificate.groups import Group
+    from soter.certificate.reading.derived_times import DerivedTimes, TimingSetting
+    from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.report import Said
+    from soter.certificate.terms.terms import Proposition, Terms
+    from soter.language.model import typed
+    from soter.language.model.system import Module, System
+
+    Box = list[tuple[arb, arb]]
+    Groups = Sequence[Sequence[Group]]
+    Jumps = Mapping[str, Sequence["Jump"]]
+    """By the name of what abstracts; nothing where a module has no `enters`."""
+
+
+TRIES_BEYOND = 2_000
+"""Boxes that a side of the grid is cut into at most, for each part of a predicate."""
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A topic that the map of a view reads, and the node that publishes it.
+
+    `why` it is not confirmed that the state jumps into R(H) where the topic changes; "": it is.
+    """
+
+    topic: str
+    node: str
+    why: str
+
+
+def jumps_of(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, list[Jump]]:
+    """By the name of what abstracts; `groups`: of every case, when their claims were confirmed.
+
+    Nothing where a module has no views, or no `enters`.
+    """
+    if not facts.view or facts.whole is None or facts.whole.verify.enters is None:
+        return {}
+    jumps_by_link = {
+        link.name: [_published(facts, link, topic) for topic in topic_reads(link.value)]
+        for link in facts.symbol.verify.abstracts
+    }
+    if any(not jump.why for of in jumps_by_link.values() for jump in of):
+        why = _of_sets(facts, groups, claims)
+        jumps_by_link = {
+            name: [Jump(j.topic, j.node, j.why or why) for j in of]
+            for name, of in jumps_by_link.items()
+        }
+    return jumps_by_link
+
+
+def _published(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol) -> Jump:
+    """The node part of one topic."""
+    if find_spec("z3") is None:
+        return Jump(topic.name, "", "`z3-solver` is not installed")
+    from soter.certificate.induction.handover_jumps import why_not  # noqa: PLC0415 - an extra
+
+    try:
+        node, why = why_not(facts, link, topic)
+    except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
+        return Jump(topic.name, "", _said(error))
+    return Jump(topic.name, node, why)
+
+
+def _of_sets(facts: Facts, groups: Groups, claims: set[str]) -> str:
+    """Why it is not confirmed that the state lies in R(H) wherever `enters` holds."""
+    if not claims & FREE:
+        return "nothing is claimed with which R(H) is confirmed"
+    try:
+        assert facts.whole is not None
+        expr = entered(facts.whole, facts.symbol.verify)
+        assert expr is not None
+        scope = facts.module.scope.topics
+        known = {i for of in read_by(facts) for i in of}
+        if not {scope.get(t, -1) for t in topic_reads(expr)} <= known:
+            return "it reads what neither DM nor SC reads"
+        for values, of_case in zip(facts.cases(), groups, strict=True):
+            if why := not_entered(CaseModel(facts, values, facts.extents), of_case, expr):
+                return why
+    except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
+        return _said(error)
+    return ""
+
+
+def _said(error: Exception) -> str:
+    if isinstance(error, NotRecheckedError):
+        return f"not rechecked: {error}"
+    return f"the re-checker itself failed ({type(error).__name__}: {error})"
+
+
+def assumed(facts: Facts, jumps: Jumps) -> Said:
+    """That what the state of a view rests on changes only as the proof has it."""
+    for link in facts.symbol.verify.abstracts:
+        tried = jumps.get(link.name, ())
+        kept = {j.topic for j in tried if not j.why}
+        shown = ", ".join(t.name for t in topic_reads(link.value) if t.name not in kept)
+        why = "; ".join(f"{j.topic}: {j.why}" for j in tried if j.why)
+        if shown:
+            text = (
+                f"where {shown} change, on which the state of {link.name} rests, that state moves "
+                f"as {link.plant.name} does, or jumps while the estimate lies in S_0 of where it "
+                "jumps to, whichever mode; DM and SC read what shows it from that instant on"
+            )
+            yield f"jumps {link.name}", text + f" (`enters` does not confirm it: {why})" * bool(why)
+
+
+def confirmed(facts: Facts, jumps: Jumps) -> Said:
+    """The same, where it is confirmed."""
+    assert facts.whole is not None
+    assert facts.whole.verify.enters is not None
+    text = " ".join(facts.whole.verify.enters.span.text.split())
+    for name, entries in jumps.items():
+        for jump in (j for j in entries if not j.why):
+            what = (
+                f"{jump.node} changes what the state of {name} rests on of {jump.topic} only in "
+                "steps that show it to DM and SC, and of which, as they read and publish, "
+                f"`{text}` holds; wherever that holds the state lies in R(H) of where it jumps to"
+            )
+            yield f"enters {name} {jump.topic}", what
+
+
+# ---------------------------------------------------------------- where `enters` holds
+
+
+def require_entered(model: CaseModel, groups: Sequence[Group], claims: set[str]) -> None:
+    """RejectedError of a start below another module, which may give control back outside R(H)."""
+    above = model.facts.above
+    assert above is not None
+    if not claims & FREE or any(g.unentered for g in groups):
+        raise RejectedError("start: nothing is claimed with which R(H) is confirmed on cells")
+    if why := not_entered(model, groups, above.safer):
+        raise RejectedError(f"start: `{above.name}` may give control back elsewhere: {why}")
+
+
+def not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr) -> str:
+    """Why it is not shown of one combination of parameter values; "" where it is.
+
+    `groups` hold every state once; their R(H) was shown to lead nowhere but into K. `expr` reads
+    nothing but what the plants of the view drive. NotRecheckedError for what is not understood.
+    """
+    states = [s for g in groups for s in g.states]
+    if sorted(states) != list(range(len(model.facts.states))):
+        return "not every state is in a group"
+    if unentered := next((g.unentered for g in groups if g.unentered), ""):
+        return unentered
+    reach = _reach(model.facts, expr)
+    for k, ends in enumerate(reach):
+        if ends is None:
+            return f"nothing that it reads bounds {model.facts.states[k].name}"
+        if ends[0] > ends[1]:
+            return f"no value of {model.facts.states[k].name} is shown by all that it reads"
+    where = _beyond(model, groups, expr, [r for r in reach if r is not None])
+    if where:
+        return f"it may hold where {where}, outside the grid"
+    return next((why for g in groups if (why := g.entered(model, expr))), "")
+
+
+# ---------------------------------------------------------------- outside the grid
+
+
+def _reach(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, float] | None]:
+    """What each state can be where `expr` is judged; None where nothing that it reads says so.
+
+    What is published lies in its declared set, and shows the state up to its error and rounding.
+    """
+    ranges: list[tuple[float, float] | None] = [None] * len(facts.states)
+    driven = driven_topics(facts)
+    scope = facts.module.scope.topics
+    read = [scope[t] for t in topic_reads(expr)]
+    # below another module whatever is published anywhere lies in its set: else the plant stops
+    for index in read if facts.above is None else driven:
+        c, value = driven[index]
+        topic = facts.system.topics[index]
+        for leaf, ((path, _), bound) in enumerate(
+            zip(leaves(topic.type), topic.bounds, strict=True)
+        ):
+            state = followed(facts, c, value, path)
+            if state is None or bound is None:
+                continue
+            error = exact(0.0)
+            for e in facts.errors:
+                if (e.owner, e.leaf) == (index, leaf):
+                    error += magnitude(exact(e.low)).max(magnitude(exact(e.high)))
+            low, high = exact(bound.low), exact(bound.high)
+            size = magnitude(low).max(magnitude(high)) + error
+            error += size * (4 * UNIT_ROUNDOFF) + 4 * TINIEST
+            ends = below(low - error), above(high + error)
+            old = ranges[state] or ends
+            ranges[state] = max(old[0], ends[0]), min(old[1], ends[1])
+    return ranges
+
+
+def _beyond(
+    model: CaseModel,
+    groups: Sequence[Group],
+    expr: typed.TypedExpr,
+    reach: Sequence[tuple[float, float]],
+) -> str:
+    """Where it may hold outside the grid, in words; "" where it cannot."""
+    parts = _parts(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
+    for axes in (g.part(errors=False) for g in groups):
+        for state, edges in zip(axes.states, axes.grid.edges, strict=True):
+            low, high = reach[state]
+            first, last = edges[0], edges[-1]
+            sides = [(f"below {first!r}", low, min(first, high))] if low <= first else []
+            sides += [(f"above {last!r}", max(last, low), high)] if high >= last else []
+            for side, a, b in sides:
+                if not any(part.never(state, a, b) for part in parts):
+                    return f"{model.facts.states[state].name} is {side}"
+    return ""
+
+
+def _parts(anywhere: CaseModel, expr: typed.TypedExpr) -> list[_Part]:
+    """What must hold beside each other for `expr` to hold, and be judged without a fault."""
+    terms, states = anywhere.new_terms()
+    told = anywhere.predicate(terms, states, expr, errors=True)
+    sound = both_all(terms.obligations)
+    atoms = [next(iter(x.terms)) for x in states]
+    return [_Part(anywhere, terms, atoms, part, sound) for part in conjuncts(told)]
+
+
+class _Part:
+    """One of the parts of a predicate, over states that may lie outside the grid."""
+
+    def __init__(
+        self,
+        model: CaseModel,
+        terms: Terms,
+        atoms: Sequence[int],
+        part: Proposition,
+        sound: Proposition,
+    ) -> None:
+        fails = both(negation(part), sound)
+        self._decision = Decision(model, range(len(atoms)), terms, atoms, fails)
+        own = ((exact(a), exact(b)) for a, b in model.extents)
+        self._box: Box = [*own, *self._decision.ranges]
+        free = sorted(i for i in inputs_of(terms, [fails]) if terms.atoms[i].kind == "box")
+        self._weights = [float(influence(terms, part, [i])) for i in (*atoms, *free)]
+
+    def never(self, state: int, low: float, high: float) -> bool:
+        """Whether it certainly fails where a state is in a range: the box of all is halved.
+
+        What moves most of what is compared is halved first.
+        """
+        if not self._weights[state]:
+            return False
+        box = list(self._box)
+        box[state] = exact(low), exact(high)
+        widths = [b - a for a, b in box]
+        waiting, tries = [box], 0
+        while waiting:
+            box, tries = waiting.pop(), tries + 1
+            truth_bits = self._decision.of(box)
+            if truth_bits == 2:
+                continue
+            if truth_bits != 3 or tries > TRIES_BEYOND:
+                return False
+            shares = [
+                w * float((b - a) / full) if full > 0 else 0.0
+                for w, (a, b), full in zip(self._weights, box, widths, strict=True)
+            ]
+            axis = shares.index(max(shares))
+            middle = ((box[axis][0] + box[axis][1]) * HALF).mid()
+            halves = (box[axis][0], middle), (middle, box[axis][1])
+            waiting += [[*box[:axis], half, *box[axis + 1 :]] for half in halves]
+        return True
+
+
+def refuse_unproved_towers(facts: Facts) -> None:
+    """`NotRecheckedError` for a module of a tower that no theorem here is about."""
+    system, module, symbol = facts.flying, facts.flying_module, facts.flying_module.symbol
+    name = module.name
+    for c in facts.commanding:
+        assert c.node is not None
+        if {*c.writes} != set(module.outputs):
+            raise NotRecheckedError(f"`{c.name}` does not publish what `{name}` does")
+    uppers = modules_above(system, module.index)
+    if len(uppers) > 1:
+        raise NotRecheckedError(f"`{name}` stands below two other modules")
+    for upper in uppers:
+        if upper.forced is not None:
+            raise NotRecheckedError(f"`{upper.name}`, above `{name}`, is forced to {upper.forced}")
+        if symbol.verify.views or symbol.shield is not None or symbol.verify.enters is not None:
+            raise NotRecheckedError(
+                f"`{name}` stands below another module, and has views or a shield"
+            )
+
+
+def slowest_below(system: System, module: Module) -> int:
+    """The longest period in ns of its SC and of all that stands in the place of its AC."""
+    parts = {system.components[module.sc].period_ns, system.components[module.ac].period_ns}
+    below = module.over
+    while below is not None:
+        m = system.modules[below]
+        parts |= {system.components[i].period_ns for i in (m.dm, m.sc, m.ac)}
+        below = m.over
+    return max(parts)
+
+
+def handed_back(setting: TimingSetting, own: DerivedTimes, above: Clock, age: int) -> int:
+    """In ns, the greatest over all schedules.
+
+    `above`: the DM of the module above; `age`: A of it, in ns. NotRecheckedError where there are
+    too many releases to go through.
+    """
+    worst = own.start
+    settled = setting.settled + above.phase + 2 * above.period
+    for r in releases(above, setting.periods, after=settled):
+        passes = setting.sc.next_at(r + above.slow + 1)
+        worst = max(worst, age + setting.acts_by(passes) - r)
+    for t in setting.steady():
+        before = min(effect.first(t) for effect in setting.effects)
+        worst = max(worst, own.delay + setting.acts_by(t + setting.sc.period) - before)
+    return worst
+
+
+OWN = ("late_dm", "response_dm")
+
+
+def read_above(facts: Facts) -> None:
+    """Enter the module above into the facts, and what it asks of H into the times.
+
+    Nothing where there is none; `NotRecheckedError` where its hand-backs are not followed.
+    """
+    uppers = modules_above(facts.flying, facts.flying_module.index)
+    if not uppers:
+        return
+    module = uppers[0]
+    if facts.kind != "flow":
+        raise NotRecheckedError("modules above each other over a plant that moves in steps")
+    here, there = facts.module.scope, module.scope
+    mine, its = (sorted((p.name, repr(v)) for p, v in s.params.items()) for s in (here, there))
+    if mine != its:
+        raise NotRecheckedError(f"`{module.name}` has other parameters than the module below it")
+    shown = _seen_by_both(facts, there.topics)
+    assert module.symbol.safer is not None, "M019"
+    safer = said_of(module.symbol.safer, shown)
+    if safer is None:
+        raise NotRecheckedError(f"`safer` of `{module.name}` says nothing of the plants here")
+    seen = _problems(facts, module)
+    setting, own = facts.setting, facts.own
+    needs = max(handed_back(setting, own, u.setting.dm, u.own.age) for u in seen)
+    facts.above = ModuleAbove(
+        module.name,
+        safer,
+        max(u.own.age + u.setting.dm.slow for u in seen),
+        declared=not any(u.ways.undeclared for u in seen)
+        and all(getattr(u.symbol.verify, word) is not None for u in seen for word in OWN),
+    )
+    facts.times["H_star_ns"] = max(facts.times["H_star_ns"], needs)
+    if facts.symbol.verify.horizon is None:
+        facts.times["H_ns"] = max(facts.times["H_ns"], needs)
+
+
+def assumed_of_above(above: ModuleAbove) -> Said:
+    """What a claim of a module below another one is about, and what it rests on."""
+    name = above.name
+    text = f"`safe` is kept while {name} is in AC, from each time on at which it gives control back"
+    yield f"while {name}", f"{text}; not before the first, and not while it is in SC"
+    text = f"a verdict of {name} by which it gives control back is in force at most"
+    yield f"verdict of {name}", f"{text} {show_ns(above.back_ns)} after the state that it is about"
+    text = f"while {name} is in SC, too, what plants publish lies in the declared sets"
+    yield f"sets while {name}", f"{text} (else they stop)"
+
+
+def _seen_by_both(facts: Facts, above: Mapping[typed.TopicSymbol, int]) -> set[typed.TopicSymbol]:
+    """The topics that the module reads, and that are the same where they run."""
+    known, topics = {i for of in read_by(facts) for i in of}, facts.module.scope.topics
+    same = {t for t, i in topics.items() if above.get(t) == facts.running.get(i, -1)}
+    return {t for t in same if topics[t] in known}
+
+
+def _problems(facts: Facts, module: Module) -> list[Facts]:
+    """Of the module above, in each of its views: its times are the longest of them."""
+    views = [v.name for v in module.symbol.verify.views] or [""]
+    return [read_facts(facts.flying, module.name, view) for view in views]

@@ -1,0 +1,417 @@
+"""The folder of a certificate: every byte covered, nothing besides; and the program in it.
+
+Purpose: read and check what docs/verification.md (section 4) lays down: names, hashes, the
+canonical manifest, sizes of tables. `program_of`: from the files below `program/` and the
+parameters of the manifest to a checked program; nothing is read that is not part of it.
+`unclaimed`: which parts of a group rest on which claims, one list for whoever writes a certificate
+and whoever reads it: a part on which nothing that is claimed rests does not stand there, and K is
+empty where nothing is claimed of it.
+Non-goals: believing anything that stands in it (`rechecker.py`); what the program says about a
+module (`reading/problem.py`), what a part has to show for a claim (`grid/`, `polytope/`).
+
+The argument: the seal is the hash of the manifest, which has the hash of every other file; each
+file is read once, and what is checked are those bytes. A table that is asked for is noted: at the
+end those that nobody asked for are refused (`unused`).
+"""
+
+from __future__ import annotations
+
+import codecs
+import hashlib
+import json
+import math
+import os
+import stat
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.certificate.report import NotRecheckedError, RejectedError
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.language.elaborate.system_numbers import has_param
+from soter.language.front_end import check_file
+from soter.language.load.loader import load
+from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType
+from soter.language.syntax import tree
+from soter.version import other_format
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.language.front_end import CheckResult
+    from soter.language.model.typed import TypedProgram
+
+
+MANIFEST, SEAL = "manifest.json", "SEAL"
+FORMAT = 2
+"""Of certificates: 1 had texts that nobody read."""
+MANIFEST_KEYS = "schema files main params modules program_sha256"
+CELLS_MAX = 200_000_000
+"""Of all grids of a certificate together."""
+ENTRIES_MAX = 100_000
+"""Files and folders."""
+MANIFEST_MAX = 64 << 20
+PROGRAM_MAX = 32 << 20
+FILE_MAX = 2 * CELLS_MAX
+"""In bytes: a table of ranks over the largest grid."""
+BYTES_MAX = 2 << 30
+"""Of all files together."""
+
+
+class NotACertificateError(Exception):
+    """There is no certificate in this place."""
+
+
+@dataclass(eq=False)
+class Certificate:
+    """A folder whose hashes are right; `used` notes which files the claims rest on."""
+
+    folder: Path
+    manifest: dict[str, Any]
+    contents: dict[str, bytes]
+    used: set[str]
+    cells: int = 0
+    """Of the grids that were asked for so far."""
+
+    @property
+    def seal(self) -> str:
+        """SHA-256 of the manifest, in hexadecimal: it covers every other file."""
+        return hashlib.sha256(canonical(self.manifest)).hexdigest()
+
+    @property
+    def unused(self) -> list[str]:
+        """The tables on which no claim rests."""
+        return sorted({n for n in self.contents if n.startswith("sets/")} - self.used)
+
+    def edges(self, path: object) -> tuple[float, ...]:
+        """The breakpoints of an axis.
+
+        RejectedError where they are fewer than two, not finite, or do not rise.
+        """
+        data = self.plain(path)
+        if len(data) % 8 or len(data) < 16:
+            raise RejectedError(f"`{path}` holds no breakpoints")
+        breakpoints = tuple(np.frombuffer(data, dtype="<f8").tolist())
+        if not all(map(math.isfinite, breakpoints)):
+            raise RejectedError(f"`{path}`: a breakpoint is not finite")
+        if any(a >= b for a, b in pairwise(breakpoints)):
+            raise RejectedError(f"`{path}`: breakpoints do not increase")
+        return breakpoints
+
+    def numbers(self, path: object, shape: tuple[int, ...], kind: str) -> NDArray[Any]:
+        """A table of whole numbers of that shape, `kind` being `<u1` or `<u2`.
+
+        RejectedError where the file is not of its size.
+        """
+        data, dtype = self.plain(path), np.dtype(kind)
+        if len(data) != math.prod(shape) * dtype.itemsize:
+            raise RejectedError(f"`{path}` is not the size of its grid")
+        return np.frombuffer(data, dtype=dtype).reshape(shape)
+
+    def bits(self, path: object, shape: tuple[int, ...]) -> NDArray[np.bool_]:
+        """A set of cells of that shape; what fills up the last byte must be zero.
+
+        RejectedError where it is not, or the file not of its size.
+        """
+        cells = math.prod(shape)
+        data = self.numbers(path, (-(-cells // 8),), "<u1")
+        every = np.unpackbits(data, bitorder="little")
+        if every[cells:].any():
+            raise RejectedError(f"`{path}`: bits are set behind the last cell")
+        return every[:cells].astype(np.bool_).reshape(shape)
+
+    def count(self, shape: tuple[int, ...]) -> None:
+        """Note a grid of that shape; NotRecheckedError where all have more than `CELLS_MAX`."""
+        self.cells += math.prod(shape)
+        if self.cells > CELLS_MAX:
+            raise NotRecheckedError(f"more than {CELLS_MAX:,} cells in all grids: not looked at")
+
+    def plain(self, path: object) -> bytes:
+        """A file below `sets/` as it is; RejectedError where there is none."""
+        if not isinstance(path, str) or not path.startswith("sets/") or path not in self.contents:
+            raise RejectedError(f"there is no table `{path}`")
+        self.used.add(path)
+        return self.contents[path]
+
+
+def read_certificate(folder: Path) -> Certificate:
+    """The certificate in a folder.
+
+    `NotACertificateError`; `RejectedError` for a bad one, `NotRecheckedError` for one that is too
+    large, or that the system does not give.
+    """
+    if not folder.is_dir():
+        raise NotACertificateError(f"`{folder}` is not a folder")
+    if not (folder / MANIFEST).is_file() or not (folder / SEAL).is_file():
+        raise NotACertificateError(f"`{folder}` holds no `{MANIFEST}` and `{SEAL}`")
+    contents = {name: _read(folder, name, size) for name, size in _sizes(folder).items()}
+    raw, seal = contents.pop(MANIFEST), contents.pop(SEAL)
+    if seal != (hashlib.sha256(raw).hexdigest() + "\n").encode():
+        raise RejectedError("the seal does not fit the manifest")
+    manifest = _parsed(raw)
+    _require_this_format(manifest.get("schema"))
+    files = manifest.get("files")
+    if not isinstance(files, dict):
+        raise RejectedError("the manifest lists no files")
+    for name in sorted(files.keys() ^ contents.keys()):
+        side = "missing" if name in files else "not listed in the manifest"
+        raise RejectedError(f"`{name}` is {side}")
+    for name, data in contents.items():
+        if not name.startswith(("program/", "sets/")):
+            raise RejectedError(f"`{name}` stands outside `program/` and `sets/`")
+        if hashlib.sha256(data).hexdigest() != files[name]:
+            raise RejectedError(f"`{name}` was changed")
+    return Certificate(folder, manifest, contents, set())
+
+
+def _require_this_format(given: object) -> None:
+    """NotRecheckedError for the format of another version of Soter: nothing of it is known here."""
+    if type(given) is not int or given < 1:
+        raise RejectedError("the manifest does not say the version of its format")
+    if other := other_format(given, FORMAT):
+        raise NotRecheckedError(f"{other}: make it again with `soter verify --cert`")
+
+
+def _sizes(folder: Path) -> dict[str, int]:
+    """The size of every file in bytes, by its name, in the order of names; no file is read yet.
+
+    RejectedError for anything but plain files and needed folders, NotRecheckedError where it is
+    too much.
+    """
+    sizes: dict[str, int] = {}
+    folders: set[str] = set()
+    waiting = [folder]
+    while waiting:
+        at = waiting.pop()
+        for path, status in _entries(at):
+            name = path.relative_to(folder).as_posix()
+            if len(sizes) + len(folders) >= ENTRIES_MAX:
+                raise NotRecheckedError(f"more than {ENTRIES_MAX:,} files and folders: not read")
+            if stat.S_ISDIR(status.st_mode):
+                folders.add(name)
+                waiting.append(path)
+            elif not stat.S_ISREG(status.st_mode):
+                raise RejectedError(f"`{name}` is neither a file nor a folder")
+            elif status.st_size > {MANIFEST: MANIFEST_MAX, "program": PROGRAM_MAX}.get(
+                name.partition("/")[0], FILE_MAX
+            ):
+                raise NotRecheckedError(
+                    f"`{name}` has {status.st_size:,} bytes: too many to be read"
+                )
+            else:
+                sizes[name] = status.st_size
+    needed = {p.as_posix() for name in sizes for p in PurePosixPath(name).parents}
+    for name in sorted(folders - needed):
+        raise RejectedError(f"the folder `{name}` is empty")
+    if sum(sizes.values()) > BYTES_MAX:
+        raise NotRecheckedError(f"the files are larger than {BYTES_MAX:,} bytes: not read")
+    return dict(sorted(sizes.items()))
+
+
+def _entries(at: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    """What lies in a folder, links not followed; NotRecheckedError where the system refuses."""
+    try:
+        with os.scandir(at) as entries:
+            for entry in entries:
+                yield Path(entry.path), entry.stat(follow_symlinks=False)
+    except OSError as error:
+        raise NotRecheckedError(f"`{at.name}` cannot be read: {error.strerror}") from None
+
+
+def _read(folder: Path, name: str, size: int) -> bytes:
+    """A plain file that still has that size; RejectedError, or as `_entries`, for all else."""
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    try:
+        with os.fdopen(os.open(folder / name, flags), "rb") as file:
+            data = file.read(size + 1) if stat.S_ISREG(os.fstat(file.fileno()).st_mode) else None
+    except OSError as error:
+        raise NotRecheckedError(f"`{name}` cannot be read: {error.strerror}") from None
+    if data is None or len(data) != size:
+        raise RejectedError(f"`{name}` was changed while it was read")
+    return data
+
+
+def _parsed(raw: bytes) -> dict[str, Any]:
+    try:
+        manifest = json.loads(raw.decode("utf-8"))
+        again = canonical(manifest)
+    except (ValueError, RecursionError) as error:
+        raise RejectedError(f"the manifest is not JSON: {error}") from None
+    if not isinstance(manifest, dict) or again != raw:
+        raise RejectedError("the manifest is not in its canonical form")
+    return manifest
+
+
+def canonical(manifest: object) -> bytes:
+    """JSON with sorted keys, no spaces, plain ASCII, and a newline at the end."""
+    text = json.dumps(manifest, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return (text + "\n").encode()
+
+
+def program_of(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]:
+    """The checked program and the values of its parameters; `SoterError` where it has errors.
+
+    RejectedError where it is not in the certificate, or is another one than the manifest says.
+    """
+    main = certificate.manifest["main"]
+    if not isinstance(main, str) or f"program/{main}" not in certificate.contents:
+        raise RejectedError(f"the main file `{main}` is not in the certificate")
+    path = str(certificate.folder / "program" / main)
+    _only_own_files(certificate, path)
+    checked = check_file(path)
+    overrides: dict[str, Any] = {}
+    if checked.program is not None:
+        overrides = _overrides(certificate, checked.program)
+        checked = check_file(path, None, overrides)
+    if not checked.ok or checked.program is None:
+        raise SoterError(checked.diagnostics.items)
+    if checked.program.sha256 != certificate.manifest["program_sha256"]:
+        raise RejectedError("the program is another one than the manifest says")
+    _as_sealed(certificate, checked)
+    return checked, overrides
+
+
+def _as_sealed(certificate: Certificate, checked: CheckResult) -> None:
+    """What was checked was read anew: every file still has the bytes that the seal is of."""
+    assert checked.loaded is not None
+    root = certificate.folder.resolve()
+    for path, digest in checked.loaded.contents.items():
+        sealed = certificate.contents[path.resolve().relative_to(root).as_posix()]
+        texts = sealed, sealed.removeprefix(codecs.BOM_UTF8)
+        if digest not in [hashlib.sha256(x).hexdigest() for x in texts]:
+            raise RejectedError(f"`{path.name}` was changed while it was being read")
+
+
+def files_of(path: str) -> list[Path]:
+    """The main file, what it imports, and the data of all of them; `SoterError` as of `load`."""
+    diagnostics = Diagnostics()
+    loaded = load(path, diagnostics)
+    if loaded is None:
+        raise SoterError(diagnostics.items)
+    paths = [f.path for f in loaded.files]
+    for file in loaded.files:
+        constants = [d for d in file.file.declarations if isinstance(d, tree.ConstDecl)]
+        paths += [file.path.parent / d.data for d in constants if d.data is not None]
+    return paths
+
+
+def _only_own_files(certificate: Certificate, path: str) -> None:
+    """Imports and data lie in the folder, and nothing else below `program/`.
+
+    What lies elsewhere is not sealed; what nobody reads is not part of what is checked.
+    """
+    root, paths = certificate.folder.resolve(), files_of(path)
+    unread = {name for name in certificate.contents if name.startswith("program/")}
+    for own in paths:
+        resolved = own.resolve()
+        name = resolved.relative_to(root).as_posix() if resolved.is_relative_to(root) else ""
+        if name not in certificate.contents:
+            raise RejectedError(f"the program reads `{own.name}` outside the certificate")
+        unread.discard(name)
+    for name in sorted(unread):
+        raise RejectedError(f"the program does not read `{name}`")
+
+
+def _overrides(certificate: Certificate, program: TypedProgram) -> dict[str, Any]:
+    """Values of parameters; floats are written as C99 hexadecimal texts."""
+    params = certificate.manifest["params"]
+    if not isinstance(params, dict):
+        raise RejectedError("`params` is not as it should be")
+    value_by_name = {}
+    for name, value in params.items():
+        param = program.param(name)
+        if param is None or not has_param(program, program.systems.values(), name):
+            raise RejectedError(f"the program has no parameter `{name}`")
+        value_by_name[name] = _value(param.type, value, name)
+    return value_by_name
+
+
+def _value(of: object, value: object, name: str) -> object:
+    if isinstance(of, FloatType):
+        return hexadecimal(value, name)
+    kind = {BoolType: bool, IntType: int, DurationType: int, EnumType: int}.get(type(of))
+    if kind is None or type(value) is not kind:
+        raise RejectedError(f"parameter `{name}` is not as it should be")
+    if isinstance(of, EnumType) and value not in range(len(of.members)):
+        raise RejectedError(f"parameter `{name}` is no member of its type")
+    return value
+
+
+def hexadecimal(text: object, what: str) -> float:
+    """A finite number, written in the one way; RejectedError for any other text."""
+    try:
+        value = float.fromhex(text)  # type: ignore[arg-type]  # checked here
+    except (TypeError, ValueError, OverflowError):
+        raise RejectedError(f"`{what}` is no hexadecimal number") from None
+    if text != value.hex() or value - value != 0.0:
+        raise RejectedError(f"`{what}` is not written as it should be")
+    return value
+
+
+FREE = frozenset({"P3", "ttf", "safer"})
+RETURN = frozenset({"P2b"})
+OF_SETS = FREE | RETURN | {"P2a", "start"}
+"""Claims that rest on K."""
+RESTS: dict[str, dict[str, frozenset[str]]] = {
+    "grid": {"R": FREE, "Q": RETURN, "Q_axes": RETURN, "W": RETURN, "W_N": RETURN},
+    "polytope": {
+        "Q": RETURN,
+        "target": RETURN,
+        "multipliers.K": OF_SETS,
+        "multipliers.R": FREE,
+        "multipliers.Q": RETURN,
+        "multipliers.S": FREE,
+        "instants.hold": OF_SETS,
+        "instants.R": FREE,
+        "instants.window": FREE,
+        "instants.start": frozenset({"start"}),
+        "rates.K": OF_SETS,
+        "rates.Q": RETURN,
+    },
+}
+"""By the kind of a group and the name of a part: the claims that rest on it."""
+NESTED = ("multipliers", "instants", "rates")
+"""What is made of parts, on each of which some claim rests."""
+OF_LEVELS = {"grid": ("S",), "polytope": ("multipliers.S", "instants.window")}
+"""What is there where predicates are computed alone, so that levels S are deployed."""
+
+
+def unclaimed(group: Mapping[str, Any], claims: set[str], *, computed: bool) -> list[str]:
+    """The parts of a group on which none of these claims rests; `computed`: predicates are."""
+    kind = str(group.get("kind"))
+    rests, levels = RESTS.get(kind, {}), () if computed else OF_LEVELS.get(kind, ())
+    parts = [*group, *(f"{whole}.{name}" for whole in NESTED for name in group.get(whole, {}))]
+    known = [name for name in parts if name in rests or "." in name or name in levels]
+    return [n for n in known if n in levels or not rests.get(n, frozenset()) & claims]
+
+
+def refuse_unclaimed(groups: Sequence[Any], claims: set[str], *, computed: bool) -> None:
+    """`RejectedError` for a part of a group of a manifest on which none of these claims rests."""
+    for group in groups:
+        for name in unclaimed(group, claims, computed=computed):
+            raise RejectedError(f"no claim rests on `{name}` of a group")
+
+
+def refuse_cells(cores: Sequence[NDArray[Any]], claims: set[str], recover_ns: object) -> None:
+    """`RejectedError` for cells of K of which nothing is claimed, or a time to return.
+
+    `cores`: K, one a group, of any shape.
+    """
+    if not claims & OF_SETS and any(core.any() for core in cores):
+        raise RejectedError("K holds cells, and nothing is claimed of them")
+    if not claims & RETURN and recover_ns is not None:
+        raise RejectedError("no claim rests on the time to return")
+
+
+def only_keys(entry: object, names: str, what: str, optional: str = "") -> None:
+    """`RejectedError` unless an entry has these keys, some of the optional ones, and no other."""
+    if not isinstance(entry, dict):
+        raise RejectedError(f"{what} is not as it should be")
+    allowed = {*names.split(), *(name for name in optional.split() if name in entry)}
+    for name in sorted(entry.keys() ^ allowed):
+        raise RejectedError(f"{what} has {'no' if name in allowed else 'an unknown'} `{name}`")

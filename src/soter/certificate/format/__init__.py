@@ -1,1 +1,0 @@
-"""The folder, and the program in it."""

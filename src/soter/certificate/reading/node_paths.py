@@ -1,0 +1,397 @@
+"""Nodes between the plants and a module in the system that runs, checked again: an extra.
+
+Purpose: `NodeWays`: the nodes from a sensor to what DM and SC read, and from what SC publishes to
+the plant, with their declared times; `NodePath`, `NodeEffect`: what they add to ages and delays.
+Non-goals: what those nodes compute: that is an assumption, and named (`Ways.notes`).
+
+As in `derived_times.py` what is asked is the worst schedule: every node runs by
+itself, its runs neither overlap nor overtake, and of two that act in one instant either may come
+first.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from soter.certificate.reading.derived_times import (
+    Clock,
+    Effect,
+    TopicPath,
+    Ways,
+    releases,
+    straight,
+)
+from soter.certificate.report import NotRecheckedError
+from soter.language.model import typed
+from soter.language.model.system import holder_of, tower_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from soter.certificate.report import Said
+    from soter.language.model.system import Component, System
+
+
+NODES_MAX = 16
+"""On a path; more is no path that a person wrote."""
+LOOKS_MAX = 20_000
+"""At topics, on all ways together."""
+NOW = Clock("now", 1)
+"""What shows the state of the very instant in which it is read."""
+
+TEXTS = {
+    "shows": "what {} publishes shows the state that it has just read, within the errors",
+    "passes": "{} passes on what the module publishes at its next step, which is counted; what "
+    "it makes of a command belongs to the plants of the proof",
+    "in step": "{} runs in the thread of the module, behind SC in the same instant; what it "
+    "makes of a command belongs to the plants of the proof, and no wait of it is counted "
+    "beside `acts within`",
+    "vehicle": "{} is part of the vehicle that is abstracted: its last value is its state, and "
+    "what stands behind it, delays included, belongs to the abstraction",
+    "extern": "{} publishes in every step",
+    "beside": "{}, of which the proof knows nothing, is heard by nodes before the module: "
+    "whatever it says, and however old that is, they show the plants of the proof",
+}
+"""What is assumed of a node, by the kind of a note."""
+
+
+@dataclass(frozen=True)
+class NodePath(TopicPath):
+    """From a sensor over nodes that follow each other."""
+
+    nodes: tuple[Clock, ...] = ()
+
+    @property
+    def clocks(self) -> tuple[Clock, ...]:
+        """The sensor, and what follows it."""
+        return (self.sensor, *self.nodes)
+
+    @property
+    def before(self) -> TopicPath:
+        """What its last node reads."""
+        rest = self.nodes[:-1]
+        return NodePath(self.sensor, rest) if rest else TopicPath(self.sensor)
+
+    def stamp(self, time: int) -> int:
+        """The oldest stamp that a read at this time may show, long after the start.
+
+        A node's publication of release t is certainly seen at a time after t + slow, not before:
+        in the same instant either order is possible, and a reader of the module comes first. So the
+        oldest that may be seen is the last release t with t + slow < time; it was published at t at
+        the earliest.
+        """
+        node = self.nodes[-1]
+        return node.last_at(time - node.slow - 1)
+
+    def state(self, time: int) -> int:
+        """The oldest state time that a read at this time may show, long after the start.
+
+        What may be seen of a node does not get older with time, so that its read is oldest where
+        its step starts at its release.
+        """
+        return self.before.state(self.stamp(time))
+
+    def turns(self, start: int, end: int) -> Iterator[int]:
+        """The times in [start, end] at which the age of a read is greatest: before it falls."""
+        node = self.nodes[-1]
+        yield from node.times_in(start, end, node.phase + node.slow)
+        yield end
+
+    def lag(self, silent: int) -> int:
+        """P: from the state to its publication, at most; a silent sensor's is published on."""
+        node, before = self.nodes[-1], self.before
+        worst = 0
+        for t in releases(node, [c.period for c in self.clocks]):
+            for s in before.turns(t, t + node.late):
+                worst = max(worst, s + node.response - before.state(s))
+        return worst + silent
+
+    def certain_from(self, silent: int = 0) -> int:
+        """The first time at which a read certainly shows a state, `silent` added by the sensor.
+
+        F is one less: seen is what was published before.
+        """
+        return self._first_certain(silent) + self.nodes[-1].slow + 1
+
+    def _first_certain(self, silent: int) -> int:
+        """The release of the last node from which on it certainly publishes a state."""
+        return self.nodes[-1].next_at(self.before.certain_from(silent))
+
+    def may_publish_nothing(self, silent: int = 0) -> bool:
+        """Whether a fresh publication may show the default of a topic before: no state at all."""
+        return self._first_certain(silent) > self.nodes[-1].phase
+
+
+@dataclass(frozen=True)
+class NodeEffect(Effect):
+    """Over nodes, `least` to `most` after the last."""
+
+    nodes: tuple[Clock, ...] = ()
+
+    @property
+    def clocks(self) -> tuple[Clock, ...]:
+        """Those on the way."""
+        return self.nodes
+
+    def first(self, published: int) -> int:
+        """The earliest it may act."""
+        at = published
+        for node in self.nodes:
+            # the first release whose start may be as late as that; in one instant it is seen
+            t = at - node.late + (node.phase - at + node.late) % node.period
+            at = max(t, at)
+        return super().first(at)
+
+    def last(self, published: int, *, at_once: bool) -> int:
+        """The latest it may act. `at_once`: a node that starts at that very time sees it.
+
+        The release in whose interval it is published may start before and see nothing; the first
+        one after that sees it, and may start and publish as late as it may.
+        """
+        at, seen = published, at_once
+        for node in self.nodes:
+            at = node.next_at(at if seen else at + 1) + node.slow
+            seen = False
+        return super().last(at, at_once=seen)
+
+
+@dataclass
+class NodeWays(Ways):
+    """The ways of a module over nodes, and to what belongs to an abstraction."""
+
+    number: Callable[[typed.TypedExpr], int]
+    """The value of a time of the `verify` block."""
+    looked: int = 0
+    """How often a topic was looked at."""
+
+    @cached_property
+    def own(self) -> set[int]:
+        """The module, and those above and below it: what they publish is a command."""
+        return {m.index for m in tower_of(self.system, self.module.index)}
+
+    # ------------------------------------------------------------ towards the module
+
+    def to(self, index: int) -> tuple[TopicPath, ...]:
+        """All ways from a sensor to a topic; `NotRecheckedError` where there is none."""
+        paths = self._to(index, ())
+        if not paths:
+            name = self.system.topics[index].name
+            raise NotRecheckedError(f"no plant stands behind `{name}` in `{self.system.name}`")
+        return tuple(dict.fromkeys(paths))
+
+    def _to(self, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
+        """The same for a part of it; `behind`: the nodes that were followed already."""
+        self._looks()
+        paths: list[TopicPath] = []
+        for c in self._writers(index):
+            if c.plant is not None:
+                if self._of_the_proof(c):
+                    paths.append(straight(c))
+                else:
+                    self.notes["beside", c.name] = None
+                continue
+            if c.role != "node":
+                self.notes["beside", c.name] = None
+                continue
+            if c.index in behind:
+                continue  # what it feeds back to itself
+            if len(behind) >= NODES_MAX:
+                raise NotRecheckedError(f"more than {NODES_MAX} nodes on a path")
+            paths += self._over(c, index, (*behind, c.index))
+        return paths
+
+    def _over(self, c: Component, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
+        """What a node publishes is as old as what it reads; what it is itself is as it publishes.
+
+        A node behind the module that reads no sensor on its own is part of what is abstracted:
+        its state is what it last published.
+        """
+        assert c.node is not None
+        topics = _subscribed(self.system, c)
+        if before := [p for i in topics for p in self._to(i, behind)]:
+            self._steps(c, index)
+            self._noted(c)
+            self.notes["shows", c.name] = None
+            for i in topics:
+                if not self._to(i, behind) and self._commanded(i, behind):
+                    self.notes["vehicle", self.system.topics[i].name] = None
+            return [NodePath(p.sensor, (*p.clocks[1:], self._clock(c))) for p in before]
+        if len(behind) == 1 and any(self._commanded(i, behind) for i in topics):
+            self._steps(c, index)
+            self._noted(c)
+            self.notes["vehicle", self.system.topics[index].name] = None
+            return [NodePath(NOW, (self._clock(c),))]
+        return []
+
+    def _commanded(self, index: int, behind: tuple[int, ...]) -> bool:
+        """Whether a topic depends on what the module publishes, by nodes alone."""
+        self._looks()
+        if index in self.module.outputs:
+            return True
+        for c in self._writers(index):
+            if c.role == "node" and c.index not in behind and len(behind) < NODES_MAX:
+                more = (*behind, c.index)
+                if any(self._commanded(i, more) for i in _subscribed(self.system, c)):
+                    return True
+        return False
+
+    # ------------------------------------------------------------ from the module
+
+    def effects(self, least: int, most: int) -> tuple[Effect, ...]:
+        """All ways from an output to the plants, or to what belongs to the vehicle.
+
+        NotRecheckedError where one leads nowhere.
+        """
+        effects: list[Effect] = []
+        for index in self.module.outputs:
+            ends = [NodeEffect(least, most, nodes) for nodes in self._from(index, (), ())]
+            if not ends:
+                name = self.system.topics[index].name
+                raise NotRecheckedError(f"no plant feels `{name}` in `{self.system.name}`")
+            effects += ends
+        return tuple(dict.fromkeys(effects))
+
+    def _from(
+        self, index: int, nodes: tuple[Clock, ...], behind: tuple[int, ...]
+    ) -> Iterable[tuple[Clock, ...]]:
+        self._looks()
+        vehicle = {name for kind, name in self.notes if kind == "vehicle"}
+        if behind and self.system.topics[index].name in vehicle:
+            return [nodes]
+        routes: list[tuple[Clock, ...]] = []
+        for c in self.system.components:
+            if c.plant is not None and index in c.reads:
+                routes.append(nodes)
+            if c.role in ("ac", "sc") and c.module not in self.own and self._reads(c, index):
+                name = self.system.topics[index].name
+                raise NotRecheckedError(f"`{c.name}` of another module reads `{name}`")
+            if c.role != "node" or c.index in behind or index not in _subscribed(self.system, c):
+                continue
+            if len(behind) >= NODES_MAX:
+                raise NotRecheckedError(f"more than {NODES_MAX} nodes on a path")
+            routes += self._by_node(c, nodes, behind)
+        return routes
+
+    def _by_node(
+        self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]
+    ) -> Iterable[tuple[Clock, ...]]:
+        assert c.node is not None
+        for topic in c.node.publishes:
+            after = c.scope.topics[topic]
+            step = self._in_step(c, nodes, behind)
+            on = nodes if step else (*nodes, self._clock(c))
+            if ends := list(self._from(after, on, (*behind, c.index))):
+                self._steps(c, after)
+                if not step:
+                    self._noted(c)
+                self.notes["in step" if step else "passes", c.name] = None
+            yield from ends
+
+    def _in_step(self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]) -> bool:
+        """Whether a node is released whenever SC is, behind all before it, and says no times.
+
+        Then it is taken to run in the module's thread, behind SC (an assumption, printed): it
+        passes an output on in the instant in which it is published. An extern has a process of its
+        own unless the system takes it into the thread.
+        """
+        sc = self.system.components[self.module.sc]
+        verify = self.module.symbol.verify
+        said = {**verify.late_of, **verify.response_of}
+        if nodes or c.takes_ns is not None or any(n in said for n in self._names(c)):
+            return False
+        if (c.extern and not c.inline) or (behind and behind[-1] > c.index):
+            return False
+        meets = sc.period_ns % c.period_ns == 0 and (sc.phase_ns - c.phase_ns) % c.period_ns == 0
+        return meets and c.phase_ns <= sc.phase_ns
+
+    # ------------------------------------------------------------ parts
+
+    def _looks(self) -> None:
+        self.looked += 1
+        if self.looked > LOOKS_MAX:
+            raise NotRecheckedError("more ways between plants and module than are followed")
+
+    def _names(self, c: Component) -> list[str]:
+        """How the `verify` block may call a node."""
+        home = holder_of(self.system, self.module)
+        return [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
+
+    def _of_the_proof(self, c: Component) -> bool:
+        """Whether a plant is one that `abstracts` names; all are where it names none."""
+        links = self.module.symbol.verify.abstracts
+        return not links or any(link.instance in self._names(c) for link in links)
+
+    def _writers(self, index: int) -> list[Component]:
+        """Plants, nodes, and controllers of other modules that publish a topic."""
+        return [
+            c
+            for c in self.system.components
+            if index in c.writes and (c.plant is not None or c.module not in self.own)
+        ]
+
+    def _reads(self, c: Component, index: int) -> bool:
+        """Whether a topic reaches a component, through a queue or not."""
+        return any(index in (i, self.system.topics[i].queue_of) for i in c.reads)
+
+    def _steps(self, c: Component, index: int) -> None:
+        """That a node publishes a topic in every step: seen, or of an extern assumed."""
+        assert c.node is not None
+        if c.node.extern:
+            self.notes["extern", c.name] = None
+        elif not any(_always(c.node.step, t) for t, i in c.scope.topics.items() if i == index):
+            name = self.system.topics[index].name
+            raise NotRecheckedError(f"`{c.name}` may not publish `{name}` in every step")
+
+    def _clock(self, c: Component) -> Clock:
+        """When a node steps; its times are zero where they are not declared."""
+        late, response = (self._declared(c, of) for of in ("late_of", "response_of"))
+        clock = Clock(c.name, c.period_ns, c.phase_ns, late or 0, response or 0)
+        if clock.slow > clock.period:
+            raise NotRecheckedError(f"a run of `{c.name}` may not be over when the next one is due")
+        return clock
+
+    def _noted(self, c: Component) -> None:
+        """That the times of a node on a path are assumed where they are not declared."""
+        if None in (self._declared(c, "late_of"), self._declared(c, "response_of")):
+            self.undeclared[c.name] = None
+
+    def _declared(self, c: Component, of: str) -> int | None:
+        """A time of a node, where the `verify` block has one, or the node says it itself."""
+        if of == "response_of" and c.takes_ns is not None:
+            return c.takes_ns[1]
+        times: dict[str, typed.TypedExpr] = getattr(self.module.symbol.verify, of)
+        expr = next((times[n] for n in self._names(c) if n in times), None)
+        return None if expr is None else self.number(expr)
+
+
+def _subscribed(system: System, c: Component) -> list[int]:
+    """The topics that a node reads; a queue shows old values, and nobody says how old."""
+    assert c.node is not None
+    topics = []
+    for s in c.node.subscribes:
+        index = c.scope.topics[s.topic]
+        if s.queue is not None or system.topics[index].queue_of is not None:
+            index = system.topics[index].queue_of or index
+            raise NotRecheckedError(f"`{c.name}` reads a queue of `{system.topics[index].name}`")
+        topics.append(index)
+    return topics
+
+
+def _always(body: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool:
+    """Whether a body publishes a topic whatever it reads."""
+
+    def does(s: typed.TypedStmt) -> bool:
+        if isinstance(s, typed.TypedIf):
+            return all(_always(b, topic) for b in (*(b for _, b in s.arms), s.otherwise))
+        return isinstance(s, typed.TypedPublish) and s.topic is topic
+
+    return any(map(does, body))
+
+
+def assumed(ways: Ways) -> Said:
+    """Of nodes between the plants and the module."""
+    for kind, name in ways.notes:
+        yield f"{kind} {name}", TEXTS[kind].format(name)
+    yield "nodes run", "no node between plants and module faults or skips a step"

@@ -1,1 +1,0 @@
-"""The re-checker's own derivation of every time."""

@@ -1,0 +1,498 @@
+"""What other times would cost and allow: sweeps of Delta and m, and how late commands may act.
+
+Purpose: `advise`: for multiples of the declared Delta the problem is derived again (H* follows;
+SC's period is kept, but where it is Delta, it is changed with it, too) and the sets recomputed:
+which share of the states is left to AC, whether P1c and P2b hold, and the largest Delta for which
+everything is proved. `largest_delay`: `acts within` is made longer, and the module verified anew
+with each value: the largest that was proved, the smallest that was not, and what stood in the way
+of that.
+Non-goals: changing a program; certificates; a bound that nobody verified. Verdicts of the sweep are
+those of `verify_module.py` without refinement.
+
+The paper leaves the choice of Delta to future work. A short Delta leaves AC more room, a long one
+costs less computing; m levels of hysteresis keep AC in control for at least (m - 1) Delta.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from math import prod
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.diagnostics.current_phase import between, phase, share_done
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.elaborate import derived_systems
+from soter.language.model import typed
+from soter.language.model.system import LEVELS_LEAST
+from soter.language.model.tree_walk import nodes
+from soter.language.model.types import DURATION, show_ns, write_ns
+from soter.report.proof.advice import AdvicePage, Line
+from soter.verify.claims import claims, start
+from soter.verify.claims.cells import share
+from soter.verify.claims.choice import deploy
+from soter.verify.claims.choice import levels as add_levels
+from soter.verify.claims.claims import recover
+from soter.verify.claims.results import PROVED
+from soter.verify.diagnosis.variations import at_periods
+from soter.verify.enclose.compiled_enclosures import library_of
+from soter.verify.grid.claims import Grids, grids
+from soter.verify.grid.group_model import UnboundedError
+from soter.verify.grid.sets import GridGroup
+from soter.verify.problem.extract import cases, extract, require_sets
+from soter.verify.problem.time_checks import late_commands_need
+from soter.verify.proof_methods import method_of
+from soter.verify.verify_module import module_method
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from soter.core.layout import Bools
+    from soter.language.model.system import Module, System
+    from soter.verify.claims.case import Case, GroupProof
+    from soter.verify.claims.results import GroupSets
+    from soter.verify.enclose.compiled_enclosures import ReachLibrary
+    from soter.verify.problem.problem import Problem
+
+    Progress = Callable[[float], None]
+
+FACTORS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
+LEVELS = (2, 3, 4)
+
+
+@dataclass
+class AdviceRow:
+    """One Delta. Shares are of the grid's volume, products over groups, the least over cases.
+
+    `levels`: m -> share of S_(m-2); `returns`: m -> whether P2b is proved with computed
+    predicates; `written`: whether the program's own `ttf` and `safer` verify (None: it has none).
+    """
+
+    delta_ns: int
+    sc_ns: int
+    h_star_ns: int
+    horizon_ns: int
+    core: float = 0.0
+    allowed: float = 0.0
+    levels: dict[int, float] = field(default_factory=dict)
+    returns: dict[int, bool] = field(default_factory=dict)
+    starts: bool = False
+    written: bool | None = None
+    why: str = ""
+    """What stands in the way, where something does."""
+    covered: bool = True
+    """Whether the theorem is about such times; no set was computed where not."""
+
+    @property
+    def in_time(self) -> bool:
+        """P1c."""
+        return self.horizon_ns >= self.h_star_ns
+
+    def verifies(self, levels: int) -> bool:
+        """Whether everything is proved: with the program's predicates, or computed ones."""
+        if not (self.in_time and self.starts):
+            return False
+        return self.written if self.written is not None else self.returns.get(levels, False)
+
+
+OF_TIMES = (
+    "period, SC: of the DM and of SC; P2b: the m with which SC gives control back.",
+    "H*: at worst, from a state to SC's command that acts on it.",
+    "*: the period that the program says.",
+)
+"""What a page says of the columns that are no shares."""
+
+
+@dataclass
+class Advice:
+    """The sweep of one module; `best_ns` is the largest Delta tried that verifies."""
+
+    module: str
+    delta_ns: int
+    levels: int
+    rows: list[AdviceRow]
+
+    @property
+    def best_ns(self) -> int | None:
+        """The largest Delta that verifies; None where none of those tried does."""
+        deltas_ns = [r.delta_ns for r in self.rows if r.verifies(self.levels)]
+        return max(deltas_ns, default=None)
+
+    @property
+    def legend(self) -> str:
+        """What the columns are shares of the grid of."""
+        return (
+            "shares of the grid: K, where SC keeps `safe`; S_0, where AC may have control; "
+            "S_(m-2), where it gets it back with m levels of hysteresis"
+        )
+
+    @property
+    def summary(self) -> str:
+        """One sentence."""
+        best = self.best_ns
+        if best is None:
+            return (
+                f"no period that was tried ({self.tried}) verifies on the grid as it is declared; "
+                "`soter verify` refines it where that may help"
+            )
+        more = ", the longest" if best == self.rows[-1].delta_ns else ""
+        return (
+            f"of the periods tried ({self.tried}) the largest that verifies on the grid as it is "
+            f"declared is {show_ns(best)}{more}"
+        )
+
+    @property
+    def tried(self) -> str:
+        """The periods of the DM that were tried, and what was done with SC's."""
+        deltas = ", ".join(show_ns(d) for d in sorted({r.delta_ns for r in self.rows}))
+        kept = sorted({r.sc_ns for r in self.rows if r.sc_ns != r.delta_ns})
+        says = [f"kept at {show_ns(ns)}" for ns in kept]
+        changes = len({r.sc_ns for r in self.rows}) > 1
+        says += ["changed with it"] * changes
+        return f"{deltas}; SC's period {' and '.join(says)}" if says else deltas
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """(head, rows) for people."""
+        tried = sorted({m for r in self.rows for m in r.levels})
+        alone = 2 not in tried  # with two levels AC gets control back where it may have it: S_0
+        head = ["period", "SC", "H*", "K", *(["S_0"] if alone else [])]
+        head += [f"S_{m - 2} (m\u00a0=\u00a0{m})" for m in tried]
+        head += ["P1c", "P2b", "verifies", "why not"]
+        return head, [self._cells(r, tried, alone=alone) for r in self.rows]
+
+    def _cells(self, r: AdviceRow, tried: list[int], *, alone: bool) -> list[str]:
+        mark = " *" if r.delta_ns == self.delta_ns else ""
+        times = [show_ns(r.delta_ns) + mark, show_ns(r.sc_ns), show_ns(r.h_star_ns)]
+        shares = [r.core, *([r.allowed] if alone else [])]
+        shares += [r.levels.get(m, 0.0) for m in tried]
+        back = ", ".join(f"m\u00a0=\u00a0{m}" for m in tried if r.returns.get(m)) or "no"
+        verifies = r.verifies(self.levels)
+        shown = [f"{s:.1%}" if r.covered else "-" for s in shares]
+        cells = [*times, *shown, "yes" if r.in_time else "no", back]
+        return [*cells, "yes" if verifies else "no", "" if verifies else r.why]
+
+    def page(self, program: str = "") -> AdvicePage:
+        """What the figure shows; `program`: its file."""
+        tried = sorted({m for r in self.rows for m in r.levels})
+        drawn = self._drawn
+        curves = [Line("K", self._points(lambda r: r.core), tuple(r.core > 0 for r in drawn))]
+        for m in tried:
+            sure = tuple(r.in_time and r.starts and r.returns.get(m, False) for r in drawn)
+            points = self._points(lambda r, m=m: r.levels.get(m, 0.0))  # type: ignore[misc]
+            curves.append(Line(f"S_{m - 2} (m = {m})", points, sure))
+        head, rows = self.table()
+        best = self.best_ns
+        return AdvicePage(
+            self.module,
+            self.summary,
+            tuple(curves),
+            tuple(head),
+            tuple(tuple(r) for r in rows),
+            says=(f"{self.legend}.", *OF_TIMES, *self._undrawn),
+            best_ms=None if best is None else best / 1e6,
+            program=program,
+        )
+
+    def _points(self, share_of: Callable[[AdviceRow], float]) -> tuple[tuple[float, float], ...]:
+        return tuple((r.delta_ns / 1e6, share_of(r)) for r in self._drawn)
+
+    @property
+    def _drawn(self) -> list[AdviceRow]:
+        """One row for each Delta of which sets were computed: the one with the longest SC."""
+        return list({r.delta_ns: r for r in self.rows if r.covered}.values())
+
+    @property
+    def _undrawn(self) -> tuple[str, ...]:
+        """What the figure leaves to the table."""
+        if sum(r.covered for r in self.rows) == len(self._drawn):
+            return ()
+        return ("Drawn where SC's period is changed with \u0394; the table has both.",)
+
+
+def advise(
+    problem: Problem,
+    factors: Sequence[float] = FACTORS,
+    levels: Sequence[int] = LEVELS,
+) -> Advice:
+    """Sweep Delta over multiples of the declared one, and m over `levels`.
+
+    SoterError U001 where a group is no grid, R031 where there are no groups but an induction.
+    """
+    require_sets(problem)
+    for other in (m.kind for m in map(method_of, problem.groups) if not isinstance(m, Grids)):
+        message = f"module `{problem.name}` has a `{other}` group"
+        notes = ("the sweep compares shares of grids",)
+        raise SoterError((Diagnostic("U001", message, notes=notes),))
+    library, _ = library_of(problem)
+    wanted = sorted({*levels, problem.levels})
+    every = _periods(problem, factors)
+    advice = Advice(problem.name, problem.times.delta_dm, problem.levels, [])
+    opened: dict[int, list[Case]] = {}
+    for i, (delta, sc) in enumerate(every):
+        phase(f"{problem.name}: a period of {show_ns(delta)}")
+        share_done(i / len(every))
+        changed = at_periods(problem, delta, sc)
+        times = changed.times
+        row = AdviceRow(delta, times.delta_sc, times.h_star, times.horizon_ns)
+        row.why = _uncovered(changed)
+        row.covered = not row.why
+        advice.rows.append(row)
+        if not row.covered:
+            continue
+        try:
+            if times.delta_sc not in opened:
+                opened[times.delta_sc] = _opened(changed, library)
+            _fill(row, changed, opened[times.delta_sc], wanted)
+        except UnboundedError as error:
+            row.why = str(error)
+        if problem.levels_open and delta == advice.delta_ns and not row.verifies(advice.levels):
+            advice.levels = LEVELS_LEAST if row.verifies(LEVELS_LEAST) else advice.levels
+    return advice
+
+
+def advise_all(
+    problems: Sequence[Problem], factors: Sequence[float], levels: Sequence[int]
+) -> list[Advice]:
+    """`advise` for one problem after the other; `SoterError` U001 as there."""
+    advices = []
+    for i, problem in enumerate(problems):
+        with between(i / len(problems), (i + 1) / len(problems)):
+            advices.append(advise(problem, factors, levels))
+    return advices
+
+
+def _periods(problem: Problem, factors: Sequence[float]) -> list[tuple[int, int]]:
+    """(Delta, SC's period): multiples of the declared Delta, with SC's as `_scales` says.
+
+    With SC's period left as it is they are multiples of it (a map: of the map's own).
+    """
+    times = problem.times
+    unit = times.delta_sc if problem.kind == "flow" else problem.plant_period_ns
+    every = {max(1, round(f * times.delta_dm / unit)) * unit for f in factors}
+    pairs = {(delta, times.delta_sc) for delta in every}
+    if _scales(problem):
+        scaled = {max(1, round(f * times.delta_dm)) for f in factors}
+        longer = {(delta, sc) for delta, sc in pairs if delta > sc}
+        pairs = longer | {(delta, delta) for delta in scaled}
+    return sorted(pairs)
+
+
+def _scales(problem: Problem) -> bool:
+    """Whether SC's period goes with Delta: a flow's where both are one, and SC reads no `dt`."""
+    times = problem.times
+    if problem.kind != "flow" or times.delta_sc != times.delta_dm:
+        return False
+    node = problem.system.components[problem.module.sc].node
+    return node is not None and not any(isinstance(n, typed.PeriodRead) for n in nodes(node.step))
+
+
+def _uncovered(problem: Problem) -> str:
+    """Why the theorem does not cover the times of a changed problem ("": it does).
+
+    The conditions of `check_times` that the periods of the DM and SC enter.
+    """
+    schedule, jitter = problem.times.schedule, problem.times.jitter_sc
+    dm, sc = schedule.dm, schedule.sc
+    ac = problem.system.components[problem.module.ac]
+    if ac.period_ns > dm.period:
+        return f"P1a: AC steps every {show_ns(ac.period_ns)}"
+    if dm.latest > dm.period:
+        return f"R015: the DM may take {show_ns(dm.latest)}, longer than its period"
+    if problem.kind == "map":
+        return ""
+    if schedule.published > sc.period:
+        return f"R015: SC may take {show_ns(schedule.published)}, longer than its period"
+    stacked = bool(problem.above or problem.below)
+    if not schedule.ordered and late_commands_need(
+        problem.module.symbol, schedule, stacked=stacked
+    ):
+        return f"R015: SC may act {show_ns(jitter)} late, more than half of its period"
+    for path in schedule.read_by_sc:
+        oldest = schedule.stamp_age_sc(path)
+        if path.max_age is not None and oldest > path.max_age:
+            return f"R011: SC may read what is {show_ns(oldest)} old, longer than its `max_age`"
+    if any(o.loses(sc, schedule.published) is not None for o in schedule.outputs):
+        return "R018: a node may miss a command of SC"
+    return ""
+
+
+def _opened(problem: Problem, library: ReachLibrary) -> list[Case]:
+    """Engines, C and K of every case: they do not depend on Delta."""
+    open_cases = []
+    for parameter in cases(problem):
+        case = claims.open_case(problem, library, problem.groups, parameter)
+        if claims.constraint(case):
+            claims.core(case)
+        open_cases.append(case)
+    return open_cases
+
+
+def _fill(row: AdviceRow, problem: Problem, opened: list[Case], wanted: list[int]) -> None:
+    done = [_at(case, problem) for case in opened]
+    row.core = _share(done, lambda g: g.core > 0)
+    broken = next((f for c in opened for f in c.failed("P2a")), None)
+    if broken is not None:
+        row.why = broken.text
+        return
+    for case in done:
+        claims.free_phase(case)
+        start.start(case)
+    row.starts = not any(c.failed("start") for c in done)
+    if not problem.computed:
+        row.written = all(_own(case) for case in done)
+    for m in wanted:
+        computed = replace(problem, computed=True, levels=m)
+        tried = [_at(case, computed) for case in done]
+        for case in tried:
+            add_levels(case)
+        deploy(tried)
+        row.allowed = _share(tried, lambda g: _held(g, 0))
+        row.levels[m] = _share(tried, lambda g: _held(g, 1))
+        row.returns[m] = row.levels[m] > 0.0 and all(_returns(case) for case in tried)
+    late = [] if row.in_time else ["the declared horizon is shorter than H*"]
+    stands = (*late, *(f.text for c in done for f in c.failures), "")
+    row.why = row.why or stands[0]
+
+
+def _at(case: Case, problem: Problem) -> Case:
+    """The same engines and sets for another problem; nothing has failed yet."""
+    proofs: list[GroupProof] = [replace(p, found=replace(p.found)) for p in grids(case.proofs)]
+    return replace(case, problem=problem, proofs=proofs, failures=[], spent={}, counts={})
+
+
+def _own(case: Case) -> bool:
+    """Whether the program's predicates verify at this period: `ttf`, `safer`, P2b."""
+    for predicate in ("ttf", "safer"):
+        claims.inclusion(case, predicate)
+    return _returns(case) and not any(case.failed(c) for c in ("ttf", "safer"))
+
+
+def _held(part: GroupSets, which: int) -> Bools:
+    """S_0 or S_(m-2) as the DM would hold it for all cases; grids always have a table."""
+    assert part.deployed is not None
+    return part.deployed[which]
+
+
+def _returns(case: Case) -> bool:
+    """Whether P2b is shown, or not asked (`recover never`)."""
+    if case.problem.stays:
+        return True
+    recover(case)
+    return not case.failed("P2b")
+
+
+def _share(done: list[Case], cells: Callable[[GroupSets], Bools]) -> float:
+    def of(part: GroupSets, engine: GridGroup) -> float:
+        return share(np.asarray(cells(part), dtype=np.bool_), engine.edges)
+
+    return min((1.0, *(prod(of(g.found, g.engine) for g in grids(c.proofs)) for c in done)))
+
+
+CLOSE = 0.1
+"""The search ends where the least that failed is that share above the largest that was proved."""
+TRIES_MAX = 14
+"""So many verifications of a module at most."""
+FIRST = 0.1
+"""The first step, as a share of SC's period."""
+
+
+@dataclass
+class DelayAdvice:
+    """Values of `acts within` in ns: `declared`, and each that was tried, with what failed."""
+
+    module: str
+    declared_ns: int
+    least_ns: int = 0
+    """The least time of each, which stays."""
+    why_not: dict[int, str] = field(default_factory=dict)
+    """By value in ns, in the order of the trials: "" where everything was proved."""
+
+    @property
+    def largest_ns(self) -> int | None:
+        """The largest with which everything is proved; None: not even with the declared one."""
+        return max((ns for ns, why in self.why_not.items() if not why), default=None)
+
+    @property
+    def refused_ns(self) -> int | None:
+        """The smallest above that with which something is not proved; None: all that were tried."""
+        least = self.largest_ns if self.largest_ns is not None else -1
+        return min((ns for ns, why in self.why_not.items() if why and ns > least), default=None)
+
+    @property
+    def summary(self) -> str:
+        """One or two sentences."""
+        largest, refused = self.largest_ns, self.refused_ns
+        if largest is None:
+            why = self.why_not[self.declared_ns]
+            return f"not proved with `{self._written(self.declared_ns)}` as declared: {why}"
+        more = show_ns(largest - self.declared_ns)
+        said = f"commands may act {show_ns(largest)} late, {more} more than declared, "
+        said += f"and everything is proved: `{self._written(largest)}`"
+        if refused is None:
+            return f"{said}; nothing longer was tried"
+        return f"{said}; not with {show_ns(refused)}: {self.why_not[refused]}"
+
+    def _written(self, most_ns: int) -> str:
+        """As a program says it."""
+        least = f"{write_ns(self.least_ns)} to " if self.least_ns else ""
+        return f"acts within {least}{write_ns(most_ns)}"
+
+
+def largest_delay(flat: System, module: Module) -> DelayAdvice:
+    """Verify a module of a flat system with longer and longer delays of its commands.
+
+    Times that the theorem does not cover count as not proved. `SoterError` where the problem
+    cannot be posed as it is declared.
+    """
+    problem = extract(flat, module)
+    advice = DelayAdvice(module.name, problem.times.acts, problem.times.acts_least)
+    proved, failed = advice.declared_ns, None
+    while len(advice.why_not) < TRIES_MAX:
+        at = _next(proved, failed, advice, problem.times.delta_sc)
+        if at is None:
+            break
+        phase(f"{module.name}: commands that act {show_ns(at)} late")
+        share_done(len(advice.why_not) / TRIES_MAX)
+        advice.why_not[at] = _what_fails(flat, module, at)
+        if advice.why_not[at]:
+            failed = at
+        else:
+            proved = at
+        if failed == advice.declared_ns:
+            break
+    return advice
+
+
+def _next(proved: int, failed: int | None, advice: DelayAdvice, period_ns: int) -> int | None:
+    """The value to try next: what is declared, then twice as much more, then halves between."""
+    if not advice.why_not:
+        return advice.declared_ns
+    if failed is None:
+        more = 2 * (proved - advice.declared_ns)
+        return advice.declared_ns + max(more, _rounded(FIRST * period_ns))
+    middle = _rounded((proved + failed) / 2)
+    near = failed - proved <= CLOSE * max(proved, FIRST * period_ns)
+    return None if near or not proved < middle < failed else middle
+
+
+def _rounded(ns: float) -> int:
+    """A time to two digits, so that it can be read."""
+    return max(1, int(float(f"{ns:.2g}")))
+
+
+def _what_fails(flat: System, module: Module, acts_ns: int) -> str:
+    """The first of all that is not proved with commands that act so late; "" for nothing."""
+    at = module.symbol.verify.span or module.symbol.span
+    verify = replace(module.symbol.verify, acts=typed.Literal(DURATION, at, acts_ns))
+    changed = replace(module, symbol=replace(module.symbol, verify=verify))
+    try:
+        problem = extract(derived_systems.with_module(flat, changed), changed)
+        result = module_method(problem).verify(problem, refute=False, explain=False)
+    except SoterError as error:
+        first = error.diagnostics[0]
+        return f"{first.code}: {first.message}"
+    if result.verdict == PROVED:
+        return ""
+    claim, finding = next((c, f) for c, f in result.findings.items() if f.verdict == result.verdict)
+    return f"{claim} {finding.verdict}: {finding.text}"

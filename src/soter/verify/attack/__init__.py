@@ -1,1 +1,0 @@
-"""Runs that violate what was not proved."""

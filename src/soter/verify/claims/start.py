@@ -1,0 +1,247 @@
+"""Where control begins: the start, hand-backs and hand-overs, and an SC that reads defaults.
+
+Purpose: the claim `start`: initial states lie in R(h_0); of a module below another one what stands
+in its place: the set part of a hand-back, and an SC that faults on nothing it may read while it has
+no control. The set part of a hand-over: wherever `enters` holds of an estimate the state lies in
+R(H), in cells and outside the grid (proof-sets.md, Hand-over, Towers). `fault_on_defaults`: what
+goes wrong in the steps of SC before every read shows a state. Their outputs are in U, checked as
+they are published, so that they belong to what R(h_0) covers; but a step that faults latches SC,
+and then it never speaks again.
+Non-goals: that a node changes a view in no other step (`induction/handover.py`); H, which covers
+the way until SC's first output after a hand-back (`verify/problem/schedule.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.language.elaborate import derived_systems
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import leaves, show_ns
+from soter.semantics.interpreter import Interpreter
+from soter.semantics.rules import ac_or_sc_step
+from soter.verify.claims.product_sets import law_within
+from soter.verify.claims.results import ASSUMED, PROVED
+from soter.verify.problem.other_modules import AC, SC
+from soter.verify.problem.verification_system import sc_reads
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from soter.core.layout import Floats
+    from soter.language.model.system import Component, System
+    from soter.language.model.typed import TopicSymbol
+    from soter.semantics.configuration import Configuration
+    from soter.verify.claims.case import Case
+    from soter.verify.claims.results import Finding
+    from soter.verify.problem.problem import Problem
+
+
+STEPS_MAX = 10_000
+
+
+def fault_on_defaults(problem: Problem) -> str:
+    """What may go wrong, in words; empty: nothing."""
+    schedule = problem.times.schedule
+    steps = schedule.defaults_read
+    if not steps:
+        return ""
+    system, sc = _alone(problem)
+    component = system.components[sc]
+    assert component.node is not None
+    modes = [component.scope.topics[t] for t in sc_reads(component.node) if t in _modes(problem)]
+    topics = {component.scope.topics[t] for t in sc_reads(component.node)} - {*modes}
+    if steps > STEPS_MAX:
+        return "SC reads defaults for too long to try them all"
+    if not _published_together(problem, {system.topics[t].name for t in topics}):
+        return "SC may read the default of one topic beside a value of another"
+    known = {p.topic for p in schedule.read_by_dm}
+    if component.node.locals or component.node.takeover is not None:  # it keeps something
+        if modes:
+            return "SC steps on defaults in any mode of others, with what it keeps: not followed"
+        if any(p.topic not in known for p in schedule.read_by_sc):
+            return "SC may lose control and take it over, with what it keeps, before it has read"
+    return _first_fault(system, component, steps, modes)
+
+
+def _first_fault(system: System, sc: Component, steps: int, modes: Sequence[int]) -> str:
+    """What goes wrong in so many first steps; "": nothing."""
+    dummies = {c.name: _silent for c in system.components if c.extern}
+    interpreter = Interpreter(system, 0, dummies)
+    c = interpreter.initial()
+    for k in range(steps):
+        at = sc.phase_ns + k * sc.period_ns
+        for seen in _in_every_mode(replace(c, ct=at, FN=(sc.index,)), modes):
+            c, outcome = ac_or_sc_step(interpreter.machine, seen, sc.index)
+            if outcome.fault is not None:
+                return f"SC faults on the defaults that it reads at first: {outcome.fault}"
+    return ""
+
+
+def _published_together(problem: Problem, topics: set[str]) -> bool:
+    """Whether SC reads defaults of all of these topics, or of none."""
+    schedule, paths = problem.times.schedule, problem.times.schedule.read_by_sc
+    at_once = len({p.publisher for p in paths}) == 1
+    if not any(p.nodes for p in paths) and not schedule.dropout:
+        at_once = len({p.sensor for p in paths}) == 1  # plants of one phase publish together
+    with_them = {t for t, node in problem.beside.items() if node == paths[0].publisher}
+    return at_once and topics <= {p.topic for p in paths} | with_them
+
+
+def _modes(problem: Problem) -> Mapping[TopicSymbol, str]:
+    return {} if problem.modes is None else problem.modes.topics
+
+
+def _in_every_mode(c: Configuration, modes: Sequence[int]) -> Iterator[Configuration]:
+    """The same with every combination of other modes; SC keeps nothing from one to the next."""
+    for combination in product((SC, AC), repeat=len(modes)):
+        by = dict(zip(modes, combination, strict=True))
+        yield replace(c, Topics=tuple(by.get(i, value) for i, value in enumerate(c.Topics)))
+
+
+def _alone(problem: Problem) -> tuple[System, int]:
+    """The module without plants: nobody publishes what SC reads; a shield judges AC alone."""
+    system = derived_systems.module_alone(problem.system, problem.module)
+    system = derived_systems.with_module(system, replace(system.modules[0], shield=None))
+    return derived_systems.forced(system, 0, "sc"), system.modules[0].sc
+
+
+def _silent(_: object) -> dict[str, object]:
+    return {}
+
+
+ENTERS = "enters"
+MAY_HOLD = 2
+
+
+def not_entered(case: Case) -> str:
+    """Why it is not shown, for people; "" where it is."""
+    problem, library = case.problem, case.forms.library
+    if library.symbol(ENTERS) == library.ffi.NULL:
+        return "what it says cannot be enclosed"
+    if case.failed("P2a"):  # else R(H) is there, whatever else is not shown
+        return "there is no R(H)"
+    if {a.state for p in case.proofs for a in p.group.axes} != set(range(len(problem.states))):
+        return "not every state is on an axis"
+    reach = reach_of(problem)
+    for s, range_ in enumerate(reach):
+        if range_ is None:
+            return f"nothing that it reads bounds {problem.quantities.states[s].name}"
+    for where, box in _outside(case, np.array(reach, dtype=np.float64)):
+        if case.forms.truth(ENTERS, box) & MAY_HOLD:
+            return f"it may hold where {where}, outside the grid"
+    reasons = [proof.entered(case) for proof in case.proofs]
+    return next(filter(None, reasons), "")
+
+
+def reach_of(problem: Problem) -> list[tuple[float, float] | None]:
+    """What each state can be where `enters` is judged: what is published lies in its set.
+
+    None where no topic that it reads shows the state. Below another module any topic may: a plant
+    that publishes anything else there stops.
+    """
+    scope = problem.module.scope.topics
+    read = {scope[t] for t in topic_reads(problem.module.symbol.verify.enters) if t in scope}
+    ranges: list[tuple[float, float] | None] = [None] * len(problem.states)
+    for (topic, leaf), state in problem.state_of_leaf.items():
+        bounds = problem.system.topics[topic].bounds[leaf]
+        if (topic not in read and not problem.above) or bounds is None:
+            continue
+        error = _error(problem, topic, leaf)
+        error += 2.0**-50 * (error + max(abs(bounds.low), abs(bounds.high)))  # rounding
+        ranges[state] = (bounds.low - error, bounds.high + error)
+    return ranges
+
+
+def _error(problem: Problem, topic: int, leaf: int) -> float:
+    """The largest of what is published there."""
+    path = list(leaves(problem.system.topics[topic].type))[leaf][0]
+    every = zip(problem.quantities.errors, problem.errors, strict=True)
+    return sum(max(-r.low, r.high) for e, r in every if (e.owner, e.path) == (topic, path))
+
+
+def _outside(case: Case, reach: Floats) -> Iterator[tuple[str, Floats]]:
+    """Boxes of all inputs, (inputs, 2), that cover the states outside the grid; in words, too.
+
+    `reach`: (states, 2), what each state can be.
+    """
+    for axis in (a for proof in case.proofs for a in proof.group.axes):
+        s, first, last = axis.state, axis.edges[0], axis.edges[-1]
+        for where, low, high in (
+            (f"{axis.name} is below {first!r}", reach[s, 0], first),
+            (f"{axis.name} is above {last!r}", last, reach[s, 1]),
+        ):
+            if low <= high:
+                box = np.array(case.forms.whole)
+                box[: len(reach)] = reach
+                box[s] = low, high
+                yield where, box
+
+
+NARROWER = "a `safer` above that gives control back at fewer states, or a wider grid"
+SETS = "declare the sets of what plants drive, and let SC answer all of them"
+
+
+def handed_back(case: Case) -> None:
+    """For every value of the parameters, as the module above may give control back at any time."""
+    wrong_read = fault_on_defaults(case.problem)
+    if wrong_read:
+        hint = "let SC step only after what it reads was published: `phase`"
+        case.fail("start", wrong_read, hint=hint)
+        return
+    why = not_entered(case)
+    if why:
+        text = f"{case.problem.above} gives control back outside R(H), or may: {why}"
+        case.fail("start", text, hint=NARROWER)
+        return
+    box = np.array(case.forms.whole)
+    box[: len(case.problem.states)] = reach_of(case.problem)
+    why = law_within(case.problem, case.forms, box)
+    if why:
+        text = f"while {case.problem.above} is in SC, whatever is published: {why}"
+        case.fail("start", text, hint=SETS)
+
+
+def shown(problem: Problem) -> str:
+    """What is proved, one sentence."""
+    return (
+        f"wherever {problem.above} may give control back the state lies in "
+        f"R({show_ns(problem.times.horizon_ns)}); SC answers all that may be published before"
+    )
+
+
+def while_in_ac(problem: Problem, finding: Finding) -> None:
+    """P2b of a module below another one is about times at which that one stays in AC."""
+    if problem.above and finding.verdict == PROVED:
+        text = f"{finding.text} while {problem.above} is in AC: not proved"
+        finding.rest_on(ASSUMED, text)
+
+
+def notes(problem: Problem) -> list[str]:
+    """Of a module above another one what is assumed of that one: next to nothing."""
+    text = "{} stands in the place of AC: nothing is assumed of it, its controllers and its DM, "
+    text += "but that what they publish lies in the declared sets, which each step checks"
+    return [text.format(name) for name in problem.below[:1]]
+
+
+def start(case: Case) -> None:
+    """The declared initial states lie in R(h_0), h_0 the first instant SC's output acts.
+
+    Below another module that one has control first: asked is where it gives control back.
+    """
+    if case.problem.above:
+        handed_back(case)
+        return
+    if not case.problem.starts_with(case.parameter):
+        return
+    wrong_read = fault_on_defaults(case.problem)
+    if wrong_read:
+        hint = "let SC step only after what it reads was published: `phase`"
+        case.fail("start", wrong_read, hint=hint)
+    until_ns = case.problem.in_horizon(case.problem.times.start)
+    for proof in case.proofs:
+        proof.start(case, until_ns)

@@ -1,0 +1,438 @@
+"""Counterexamples: written down, read from files, and run again by the reference interpreter.
+
+Purpose: a `Counterexample` is a trace of choices (docs/json.md): every value that the environment
+or the adversary was free to choose, by stream. A refutation counts only if the interpreter, given
+these choices and nothing else, leaves C, or comes back to a state it was in without ever having
+satisfied `safer`. A choice outside its declared set, or a missing one, is no run of the system.
+`save_runs` writes `.soter/<program>-<module>.counterexample.json` for every refutation of a report;
+`replay_file` goes from such a file back to the verification system and the interpreter.
+Non-goals: finding such runs (`refute.py`); choices of order (`explore/`): all runs here are
+in deployed order.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.front_end import check_file, system_to_prove
+from soter.language.load.named_files import ReadError, parse_json, read_json_text
+from soter.language.model.values import to_json
+from soter.report.atomic_write import own_place
+from soter.semantics.configuration import SC, DecisionVerdict
+from soter.semantics.draws import ChoiceError, RecordedDraws, Recorder
+from soter.semantics.externs import UnboundExternError
+from soter.semantics.interpreter import Interpreter
+from soter.semantics.rules import next_instant
+from soter.verify.attacked_system import DRAWN, OWN, attacked, reads_time, truths_known_ns
+from soter.verify.problem.extract import extract
+from soter.version import other_format
+
+if TYPE_CHECKING:
+    from soter.language.model.system import System
+    from soter.language.model.types import Value
+    from soter.semantics.configuration import Configuration
+    from soter.semantics.draws import Choices, Draws
+    from soter.verify.claims.results import ModuleResult, VerifyReport
+
+    _Instant = tuple[Configuration, tuple[DecisionVerdict, ...], dict[str, Value]]
+
+
+SCHEMA = 1
+LEAVES, CYCLE = "leaves_safe", "never_safer"
+"""What a counterexample shows: the true state leaves C; or the DM never gives control back."""
+STEPS_KEPT = 50
+
+
+@dataclass(frozen=True, kw_only=True)
+class Counterexample:
+    """A run of the closed system, as the choices that make it. Times in ns."""
+
+    module: str
+    shows: str
+    """LEAVES or CYCLE."""
+    controller: str
+    """`drawn`: the AC's outputs are choices too; `own`: the program's AC stepped."""
+    seed: int
+    """How the choices were found: pattern in the top byte. The choices are what counts."""
+    time_ns: int
+    """LEAVES: the instant outside C. CYCLE: the end of one turn."""
+    cycle_ns: int | None
+    """CYCLE: how long one turn takes."""
+    choices: Choices
+    steps: tuple[dict[str, Any], ...] = ()
+    """The last instants: time_s, modes, topics, what was chosen, true states; for people."""
+    facts: dict[str, Any] = field(default_factory=dict)
+    """Where it belongs: program, sha256, system, params."""
+
+    def __str__(self) -> str:
+        """What a person wants to know first, in lines."""
+        whose = "with the program's own AC" if self.controller == OWN else "with some AC"
+        if self.shows == LEAVES:
+            head = f"{whose}, the true state leaves `safe` of {self.module} at {_s(self.time_ns)}"
+        else:
+            assert self.cycle_ns is not None
+            head = (
+                f"{whose}, {self.module} stays in SC for ever: at {_s(self.time_ns)} everything is "
+                f"as it was {_s(self.cycle_ns)} before, and `safer` did not hold"
+            )
+        lines = [head, *[f"chosen: {line}" for line in _chosen(self.choices)]]
+        if self.steps:
+            last = self.steps[-1]
+            states = ", ".join(
+                f"{plant}.{name} = {value}"
+                for plant, values in last["truth"].items()
+                for name, value in values.items()
+            )
+            modes = ", ".join(f"{m} in {mode}" for m, mode in last["modes"].items())
+            lines.append(f"then: {states}; {modes}")
+        return "\n".join(lines)
+
+
+def _s(ns: int) -> str:
+    return f"{ns / 1e9:.9g} s"
+
+
+def _chosen(choices: Choices) -> list[str]:
+    """One line a stream: its value, or how often it changes."""
+    lines = []
+    for stream, values in choices.items():
+        first = values[0][1]
+        if len(values) == 1:
+            lines.append(f"{stream} = {first}")
+        else:
+            more = len(values) - 1
+            lines.append(f"{stream} = {first} first, {more} change{'s' if more > 1 else ''}")
+    return lines
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What the interpreter saw; `time_ns` of the instant outside C, or of the end of the turn."""
+
+    time_ns: int
+    steps: tuple[dict[str, Any], ...]
+
+
+# ---------------------------------------------------------------- running
+
+
+def replay(c: Counterexample, system: System) -> Replay | None:
+    """Run a counterexample in the interpreter; None where it does not show what it says.
+
+    `system`: the verification system of the module, not yet attacked.
+    """
+    index = next((m.index for m in system.modules if m.name == c.module), None)
+    if index is None:
+        return None
+    variant = attacked(system, index, c.controller)
+    draws = RecordedDraws(c.choices)
+    try:
+        if c.shows == LEAVES:
+            return leaving(variant, draws, c.time_ns)
+        if any(len(chosen) != 1 for chosen in c.choices.values()) or not c.cycle_ns:
+            return None
+        return cycling(variant, index, draws, c.time_ns, c.cycle_ns)
+    except (ChoiceError, UnboundExternError):
+        return None
+
+
+def leaving(variant: System, draws: Draws, until_ns: int) -> Replay | None:
+    """The first instant, up to `until_ns`, at which `safe` is false on the true state.
+
+    A `safe` that faults is not false: such an instant does not count.
+    """
+    run = _AttackedRun(variant, draws)
+    known_ns = truths_known_ns(variant)
+    while run.next_ns <= until_ns:
+        c = run.instant()
+        if c.ct >= known_ns and run.is_unsafe():
+            return Replay(c.ct, run.steps())
+    return None
+
+
+def cycling(
+    variant: System, module: int, draws: Draws, until_ns: int, cycle_ns: int
+) -> Replay | None:
+    """Whether the run is, at `until_ns`, where it was `cycle_ns` before, SC in control all along.
+
+    Then, the choices being constant, it goes on like this for ever: no DM step of the turn saw
+    `safer` on a fresh reading.
+    """
+    if cycle_ns % variant.hyperperiod_ns or reads_time(variant, module):
+        return None
+    run = _AttackedRun(variant, draws)
+    began: object = None
+    known_ns = truths_known_ns(variant)
+    while run.next_ns <= until_ns:
+        c = run.instant()
+        if c.ct >= known_ns and run.is_unsafe():
+            return None
+        if c.ct == until_ns - cycle_ns:
+            began = run.place(module)
+            run.returned = False
+    if began is None or run.c.ct != until_ns or run.returned or began != run.place(module):
+        return None
+    return Replay(until_ns, run.steps())
+
+
+class _AttackedRun:
+    """One run of an attacked system, instant by instant."""
+
+    def __init__(self, variant: System, draws: Draws) -> None:
+        self.system = variant
+        self._drawn = Recorder(draws)
+        self.interpreter = Interpreter(variant, draws=self._drawn)
+        self.c: Configuration = self.interpreter.initial()
+        self.returned = False
+        """Whether a DM step since then was in AC, or could have been, or was stale."""
+        self._last: deque[_Instant] = deque(maxlen=STEPS_KEPT)
+
+    @property
+    def next_ns(self) -> int:
+        return next_instant(self.interpreter.machine, self.c)
+
+    def instant(self) -> Configuration:
+        events = _Events()
+        self.c = self.interpreter.instant(self.c, record=events)  # type: ignore[arg-type]
+        verdicts = tuple(events.verdicts)
+        self.returned |= any(v.before != SC or v.safer or v.stale or v.gate_fault for v in verdicts)
+        if verdicts:
+            self._last.append((self.c, verdicts, self._chosen()))
+        return self.c
+
+    def _chosen(self) -> dict[str, Value]:
+        """By stream the value that was drawn last: what acts on the plants from here on."""
+        return {stream: noted[-1][1] for stream, noted in self._drawn.choices.items()}
+
+    def is_unsafe(self) -> bool:
+        machine = self.interpreter.machine
+        condition, wanted = machine.properties[0]
+        try:
+            return bool(condition(machine.environment(self.c))) != wanted
+        except StepFault:
+            return False
+
+    def place(self, module: int) -> object:
+        """Everything that the future depends on, but for the time of day."""
+        c = self.c
+        ages = tuple(c.ct - c.stamps[t] for t in self.system.modules[module].inputs)
+        return (
+            (c.L, c.OE, c.FN, c.latched, c.had_control, c.gate_fault, c.clean_needed),
+            (repr(c.Topics), repr(c.L), ages),
+        )
+
+    def steps(self) -> tuple[dict[str, Any], ...]:
+        """The last DM instants and the final one, for people."""
+        told = [self._told(*kept) for kept in self._last]
+        if not self._last or self._last[-1][0] is not self.c:
+            told.append(self._told(self.c, (), self._chosen()))
+        return tuple(told)
+
+    def _told(
+        self, c: Configuration, verdicts: tuple[DecisionVerdict, ...], chosen: dict[str, Value]
+    ) -> dict[str, Any]:
+        s = self.system
+        plants = [x for x in s.components if x.plant is not None]
+        return {
+            "time_s": c.ct / 1e9,
+            "modes": {m.name: "AC" if c.L[m.dm] else "SC" for m in s.modules},
+            "decisions": {
+                s.modules[v.module].name: {"ttf": v.ttf, "safer": v.safer, "stale": v.stale}
+                for v in verdicts
+            },
+            "truth": {
+                x.name: {
+                    v.name: to_json(v.type, c.L[x.index][i])
+                    for i, v in enumerate(x.plant.states if x.plant else ())
+                }
+                for x in plants
+            },
+            "topics": {t.name: to_json(t.type, c.Topics[t.index]) for t in s.topics},
+            "chosen": chosen,
+        }
+
+
+class _Events:
+    """A record that keeps only what DMs said."""
+
+    def __init__(self) -> None:
+        self.verdicts: list[DecisionVerdict] = []
+
+    def note(self, event: object, _ct: int) -> None:
+        if isinstance(event, DecisionVerdict):
+            self.verdicts.append(event)
+
+    def note_properties(self, _violated: object, _ct: int) -> None:
+        """Properties are judged by `is_unsafe`: a fault is not a violation here."""
+
+
+# ---------------------------------------------------------------- files
+
+
+def write_counterexample(c: Counterexample, path: Path) -> Path:
+    """Write it as JSON (docs/json.md)."""
+    document = {
+        "schema": SCHEMA,
+        "kind": "counterexample",
+        **c.facts,
+        **{k: v for k, v in asdict(c).items() if k != "facts"},
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(document, indent=1, allow_nan=False) + "\n"
+    own_place(path.parent, path.name).write_text(text, encoding="utf-8")
+    return path
+
+
+TIME_MAX = 10**15
+"""In ns, some eleven days: a counterexample that takes longer is damaged."""
+
+
+def read_counterexample(path: Path) -> Counterexample:
+    """Read it; ValueError where the file is no counterexample of this schema."""
+    d = parse_json(read_json_text(path))
+    if not isinstance(d, dict) or d.get("kind") != "counterexample":
+        raise ValueError(f"`{path}` is no counterexample")
+    if other := other_format(d.get("schema"), SCHEMA):
+        raise ValueError(f"`{path}`: {other}: `soter verify` writes it anew")
+    own = {"schema", "kind", "module", "shows", "controller", "seed", "time_ns", "cycle_ns"}
+    facts = {k: v for k, v in d.items() if k not in own | {"choices", "steps"}}
+    try:
+        _checked(facts.get("params", {}), dict)
+        cycle = d["cycle_ns"]
+        return Counterexample(
+            module=_checked(d["module"], str),
+            shows=_one_of(d["shows"], (LEAVES, CYCLE)),
+            controller=_one_of(d["controller"], (OWN, DRAWN)),
+            seed=_checked(d["seed"], int),
+            time_ns=_time(d["time_ns"]),
+            cycle_ns=None if cycle is None else _time(cycle),
+            choices={
+                str(s): _chosen_values(chosen) for s, chosen in _checked(d["choices"], dict).items()
+            },
+            steps=tuple(_checked(d["steps"], list)),
+            facts=facts,
+        )
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"`{path}` is a damaged counterexample: {error}") from error
+
+
+def _checked(given: Any, wanted: type) -> Any:  # noqa: ANN401 - any JSON
+    if not isinstance(given, wanted) or isinstance(given, bool):
+        raise TypeError(f"{str(given)[:40]!r} is no {wanted.__name__}")
+    return given
+
+
+def _one_of(given: object, known: tuple[str, ...]) -> str:
+    if given not in known:
+        raise TypeError(f"{str(given)[:40]!r} is none of {', '.join(known)}")
+    return str(given)
+
+
+def _time(given: object) -> int:
+    time: int = _checked(given, int)
+    if not 0 <= time <= TIME_MAX:
+        raise TypeError("a time is out of range")
+    return time
+
+
+def _chosen_values(given: object) -> list[tuple[int, Any]]:
+    """Choices of one stream, by index; what they mean is checked where they are drawn."""
+    choices = []
+    for entry in _checked(given, list):
+        index, value = _checked(entry, list)
+        if isinstance(value, (list, dict, str)) or value is None:
+            raise TypeError("a choice is no value")
+        choices.append((_checked(index, int), value))
+    if not choices:
+        raise TypeError("a stream without choices")
+    return choices
+
+
+FOLDER = Path(".soter")
+
+
+class AnotherVersionError(ValueError):
+    """A counterexample of a program that has changed since."""
+
+
+def save_runs(report: VerifyReport, folder: Path = FOLDER) -> None:
+    """Write every counterexample; its finding says where. SoterError D006."""
+    for module in report.modules:
+        for name, finding in module.findings.items():
+            run = finding.counterexample
+            if isinstance(run, Counterexample):
+                kind = "" if run.shows == LEAVES else f"-{name}"
+                stem = f"{Path(report.path).stem}-{module.name}{kind}"
+                path = folder / f"{stem}.counterexample.json"
+                if _system_of(path) not in {None, report.system}:
+                    path = folder / f"{stem}-{report.system}.counterexample.json"
+                _write(replace(run, facts=_facts(report, module)), path)
+                finding.saved = path
+
+
+def _system_of(path: Path) -> object:
+    """The system whose run a file keeps; None where there is none that can be read."""
+    try:
+        return read_counterexample(path).facts.get("system")
+    except (ReadError, ValueError):
+        return None
+
+
+def _facts(report: VerifyReport, module: ModuleResult) -> dict[str, object]:
+    params = module.problem.system.params
+    return {
+        "program": report.path,
+        "program_sha256": report.program_sha256,
+        "system": report.system,
+        "instance": module.name,
+        "params": dict(params),
+    }
+
+
+def _write(run: Counterexample, path: Path) -> None:
+    try:
+        write_counterexample(run, path)
+    except OSError as error:
+        message = f"cannot write `{path}`: {reason(error)}"
+        raise SoterError((Diagnostic("D006", message),)) from error
+
+
+def replay_file(path: Path) -> Replay | None:
+    """Run a counterexample again in the interpreter; None where it does not show what it says.
+
+    ValueError where the file is none, AnotherVersionError where it belongs to another text of the
+    program. SoterError where the program cannot be read or has no such module any more.
+    """
+    run = read_counterexample(path)
+    facts = run.facts
+    named = _program(path, str(facts.get("program", "")))
+    checked = check_file(named)
+    if not checked.begins:
+        raise AnotherVersionError(f"`{path}` belongs to another version of `{named}`")
+    if not checked.ok or checked.program is None:
+        raise SoterError(checked.diagnostics.items)
+    if checked.program.sha256 != facts.get("program_sha256"):
+        raise AnotherVersionError(
+            f"`{path}` belongs to another version of `{checked.program.path}`"
+        )
+    for name in str(facts.get("system", "")).split(", "):
+        flat = system_to_prove(checked, name or None, facts.get("params") or {})
+        for module in flat.modules:
+            if module.name == facts.get("instance"):
+                return replay(run, extract(flat, module).system)
+    return None
+
+
+def _program(path: Path, named: str) -> str:
+    """Where the program of a counterexample lies: as it was named, or beside the file's folder."""
+    if not Path(named).is_file():
+        for folder in (path.resolve().parent.parent, path.resolve().parent):
+            if (folder / named).is_file():
+                return str(folder / named)
+    return named

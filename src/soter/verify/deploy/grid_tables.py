@@ -1,0 +1,313 @@
+"""Computed predicates as functions of the program: a table, and how it is read.
+
+Purpose: levels of estimates (0: ttf, 1: in S_0, 2: in S_(m-2)) packed four cells a byte, and
+checked expressions for `ttf` and `safer` that interpreter, Core and C see like any other.
+Non-goals: the sets (`estimate_sets.py`), when they are computed (`missing_predicates.py`),
+half-spaces (`polytope/tables.py`).
+
+Why reading is sound. S_j is a set of closed cells. `place` looks for the cell by halving, then
+compares the estimate with the two breakpoints of the cell it found: comparisons are exact, so an
+entry is used only if the estimate lies in that closed cell, whichever of two neighbours a point of
+a shared face came to. NaN, infinities and everything outside the grid fail the comparison: level 0,
+that is `ttf` and not `safer`. The time is bounded: ceil(log2 n) + 2 comparisons an axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.language.model import typed as t
+from soter.language.model.types import BOOL, FLOAT, INT, leaf_name, leaves
+from soter.verify.claims.cells import drawn_edges, share
+from soter.verify.deploy.level_table import EstimateSamples, LevelTable, Writer
+from soter.verify.problem.inputs import seen
+from soter.verify.problem.left_out_states import FARTHEST, TURN
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.core.layout import Bools
+    from soter.verify.problem.problem import Group, Problem
+
+
+PER_BYTE = 4
+POWERS = (1, 4, 16, 64)
+FULL = 2
+"""The level at which AC may have control back."""
+
+
+@dataclass(frozen=True, eq=False)
+class CommandTable:
+    """What a shield permits.
+
+    `tops`: of every cell and least command cell the number of cells up to the greatest that may
+    act, 0 where none may. `control`: the command, `name`; None: none moves the group. `lasting`: of
+    every cell and command cell 1 where its commands may act for longer, else 0; None: nobody asks.
+    """
+
+    control: int | None
+    tops: NDArray[np.uint8]
+    name: str | None = None
+    lasting: NDArray[np.uint8] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """S_0 and S_(m-2) of a group, of the grid's shape, and what a shield permits."""
+
+    outer: Bools
+    inner: Bools
+    commands: CommandTable | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class GroupTable(LevelTable):
+    """The levels of one group over the axes that the DM sees."""
+
+    states: tuple[int, ...]
+    edges: tuple[tuple[float, ...], ...]
+    entries: NDArray[np.uint8]
+    """0, 1, 2 a cell."""
+    commands: CommandTable | None = None
+    wraps: tuple[bool, ...] = ()
+    """Of each axis whether estimates are brought back to it by whole turns; none where empty."""
+
+    @property
+    def packed(self) -> bytes:
+        """Four cells a byte, the first in the lowest bits; C order."""
+        flat = self.entries.ravel()
+        flat = np.concatenate([flat, np.zeros(-len(flat) % PER_BYTE, dtype=np.uint8)])
+        four: NDArray[np.uint8] = flat.reshape(-1, PER_BYTE) @ np.array(POWERS, dtype=np.uint8)
+        return four.tobytes()
+
+    def share(self, group: Group) -> float:
+        """By the volume of cells."""
+        axes = [a for a in group.axes if a.state in self.states]
+        return share(self.entries > 0, drawn_edges(axes))
+
+    @property
+    def full(self) -> tuple[float, ...] | None:
+        """The middle of a cell of S_(m-2); None where there is none."""
+        best = np.unravel_index(int(self.entries.argmax()), self.entries.shape)
+        if self.entries[best] != FULL:
+            return None
+        cells = zip(self.edges, best, strict=True)
+        return tuple(e[int(i)] / 2 + e[int(i) + 1] / 2 for e, i in cells)
+
+    @property
+    def ends(self) -> tuple[tuple[float, ...], ...]:
+        """Breakpoints."""
+        return self.edges
+
+    @property
+    def samples(self) -> EstimateSamples | None:
+        """The middle of every cell, where it lies inside; None where the DM sees no axis."""
+        if not self.states:
+            return None  # one entry for all estimates
+        middle = [np.array(e[:-1]) / 2 + np.array(e[1:]) / 2 for e in self.edges]
+        grids = np.meshgrid(*middle, indexing="ij")
+        points = np.stack(grids, axis=-1).reshape(-1, len(middle))
+        sure = self.wide
+        levels = self.entries.ravel()[sure]
+        return EstimateSamples(np.ascontiguousarray(points[sure]), levels, levels, whole=True)
+
+    @property
+    def wide(self) -> Bools:
+        """Which cells, (cells,) in C order, hold their middle inside."""
+        edges = [np.array(e) for e in self.edges]
+        middle = [e[:-1] / 2 + e[1:] / 2 for e in edges]
+        wide = [(m > e[:-1]) & (m < e[1:]) for m, e in zip(middle, edges, strict=True)]
+        return np.asarray(np.logical_and.reduce(np.meshgrid(*wide, indexing="ij")).ravel())
+
+    def function(self, w: Writer, name: str) -> t.FunSymbol:
+        """The cell is looked for by halving."""
+        return level_function(w, name, self)
+
+    def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
+        """Breakpoints and packed levels, as in the C."""
+        files[f"{stem}.bin"] = self.packed
+        axes = []
+        for i, (state, edges) in enumerate(zip(self.states, self.edges, strict=True)):
+            files[f"{stem}_axis{i}.bin"] = np.array(edges, dtype="<f8").tobytes()
+            axes.append({"state": names[state], "edges": f"{stem}_axis{i}.bin"})
+        entry: dict[str, object] = {"axes": axes, "levels": f"{stem}.bin"}
+        if self.commands is not None:
+            files[f"{stem}_commands.bin"] = self.commands.tops.tobytes()
+            entry |= {"command": self.commands.name, "commands": f"{stem}_commands.bin"}
+        return entry
+
+
+def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTable:
+    """The table of a grid from (S_0, S_(m-2)) in every case: what holds in all of them.
+
+    All sets have the grid's shape.
+    """
+    shown = seen(problem)
+    sure = np.logical_and.reduce([np.asarray(p.outer) for p in pairs])
+    inner = np.logical_and.reduce([np.asarray(p.inner) for p in pairs]) & sure
+    entries = sure.astype(np.uint8) + inner.astype(np.uint8)
+    kept = [k for k, a in enumerate(group.axes) if a.state in shown]
+    unseen = tuple(k for k in range(entries.ndim) if k not in kept)
+    axes = [group.axes[k] for k in kept]
+    return GroupTable(
+        tuple(a.state for a in axes),
+        tuple(a.reach for a in axes),
+        np.asarray(entries.min(axis=unseen)) if unseen else entries,
+        _commands(problem, pairs, unseen),
+        tuple(a.wraps for a in axes) if any(a.wraps for a in axes) else (),
+    )
+
+
+def _commands(
+    problem: Problem, pairs: Sequence[Estimates], unseen: tuple[int, ...]
+) -> CommandTable | None:
+    """What a shield permits in every case, wherever the state lies on axes that nobody sees."""
+    every = [p.commands for p in pairs if p.commands is not None]
+    if len(every) < len(pairs) or len({c.control for c in every}) != 1:
+        return None
+    tops = np.minimum.reduce([c.tops for c in every])
+    moved = every[0].control
+    name = None if moved is None else problem.quantities.controls[moved].name
+    longer = [c.lasting for c in every if c.lasting is not None]
+    lasting = np.minimum.reduce(longer) if longer else None
+    if unseen:
+        tops = tops.min(axis=unseen)
+        lasting = None if lasting is None else lasting.min(axis=unseen)
+    return CommandTable(moved, tops, name, lasting)
+
+
+def predicates(
+    problem: Problem, level_tables: Sequence[LevelTable]
+) -> tuple[t.TypedExpr, t.TypedExpr]:
+    """(ttf, safer): some group below level 1, every group at level 2.
+
+    Where no table knows a level 1, `ttf` is that `safer` does not hold.
+    """
+    symbol = problem.module.symbol
+    w = Writer(symbol.span)
+    lows, highs = [], []
+    for i, each in enumerate(level_tables):
+        name = f"{symbol.name}_level{i if len(level_tables) > 1 else ''}"
+        fun = each.function(w, name)
+        arguments = [*estimate(w, problem, each), *each.more(w, problem)]
+        lows.append(w.op("<", w.call(fun, *arguments), w.number(1)))
+        highs.append(w.op(">=", w.call(fun, *arguments), w.number(2)))
+    safer = w.chain("&&", highs)
+    if all(table.two_levels for table in level_tables):
+        return t.TypedUnary(BOOL, symbol.span, "!", safer), safer
+    return w.chain("||", lows), safer
+
+
+def estimate(w: Writer, problem: Problem, table: LevelTable) -> list[t.TypedExpr]:
+    """The leaves of topics that a table is read with."""
+    shown, arguments = seen(problem), []
+    for state in table.states:
+        topic, leaf = problem.topic_leaf_of_state[state]
+        path = list(leaves(problem.system.topics[topic].type))[leaf][0]
+        arguments.append(w.leaf(shown[state], path))
+    return arguments
+
+
+def grid_ends(
+    problem: Problem, level_tables: Sequence[LevelTable]
+) -> dict[str, tuple[float, float]]:
+    """By leaf of a topic both ends of its axis, where that does not wrap around."""
+    shown, ends = seen(problem), {}
+    for x in level_tables:
+        if isinstance(x, GroupTable):
+            for k, (state, edges) in enumerate(zip(x.states, x.edges, strict=True)):
+                if not (x.wraps and x.wraps[k]):
+                    number = problem.topic_leaf_of_state[state][1]
+                    path = list(leaves(shown[state].type))[number][0]
+                    ends[leaf_name(shown[state].name, path)] = (edges[0], edges[-1])
+    return ends
+
+
+# ---------------------------------------------------------------- functions
+
+
+def place_function(
+    w: Writer, name: str, edges: Sequence[float], *, wraps: bool = False
+) -> t.FunSymbol:
+    """`fun place(x: float): int`: a cell that contains x, or -1 where there is none.
+
+    `wraps`: or x brought back by whole turns, where it is not too many turns away.
+    """
+    count = len(edges) - 1
+    table = w.array(f"{name}_EDGES", FLOAT, tuple(float(e) for e in edges))
+    given = w.variable("x", "parameter", FLOAT)
+    x = w.variable("near", "let", FLOAT) if wraps else given
+    low, high = (w.variable(n, "var", INT) for n in ("low", "high"))
+    mid, step = w.variable("mid", "let", INT), w.variable("step", "loop", INT)
+    middle = w.op("/", w.op("+", w.read(low), w.read(high)), w.number(2))
+    above = w.op(">=", w.read(x), w.at(table, w.read(mid)))
+    halve = t.TypedIf(w.span, ((above, (w.assign(low, mid),)),), (w.assign(high, mid),))
+    rounds = (count - 1).bit_length()
+    search = t.ForRange(w.span, step, 0, rounds, (w.declare(mid, middle), halve))
+    first = w.at(table, w.read(low))
+    last = w.at(table, w.op("+", w.read(low), w.number(1)))
+    inside = w.op("&&", w.op(">=", w.read(x), first), w.op("<=", w.read(x), last))
+    begin = [w.declare(low, w.number(0)), w.declare(high, w.number(count))]
+    if wraps:
+        begin.append(w.declare(x, _brought_back(w, given, edges[0], edges[-1])))
+        size = t.Builtin(FLOAT, w.span, "abs", (w.read(given),))
+        inside = w.op("&&", w.op("<=", size, w.decimal(FARTHEST)), inside)
+    answer = t.Conditional(INT, w.span, inside, w.read(low), w.number(-1))
+    return w.function(name, (given,), [*begin, *([search] if rounds else []), w.give(answer)])
+
+
+def _brought_back(w: Writer, x: t.Variable, low: float, high: float) -> t.TypedExpr:
+    """An estimate less whole turns: min(max(x - turn * floor((x - low) / turn), low), high).
+
+    Up to `FARTHEST` it is off by less than `FAR_TURNS`: the turn by 2^-51 and so by 2^-40 as often,
+    a product and two sums by 2^-39 each; the quotient may say a turn less or more next to an end,
+    which is then where x is but for that.
+    """
+    turn = w.decimal(TURN)
+    since = w.real("-", w.read(x), w.decimal(low))
+    turns = t.Builtin(FLOAT, w.span, "floor", (w.real("/", since, turn),))
+    near = w.real("-", w.read(x), w.real("*", turn, turns))
+    least = t.Builtin(FLOAT, w.span, "max", (near, w.decimal(low)))
+    return t.Builtin(FLOAT, w.span, "min", (least, w.decimal(high)))
+
+
+def cell_of(
+    w: Writer,
+    name: str,
+    inputs: Sequence[t.Variable],
+    edges_by_axis: Sequence[Sequence[float]],
+    wraps: Sequence[bool] = (),
+) -> tuple[list[t.TypedStmt], t.TypedExpr]:
+    """(statements, the number of the cell that holds the inputs); outside they return 0."""
+    body: list[t.TypedStmt] = []
+    cell: t.TypedExpr = w.number(0)
+    outside = []
+    for k, (x, edges) in enumerate(zip(inputs, edges_by_axis, strict=True)):
+        index = w.variable(f"i{k}", "let", INT)
+        around = bool(wraps) and wraps[k]
+        place = place_function(w, f"{name}_place{k}", edges, wraps=around)
+        body.append(w.declare(index, w.call(place, w.read(x))))
+        cell = w.op("+", w.op("*", cell, w.number(len(edges) - 1)), w.read(index))
+        outside.append(w.op("<", w.read(index), w.number(0)))
+    if outside:
+        body.append(t.TypedIf(w.span, ((w.chain("||", outside), (w.give(w.number(0)),)),), ()))
+    return body, cell
+
+
+def level_function(w: Writer, name: str, table: GroupTable) -> t.FunSymbol:
+    """`fun level(x0: float, ...): int`: 0, 1 or 2 for an estimate; 0 outside the grid."""
+    inputs = tuple(w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(table.edges)))
+    body, cell = cell_of(w, name, inputs, table.edges, table.wraps)
+    at = w.variable("cell", "let", INT)
+    body.append(w.declare(at, cell))
+    packed = w.table_of_bytes(f"{name}_TABLE", table.packed)
+    powers = w.array(f"{name}_POWERS", INT, POWERS)
+    four = w.number(PER_BYTE)
+    byte = w.at(packed, w.op("/", w.read(at), four))
+    shifted = w.op("/", byte, w.at(powers, w.op("%", w.read(at), four)))
+    return w.function(name, inputs, [*body, w.give(w.op("%", shifted, four))])

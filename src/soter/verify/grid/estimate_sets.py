@@ -1,0 +1,193 @@
+"""Sets of estimates on a grid: levels, what of them a DM holds, and what a shield permits there.
+
+Purpose: S_0, S_1, ... by eroding R(H) (docs/verification.md, section 3); the states from which AC
+may have control by the table of all cases. `permitted`: of every cell of estimates and every least
+command cell the greatest one such that all commands between may act, in any order, until SC's first
+output does (proof-flight.md, "A gate that looks at commands").
+Non-goals: the tables themselves (`verify/deploy/grid_tables.py`, `verify/deploy/shield_tables.py`).
+
+R_V(H) is R(H) with a box V of commands in the place of U: the same engine, told that the group's
+command lies in V. Of a map V is one command, so one cell. Groups that several commands move have no
+shield: between the first component of SC's output and the last one any command may act, and that is
+not counted here.
+
+`lasting` is what a shield `toward sc` goes by as it looks for a command; what it finds is judged by
+`tops` like any other.
+
+An axis that no topic of the DM shows counts as anywhere: then S_j does not depend on it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.verify.deploy.grid_tables import FULL
+from soter.verify.deploy.shield_tables import command_edges
+from soter.verify.grid.sets import GridGroup
+from soter.verify.problem.inputs import errors_of, seen
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.core.layout import Bools
+    from soter.language.model.typed import TopicSymbol
+    from soter.verify.claims.case import Case, GroupProof
+    from soter.verify.claims.results import GroupSets
+    from soter.verify.deploy.grid_tables import GroupTable
+    from soter.verify.problem.problem import Problem
+
+
+def permitted(
+    case: Case,
+    proof: GroupProof,
+    engine: GridGroup,
+    part: GroupSets,
+    anywhere: Callable[[Bools], Bools],
+) -> None:
+    """Fills in `part.tops`; a failure of `ttf` where the group can have no shield.
+
+    `anywhere` takes and gives sets of the grid's shape.
+    """
+    problem = case.problem
+    assert problem.module.shield is not None
+    n = problem.module.shield.cells
+    part.tops = np.zeros((*part.allowed.shape, n), dtype=np.uint8)
+    ages = {t.name for t in seen(problem).values() if _max_age(problem, t) is None}
+    if ages:
+        names = ", ".join(sorted(ages))
+        text = f"a shield asks how old an estimate may be, which {names} does not say"
+        case.fail("ttf", text, proof, "give it a `max_age`")
+        return
+    group = engine.c
+    if group.commands > 1:
+        several = [
+            problem.quantities.controls[group.command[k]].name for k in range(group.commands)
+        ]
+        text = f"a shield asks for groups that one command moves, here {' and '.join(several)} do"
+        case.fail("ttf", text, proof, "groups of one command each, or no `shield`")
+        return
+    part.lasting = np.ones_like(part.tops) if problem.module.symbol.toward_sc else None
+    if not group.commands:
+        part.tops[part.levels[0]] = n
+        return
+    part.command = int(group.command[0])
+    limits = problem.controls[part.command]
+    edges = command_edges(limits.low, limits.high, n)
+    horizon = problem.in_horizon(problem.times.horizon_ns)
+    errors = errors_of(problem)
+    for i in range(n):
+        permitted = np.ones(part.allowed.shape, dtype=np.bool_)
+        for j in range(i, n if problem.kind == "flow" else i + 1):
+            box = between(engine, part.command, edges[i], edges[j + 1])
+            free = box.safe_for(horizon, part.core > 0)
+            permitted &= anywhere(engine.erode(free, errors))
+            if not permitted.any():
+                break
+            part.tops[permitted, i] = j + 1
+    part.tops[part.levels[0]] = n  # all of U may act there
+    if part.lasting is None:
+        return
+    longer = problem.in_horizon(problem.times.horizon_ns + lead_ns(problem))
+    for i in range(n):
+        box = between(engine, part.command, edges[i], edges[i + 1])
+        free = engine.erode(box.safe_for(longer, part.core > 0), errors)
+        part.lasting[..., i] = anywhere(engine.erode(free, errors))
+
+
+def lead_ns(problem: Problem) -> int:
+    """How much longer than H a command is to be harmless, toward which another one is moved.
+
+    So that it may be replaced in time: until AC's next step, for as long as it may act after that,
+    and on a state that may be as much newer as estimates may be old. Nothing that is claimed hangs
+    on it.
+    """
+    period: int = problem.system.components[problem.module.ac].period_ns
+    times = problem.times
+    return period + (times.acted + times.age_dm if problem.kind == "flow" else 0)
+
+
+def _max_age(problem: Problem, symbol: TopicSymbol) -> int | None:
+    return next(t.max_age_ns for t in problem.system.topics if t.symbol is symbol)
+
+
+def between(engine: GridGroup, control: int, low: float, high: float) -> GridGroup:
+    """The same group where this command lies in [low, high]."""
+    controls = list(engine.inputs.controls)
+    controls[control] = (low, high)
+    return GridGroup(
+        engine.library,
+        replace(engine.inputs, controls=tuple(controls)),
+        list(zip(engine.axes, engine.edges, strict=True)),
+        threads=engine.threads,
+        open_ends=engine.open_ends,
+        unbounded=engine.unbounded,
+        wraps=engine.wraps,
+    )
+
+
+def find(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets) -> None:
+    """S_0 ... S_(m-2); failures of `ttf` and `safer` where they are empty."""
+    problem = case.problem
+    errors, shown = errors_of(problem), seen(problem)
+    window = problem.in_horizon(problem.times.decision)
+    assert part.free is not None
+    blind = tuple(k for k, a in enumerate(engine.axes) if a not in shown)
+    part.levels = [_anywhere(engine.erode(part.free, errors), blind)]
+    for _ in range(max(problem.levels, 2) - 2):
+        inner = engine.erode(part.levels[-1], errors)
+        following = engine.safe_for(window, inner)
+        estimates = _anywhere(engine.erode(following, errors), blind)
+        part.levels.append(estimates & part.levels[-1])
+    if problem.module.shield is not None:
+        permitted(case, proof, engine, part, lambda cells: _anywhere(cells, blind))
+    names = [problem.quantities.states[engine.axes[k]].name for k in blind]
+    hint = problem.stronger
+    if names:
+        hint = f"let a plant drive a topic with {', '.join(names)}, or write `ttf` and `safer`"
+    empty = next((j for j, s in enumerate(part.levels) if not s.any()), 0)
+    for claim, j in (("ttf", 0), ("safer", len(part.levels) - 1)):
+        if not part.levels[j].any():
+            text = f"S_{empty} is empty: AC would never get control"
+            case.fail(claim, text, proof, hint).cells = part.free
+
+
+def _anywhere(cells: Bools, axes: tuple[int, ...]) -> Bools:
+    """Cells that are in the set wherever they lie on these axes."""
+    if not axes:
+        return cells
+    every: Bools = np.asarray(cells.all(axis=axes, keepdims=True), dtype=np.bool_)
+    return np.array(np.broadcast_to(every, cells.shape), dtype=np.bool_)
+
+
+def admit(
+    case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets, table: GroupTable
+) -> None:
+    """States from which AC may have control; failures where that is none in all cases together."""
+    errors = errors_of(case.problem)
+    outer, inner = part.deployed = _of_table(part, table)
+    assert part.free is not None
+    part.lets_ac = engine.dilate(outer, errors) & part.free
+    part.gives_back = engine.dilate(inner, errors) & part.free
+    hint = "fewer values of the parameters: the DM has one table for all of them"
+    for claim, j, cells in (("ttf", 0, outer), ("safer", -1, inner)):
+        if part.levels[j].any() and not cells.any():
+            which = j % len(part.levels)
+            text = f"no estimate is in S_{which} of every case: AC would never get control"
+            case.fail(claim, text, proof, hint).cells = part.free
+
+
+def _of_table(part: GroupSets, table: GroupTable) -> tuple[Bools, Bools]:
+    """The two sets of a table over all axes of its group."""
+    shape = [len(a.edges) - 1 if a.state in table.states else 1 for a in part.group.axes]
+    entries = np.broadcast_to(table.entries.reshape(shape), part.allowed.shape)
+    return entries > 0, entries >= FULL
+
+
+def held(case: Case, engine: GridGroup, part: GroupSets) -> Bools | None:
+    """States whose every estimate the DM gives back, in the grid's shape; None without a table."""
+    if part.deployed is None:
+        return None
+    return engine.erode(part.deployed[1], errors_of(case.problem))

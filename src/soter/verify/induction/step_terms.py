@@ -1,0 +1,494 @@
+"""One step as terms of a solver: what it sees, what it publishes, and whether it faults.
+
+Purpose: Core over a solver's terms, joined by conditions; what terms cannot say exactly is an
+uninterpreted function of what it is computed from. `State`, between clusters of steps,
+`StepEffect`, and the `ClusterView` of a reader, in which a topic is what the last writer before it
+published, with stamps, ages and modes.
+Non-goals: the walk (`core/core_walks.py`), when steps are made (`transition_relation.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+from soter.core import core
+from soter.core.core_walks import Execution
+from soter.language.model.types import (
+    BOOL,
+    FLOAT,
+    INT,
+    INT_MAX,
+    INT_MIN,
+    ArrayType,
+    BoolType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+)
+from soter.verify.induction.solver_terms import Age, is_known, is_tuple, is_whole, parts
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from soter.core.core_walks import Join
+    from soter.language.model.types import Type
+    from soter.verify.induction.calendar import CalendarStep, Point
+    from soter.verify.induction.problem import InductionProblem
+    from soter.verify.induction.solver_terms import SolverTerms, Term
+
+
+INLINE_MAX = 60
+"""Statements of a function that is read where it is called; a longer one is uninterpreted."""
+SWAPPED = {">": "<", ">=": "<=", "<": ">", "<=": ">=", "==": "==", "!=": "!="}
+
+
+class Reads(Protocol):
+    """What a step sees."""
+
+    def cell(self, cell: core.Cell, t: Type) -> Term:
+        """The content of a topic."""
+
+    def fact(self, fact: core.Fact) -> Term:
+        """`time`, `in_control`, a mode, an age."""
+
+
+class Evaluation(Execution["Term"]):
+    """One step, or one predicate."""
+
+    def __init__(
+        self, terms: SolverTerms, functions: Mapping[str, core.Function], reads: Reads
+    ) -> None:
+        super().__init__(functions)
+        self.terms = terms
+        self.reads = reads
+        self.where = True
+        self.fault: Term = False
+        self.doubt: Term = False
+        """A fault that hangs on something uninterpreted: there may be none."""
+        self.uninterpreted: dict[str, None] = {}
+        """Functions of the program of which nothing but their arguments was looked at."""
+
+    # ------------------------------------------------------------ statements
+
+    def _guard(self, condition: Term) -> None:
+        self._faults(self.terms.no(condition))
+
+    def _faults(self, condition: Term) -> None:
+        fault = self.terms.both(self.where, condition)
+        if self.terms.is_opaque(condition):
+            self.doubt = self.terms.either(self.doubt, fault)
+        else:
+            self.fault = self.terms.either(self.fault, fault)
+
+    def _branch_condition(self, condition: Term) -> Term:
+        return self.terms.named(condition, "if")
+
+    def _known(self, condition: Term) -> bool | None:
+        return condition if isinstance(condition, bool) else None
+
+    def _reached(self, where: Term, condition: Term, truth: bool) -> Term:
+        return self.terms.both(where, condition if truth else self.terms.no(condition))
+
+    def _join(self, condition: Term, *_: None) -> Join[Term]:
+        def join(a: Term, b: Term, t: Type) -> Term:
+            a, b = (b if a is None else a), (a if b is None else b)
+            return self.terms.chosen(condition, a, b, t)
+
+        return join
+
+    def _choose(self, s: core.Choose) -> Term:
+        terms = self.terms
+        if isinstance(s.type, BoolType):
+            value = terms.truth(s.name)
+        else:
+            value = terms.whole(s.name)
+            terms.state(terms.both(s.low <= value, value < s.low + s.count))
+        if s.ages is not None:
+            t = self.frame.types[s.ages]
+            self.bind(s.ages, t, terms.fresh(t, s.ages))
+        return value
+
+    def _publish(self, s: core.Publish, value: Term) -> None:
+        assert s.limit is None, "bursts are not followed"
+        super()._publish(s, value)
+
+    # ------------------------------------------------------------ operations that may fault
+
+    def _checked(self, s: core.Checked, operands: list[Term], limit: Term) -> Term:
+        value, fault = self._fallible(s, operands, limit)
+        self._faults(fault)
+        return value
+
+    def _fallible(self, s: core.Checked, v: list[Term], limit: Term) -> tuple[Term, Term]:
+        """The value where there is no fault, and whether there is one."""
+        terms, z3 = self.terms, self.terms.z3
+        if s.op == "index":
+            return v[0], terms.no(terms.both(v[0] >= 0, v[0] < limit))
+        if s.op == "narrow":
+            assert isinstance(s.type, IntType)
+            return v[0], terms.no(terms.both(s.type.low <= v[0], v[0] <= s.type.high))
+        if s.op == "to_int":
+            given = [terms.lifted(FLOAT, v[0])]
+            return terms.apply("to_int", given, INT), terms.apply("to_int faults", given, BOOL)
+        if s.op == "number":
+            return v[0], self._is_nan(v[0])
+        if s.op in ("div", "mod"):
+            return self._quotient(s.op, v)
+        if s.op == "add":
+            value = v[0] + v[1]
+        elif s.op == "sub":
+            value = v[0] - v[1]
+        elif s.op == "mul":
+            value = v[0] * v[1]
+        elif s.op == "neg":
+            value = -v[0]
+        else:
+            assert s.op == "abs", s.op
+            value = abs(v[0]) if is_known(v[0]) else z3.If(v[0] < 0, -v[0], v[0])
+        return value, terms.no(terms.both(value >= INT_MIN, value <= INT_MAX))
+
+    def _is_nan(self, value: Term) -> Term:
+        """Whether a float is NaN: of one that is not known, a predicate of its own."""
+        if isinstance(value, Age):
+            return False
+        if isinstance(value, float):
+            return value != value  # noqa: PLR0124
+        return self.terms.apply("is NaN", [self.terms.lifted(FLOAT, value)], BOOL)
+
+    def _quotient(self, op: str, v: list[Term]) -> tuple[Term, Term]:
+        """Towards zero; by a divisor that is known, else uninterpreted."""
+        terms, z3 = self.terms, self.terms.z3
+        a, b = v
+        if not is_known(b):
+            given = [x for y in v for x in terms.flat(y, INT)]
+            over = terms.both(a == INT_MIN, b == -1)
+            return terms.apply(op, given, INT), terms.either(b == 0, over)
+        if b == 0:
+            return 0, True
+        if is_known(a):
+            q = abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)
+            return (q if op == "div" else a - q * b), q > INT_MAX and op == "div"
+        size = z3.If(a < 0, -a, a) / abs(b)
+        q = z3.If(a < 0, -size, size) if b > 0 else z3.If(a < 0, size, -size)
+        return (q if op == "div" else a - q * b), (q > INT_MAX if op == "div" else False)
+
+    def call(self, f: core.Function, arguments: tuple[Term, ...]) -> Term:
+        """The result of a function; of one that is long or extern an uninterpreted one."""
+        terms = self.terms
+        if f.result is not None and _size(f.body) <= INLINE_MAX:
+            where, fault, doubt = self.where, self.fault, self.doubt
+            self.where, self.fault, self.doubt = True, False, False
+            value = super().call(f, arguments)
+            self.where, self.fault, inner = where, fault, self.fault
+            self.doubt = terms.either(doubt, terms.both(where, self.doubt))
+        else:
+            pairs = zip(arguments, f.parameters, strict=True)
+            given = [x for a, p in pairs for x in terms.flat(a, p.type)]
+            name = f"fun {f.name}"
+            value = terms.apply(f"fun {f.meaning or f.name}", given, f.result_type)
+            inner = terms.apply(f"{name} faults", given, BOOL) if f.can_fault else False
+            self.uninterpreted[f.source_name] = None
+        self._faults(inner)
+        return value
+
+    def _changed(self, s: core.Set | core.Push, old: Term, path: list[Term], value: Term) -> Term:
+        t = s.value.type
+        if isinstance(s, core.Push):
+            value, t = self._pushed(s, *self._at(old, s.type, path), value)
+        return self._with(old, s.type, path, value, t)
+
+    def _pushed(self, s: core.Push, old: Term, t: Type, value: Term) -> tuple[Term, Type]:
+        terms = self.terms
+        assert isinstance(t, ListType)
+        self._faults(terms.length(terms.lifted(t, old)) >= t.capacity)
+        given = [terms.lifted(t, old), *terms.flat(value, s.value.type)]
+        return terms.apply("push", given, t), t
+
+    # ------------------------------------------------------------ parts of values
+
+    def _at(self, value: Term, t: Type, steps: Sequence[Term]) -> tuple[Term, Type]:
+        for step in steps:
+            value, t = self._part(value, t, step)
+        return value, t
+
+    def _part(self, value: Term, t: Type, index: Term) -> tuple[Term, Type]:
+        terms = self.terms
+        if isinstance(t, RecordType):
+            return value[index], t.fields[index][1]
+        assert isinstance(t, (ArrayType, ListType))
+        if not is_tuple(t):
+            given = [terms.lifted(t, value), *terms.flat(index, INT)]
+            return terms.apply("element", given, t.element), t.element
+        if isinstance(index, int):
+            return value[min(max(index, 0), len(value) - 1)], t.element
+        element = value[-1]
+        for k in range(len(value) - 2, -1, -1):
+            element = terms.chosen(index == k, value[k], element, t.element)
+        return element, t.element
+
+    def _with(self, old: Term, t: Type, steps: Sequence[Term], new: Term, of: Type) -> Term:
+        """A value with one part of it replaced."""
+        if not steps:
+            return new
+        terms, (index, *rest) = self.terms, steps
+        if not is_tuple(t):
+            given = [terms.lifted(t, old), *terms.flat(new, of)]
+            where = [x for s in steps for x in terms.flat(s, INT)]
+            return terms.apply("replaced", [*given, *where], t)
+        changed = []
+        for k, (value, part) in enumerate(zip(old, parts(t), strict=True)):
+            if isinstance(index, int) and index != k:
+                changed.append(value)
+                continue
+            replaced = self._with(value, part, rest, new, of)
+            here = True if isinstance(index, int) else index == k
+            changed.append(terms.chosen(here, replaced, value, part))
+        return tuple(changed)
+
+    # ------------------------------------------------------------ expressions
+
+    def _operation(self, e: core.Expr, *operands: Term) -> Term:
+        terms = self.terms
+        if isinstance(e, core.Const):
+            return terms.constant(e.type, e.value)
+        if isinstance(e, core.Get):
+            return self.reads.cell(e.cell, e.type)
+        if isinstance(e, core.Fact):
+            return self.reads.fact(e)
+        if isinstance(e, core.Select):
+            return terms.chosen(operands[0], operands[1], operands[2], e.type)
+        if isinstance(e, core.Field):
+            return operands[0][e.index]
+        if isinstance(e, core.Element):
+            target, index = operands
+            return self._part(target, e.target.type, index)[0]
+        if isinstance(e, core.Length):
+            return terms.length(terms.lifted(e.target.type, *operands))
+        if isinstance(e, core.Unary):
+            return self._unary(e, *operands)
+        if isinstance(e, core.Extreme):
+            return self._extreme(e, *operands)
+        if isinstance(e, core.Binary):
+            return self._binary(e, *operands)
+        assert isinstance(e, core.Make), e
+        if is_tuple(e.type):
+            return operands
+        types = [part.type for part in e.elements]
+        return terms.listed(e.type, list(zip(operands, types, strict=True)))
+
+    def _unary(self, e: core.Unary, operand: Term) -> Term:
+        if e.op == "not":
+            return self.terms.no(operand)
+        if isinstance(operand, (int, float)) and e.op in ("to_float", "neg", "abs"):
+            known = float(operand)
+            return known if e.op == "to_float" else -known if e.op == "neg" else abs(known)
+        return self.terms.apply(e.op, self.terms.flat(operand, e.operand.type), e.type)
+
+    def _extreme(self, e: core.Extreme, a: Term, b: Term) -> Term:
+        if is_whole(e.type) or (isinstance(a, float) and isinstance(b, float)):
+            second = b < a if e.op == "min" else b > a
+            return self.terms.chosen(second, b, a, e.type)
+        given = [*self.terms.flat(a, e.left.type), *self.terms.flat(b, e.right.type)]
+        return self.terms.apply(e.op, given, e.type)
+
+    def _binary(self, e: core.Binary, a: Term, b: Term) -> Term:
+        terms = self.terms
+        t = e.left.type
+        if e.op == "&&":
+            return terms.both(a, b)
+        if e.op == "||":
+            return terms.either(a, b)
+        if isinstance(t, BoolType) or is_whole(t):
+            return _compared(terms, e.op, a, b)
+        assert isinstance(t, FloatType), t
+        if not isinstance(e.type, BoolType):
+            return self._float(e.op, a, b)
+        return self._floats_compared(e.op, a, b)
+
+    def _float(self, op: str, a: Term, b: Term) -> Term:
+        if isinstance(a, float) and isinstance(b, float):
+            if op == "/" and b != 0.0:
+                return a / b
+            if op != "/":
+                return a + b if op == "+" else a - b if op == "-" else a * b
+        given = [self.terms.lifted(FLOAT, a), self.terms.lifted(FLOAT, b)]
+        return self.terms.apply(f"float {op}", given, FLOAT)
+
+    def _floats_compared(self, op: str, a: Term, b: Term) -> Term:
+        terms = self.terms
+        if isinstance(a, float) and isinstance(b, float):
+            return _compared(terms, op, a, b)
+        if isinstance(a, Age) and isinstance(b, float):
+            return terms.compare_age(op, a.ns, b)
+        if isinstance(a, float) and isinstance(b, Age):
+            return terms.compare_age(SWAPPED[op], b.ns, a)
+        if op == "!=":
+            return terms.no(self._floats_compared("==", a, b))
+        if op in (">", ">="):
+            a, b, op = b, a, SWAPPED[op]
+        given = [terms.lifted(FLOAT, a), terms.lifted(FLOAT, b)]
+        return terms.apply(f"float {op}", given, BOOL)
+
+
+def _compared(terms: SolverTerms, op: str, a: Term, b: Term) -> Term:
+    if op == "==":
+        return a == b
+    if op == "!=":
+        return terms.no(a == b)
+    return a < b if op == "<" else a <= b if op == "<=" else a > b if op == ">" else a >= b
+
+
+def _size(statements: Sequence[core.Stmt]) -> int:
+    """Statements, loops unrolled."""
+    count = 0
+    for s in statements:
+        count += 1
+        if isinstance(s, core.If):
+            count += _size(s.then) + _size(s.otherwise)
+        elif isinstance(s, core.Loop):
+            count += _size(s.body) * (s.high - s.low)
+    return count
+
+
+SC, AC = 0, 1
+NEVER = -(2**62)
+
+
+@dataclass
+class State:
+    """Between two clusters: topics with their stamps, locals, the mode."""
+
+    topics: dict[int, tuple[Term, Term]]
+    locals: dict[tuple[int, str], Term]
+    mode: Term
+    had: dict[int, Term] = field(default_factory=dict)
+    """Of SC with `on takeover`: whether it had control at its last step."""
+    latched: dict[int, Term] = field(default_factory=dict)
+    """Whether a node has faulted, where that is allowed."""
+
+
+@dataclass(eq=False)
+class StepEffect:
+    """What a step did: publications (whether, what), its mode where it is a DM's."""
+
+    step: CalendarStep
+    published: dict[int, tuple[Term, Term]] = field(default_factory=dict)
+    mode: Term | None = None
+    before: Term | None = None
+    """The mode that a DM found."""
+    fault: Term = False
+    doubt: Term = False
+    """A fault that hangs on something uninterpreted."""
+
+
+@dataclass(frozen=True)
+class JudgedInstant:
+    """An instant at which properties are judged: when it counts, and what holds there.
+
+    `holds`: what is proved: that no step faulted, `safe`, then the lemmas, at `at`; `later`: `safe`
+    at any time until something happens, where ages matter to it.
+    """
+
+    counts: Term
+    earliest: int
+    latest: int
+    at: Term
+    holds: tuple[Term, ...]
+    later: Term
+    component: int
+    granted: Term = True
+    """What P2b takes for granted then."""
+
+
+class StepSurroundings(Protocol):
+    """The stretch of time that a step stands in."""
+
+    problem: InductionProblem
+    terms: SolverTerms
+    writers: list[int]
+    state: State
+    still: dict[int, Term]
+    """Topics that nobody of the relation publishes, and that do not change."""
+
+
+class Order(Protocol):
+    """A cluster of steps in an order that is left open."""
+
+    def last(
+        self, index: int, old: tuple[Term, Term], point: Point | None, own: CalendarStep | None
+    ) -> tuple[Term, Term]:
+        """The last publication on a topic before a point."""
+
+    def mode(self, old: Term, point: Point | None, own: CalendarStep | None) -> Term:
+        """After the last decision before a point."""
+
+
+class ClusterView:
+    """What is read at a point of a cluster, `own` included where it is an effect."""
+
+    def __init__(
+        self,
+        of: StepSurroundings,
+        cluster: Order | None,
+        now: Term,
+        point: Point | None = None,
+        own: CalendarStep | None = None,
+        *,
+        enabled: Term = True,
+    ) -> None:
+        self.of, self.cluster, self.now, self.point, self.own = of, cluster, now, point, own
+        self.enabled = enabled
+        self._known: dict[int, tuple[Term, Term]] = {}
+
+    def cell(self, cell: core.Cell, t: Type) -> Term:
+        """A topic; one that nobody of the relation publishes holds anything of its set."""
+        assert cell.kind == "topic", cell
+        if cell.owner in self.of.still:
+            return self.of.still[cell.owner]
+        if cell.owner not in self.of.writers:
+            topic = self.of.problem.system.topics[cell.owner]
+            bounds = topic.bounds if topic.queue_of is None else None
+            return self.of.terms.fresh(t, topic.name, bounds)
+        return self.topic(cell.owner)[0]
+
+    def topic(self, index: int) -> tuple[Term, Term]:
+        """Value and stamp."""
+        if index not in self._known:
+            publication = self.of.state.topics[index]
+            if self.cluster is not None:
+                publication = self.cluster.last(index, publication, self.point, self.own)
+            self._known[index] = publication
+        return self._known[index]
+
+    def stamp(self, index: int) -> Term:
+        """Of a topic; of one that nobody of the relation publishes, any."""
+        if index in self.of.writers:
+            return self.topic(index)[1]
+        terms = self.of.terms
+        stamp = terms.whole("stamp")
+        terms.state(stamp <= self.now)
+        return stamp
+
+    def mode(self) -> Term:
+        """Of the module."""
+        mode = self.of.state.mode
+        return mode if self.cluster is None else self.cluster.mode(mode, self.point, self.own)
+
+    def fact(self, fact: core.Fact) -> Term:
+        """`time` may be anything."""
+        if fact.fact == "mode":
+            return self.mode()
+        if fact.fact == "in_control":
+            return self.enabled
+        if fact.fact == "age":
+            return Age(self.now - self.stamp(fact.index))
+        return self.of.terms.fresh(FLOAT, "time")
+
+
+def if_(terms: SolverTerms, condition: Term, then: Term, otherwise: Term) -> Term:
+    """Of two integers."""
+    if isinstance(condition, bool) or then is otherwise:
+        return then if condition is not False else otherwise
+    return terms.z3.If(condition, then, otherwise)

@@ -1,0 +1,399 @@
+"""Ways through the flying system: from sensors to what a module reads, from it to the plant.
+
+Purpose: for a topic of the verification system the `SensorPath`s of its publishers, hop by hop; for
+every output of a module the nodes that its commands pass on their way, where the plants of the
+proof are abstractions (docs/proof.md, "The model of time"); whether a node publishes a topic at
+every step, which ages and waits on such a way take for granted.
+Non-goals: what the nodes compute (that they show the state is an assumption, `assumptions.py`), the
+times that follow (`schedule.py`), faults: that no node on a way faults is an
+assumption.
+
+Three kinds of nodes stand there. One that also reads what comes from a plant is a controller of
+its own and belongs, with everything behind it, to what the abstraction stands for: it is named, and
+may not skip a command. One that reads commands only passes them on: its wait is counted, unless
+it is released whenever SC is and declared behind the one before it, without times of its own: then
+it runs behind SC in the module's thread, in the same instant. Below a shield that is asked of the
+first one with sensors of its own, too, as it says until when a command of AC is taken over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from math import gcd
+from typing import TYPE_CHECKING
+
+from soter.language.model import typed
+from soter.language.model.system import tower_of
+from soter.language.model.tree_walk import topic_reads
+from soter.verify.problem.schedule import ActuationPath, Releases, SensorPath
+from soter.verify.problem.verification_system import sc_reads
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from soter.language.model.system import Component, Topic
+    from soter.verify.problem.verification_system import VerificationSystem
+
+
+class UnfollowedError(Exception):
+    """A way that cannot be followed: the component that it ends at, and why."""
+
+    def __init__(self, node: Component, why: str) -> None:
+        super().__init__(why)
+        self.node = node
+
+
+def publishes_always(statements: Sequence[typed.TypedStmt], topic: typed.TopicSymbol) -> bool:
+    """Whether every path through the statements publishes the topic; loops count as empty."""
+    for s in statements:
+        if isinstance(s, typed.TypedPublish) and s.topic is topic:
+            return True
+        if isinstance(s, typed.TypedIf) and s.otherwise:
+            parts = [body for _, body in s.arms] + [s.otherwise]
+            if all(publishes_always(body, topic) for body in parts):
+                return True
+    return False
+
+
+def must_publish(node: Component, index: int) -> None:
+    """`UnfollowedError` where a step of the node may leave out the topic of that index."""
+    assert node.node is not None
+    if node.node.extern:
+        return  # named, like everything that an extern does
+    symbols = [t for t in node.node.publishes if node.scope.topics[t] == index]
+    if not all(publishes_always(node.node.step, t) for t in symbols):
+        raise UnfollowedError(node, "some of its steps publish nothing")
+
+
+WAYS_MAX = 64
+
+
+@dataclass(frozen=True, eq=False)
+class DownstreamPath:
+    """One way from an output to a plant: nodes whose wait counts, others that are named."""
+
+    counted: tuple[Component, ...] = ()
+    in_step: tuple[Component, ...] = ()
+    inner: tuple[Component, ...] = ()
+
+
+def find_downstream_paths(place: VerificationSystem) -> list[DownstreamPath]:
+    """Every way from the module's outputs to a plant of the flying system.
+
+    UnfollowedError where they are more than `WAYS_MAX`.
+    """
+    ways: list[DownstreamPath] = []
+    for index in place.home.outputs:
+        for nodes in _chains(place, index, ()):
+            ways.append(_way(place, nodes))
+            if len(ways) > WAYS_MAX:
+                sc = place.flat.components[place.home.sc]
+                raise UnfollowedError(sc, f"more than {WAYS_MAX} ways lead from it to plants")
+    return ways
+
+
+def _chains(
+    place: VerificationSystem, index: int, seen: tuple[Component, ...]
+) -> Iterator[tuple[Component, ...]]:
+    """The nodes in order, of every way that ends at a plant and does not run in a circle."""
+    for c in place.flat.components:
+        if c.plant is not None and index in c.reads:
+            yield seen
+        if c.node is None or c in seen or index not in _read_by(place, c):
+            continue
+        for topic in c.node.publishes:
+            yield from _chains(place, c.scope.topics[topic], (*seen, c))
+
+
+def _read_by(place: VerificationSystem, c: Component) -> set[int]:
+    """Topics that a node reads, those that reach it through a queue too."""
+    assert c.node is not None
+    topics = [place.flat.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
+    return {t.index if t.queue_of is None else t.queue_of for t in topics}
+
+
+def _way(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamPath:
+    counted: list[Component] = []
+    in_step: list[Component] = []
+    before = -1
+    for k, node in enumerate(nodes):
+        assert node.node is not None
+        if node.role != "node":
+            raise UnfollowedError(node, "the AC of another module may publish anything there")
+        if _reads_sensors(place, node, set(nodes[: k + 1])):
+            if place.module.symbol.shield is not None and not counted and node.index > before:
+                in_step += [node] if _prompt(place, node) else []
+            return DownstreamPath(tuple(counted), tuple(in_step), nodes[k:])
+        _passes_on(place, node, nodes[k + 1] if k + 1 < len(nodes) else None)
+        if _in_step(place, node) and not counted and node.index > before:
+            in_step.append(node)
+            before = node.index
+        else:
+            counted.append(node)
+    return DownstreamPath(tuple(counted), tuple(in_step))
+
+
+def _passes_on(place: VerificationSystem, node: Component, after: Component | None) -> None:
+    """`UnfollowedError` where a node may publish something old, or nothing, to the one after it."""
+    assert node.node is not None
+    topics = place.flat.topics
+    if any(topics[node.scope.topics[s.topic]].queue_of is not None for s in node.node.subscribes):
+        raise UnfollowedError(node, "it reads a queue, whose commands may be of any age")
+    for topic in node.node.publishes:
+        published = node.scope.topics[topic]
+        if after is None or published in _read_by(place, after):
+            must_publish(node, published)
+
+
+def _prompt(place: VerificationSystem, node: Component) -> bool:
+    """Whether a node with sensors of its own takes a command over behind SC, at every step."""
+    assert node.node is not None
+    always = all(publishes_always(node.node.step, t) for t in node.node.publishes)
+    return always and is_state_of_proof(place, node) and _in_step(place, node)
+
+
+def is_state_of_proof(place: VerificationSystem, node: Component) -> bool:
+    """Whether all that a node publishes is read by the maps of `abstracts`."""
+    assert node.node is not None
+    shown = topic_reads(*(link.value for link in place.module.symbol.verify.abstracts))
+    return set(node.node.publishes) <= shown.keys()
+
+
+def _in_step(place: VerificationSystem, node: Component) -> bool:
+    """Whether it is in the thread, released whenever SC is, and no times of it are declared."""
+    if node.extern and not node.inline:
+        return False
+    sc = place.sc
+    aligned = gcd(node.period_ns, sc.period_ns) == node.period_ns
+    aligned = aligned and (sc.phase_ns - node.phase_ns) % node.period_ns == 0
+    return aligned and all(place.declared(node, w) is None for w in ("late", "response"))
+
+
+def _driven(c: Component) -> set[int]:
+    return set() if c.plant is None else {*c.writes}
+
+
+def _reads_sensors(place: VerificationSystem, node: Component, behind: set[Component]) -> bool:
+    """Whether what it reads comes from a plant, not only through the nodes before it."""
+    flat, todo, seen = place.flat, [node], {node}
+    while todo:
+        c = todo.pop()
+        assert c.node is not None
+        named = sc_reads(c.node)  # what it subscribes to and never looks at is no sensor of its own
+        topics = [flat.topics[c.scope.topics[t]] for t in named]
+        read = {t.index if t.queue_of is None else t.queue_of for t in topics}
+        for other in flat.components:
+            if read & _driven(other):
+                return True
+            if other.node is None or other in seen or other in behind or other.role != "node":
+                continue
+            if read & {*other.writes}:
+                seen.add(other)
+                todo.append(other)
+    return False
+
+
+ROUTES_MAX = 64
+"""More ways than these from sensors to one topic are not followed."""
+
+
+@dataclass(frozen=True, eq=False)
+class CauseEffectChain:
+    """One way from a sensor to a topic, with its stations in the flying system."""
+
+    path: SensorPath
+    topic: Topic
+    sensor: Component | None
+    """None: an input of the system, or a node that no plant stands behind."""
+    nodes: tuple[Component, ...] = ()
+    source: bool = False
+    """The first node stands behind no plant: what it publishes is a state of its own, which is
+    what it is until it publishes again, the default before its first step (an assumption). So who
+    reads it sees the instant of the reading."""
+
+    @property
+    def stations(self) -> tuple[Component, ...]:
+        """The nodes that belong to `path`: without a source that others read."""
+        return self.nodes[len(self.nodes) - len(self.path.nodes) :]
+
+
+@dataclass(eq=False)
+class CauseEffectChains:
+    """Every way that matters for the times of one module."""
+
+    by_dm: list[CauseEffectChain] = field(default_factory=list)
+    by_sc: list[CauseEffectChain] = field(default_factory=list)
+    ways: list[DownstreamPath] = field(default_factory=list)
+    """From SC to plants."""
+    beside: dict[tuple[str, str], None] = field(default_factory=dict)
+    """Topics and who else their publishers listen to, that is no part of the proof: plants that no
+    `abstracts` names, controllers of other modules. They say what is done, not where the plant of
+    the proof is, so how old that is does not matter (an assumption, printed)."""
+    releases: dict[Component, Releases] = field(default_factory=dict)
+    """Of the nodes behind SC."""
+
+    @property
+    def behind(self) -> list[Component]:
+        """Nodes behind SC whose wait counts, each once."""
+        return list(dict.fromkeys(n for w in self.ways for n in w.counted))
+
+    @property
+    def nodes(self) -> list[Component]:
+        """Nodes between sensor and module, each once."""
+        stations = [n for r in (*self.by_dm, *self.by_sc) for n in r.stations]
+        return list(dict.fromkeys(stations))
+
+
+def chains_of(
+    place: VerificationSystem,
+    dm: list[int],
+    sc: list[int],
+    ns: Callable[[typed.TypedExpr | None], int],
+) -> CauseEffectChains:
+    """The ways to the topics that DM and SC read (indices of the verification system)."""
+    chains = CauseEffectChains()
+
+    def releases(c: Component) -> Releases:
+        return releases_of(place, c, ns)
+
+    chains.by_dm += [r for index in dm for r in _to(place, index, releases, chains.beside)]
+    chains.by_sc += [r for index in sc for r in _to(place, index, releases, chains.beside)]
+    if place.abstract:
+        chains.ways = find_downstream_paths(place)
+        chains.releases = {n: releases(n) for n in chains.behind}
+    return chains
+
+
+def releases_of(
+    place: VerificationSystem, c: Component, ns: Callable[[typed.TypedExpr | None], int]
+) -> Releases:
+    """Of a node of the flying system, with the times that the module declares of it."""
+    late, response = place.declared(c, "late"), place.declared(c, "response")
+    return Releases(c.period_ns, c.phase_ns, ns(late), ns(response))
+
+
+def side_inputs(place: VerificationSystem) -> dict[str, str]:
+    """Topics of SC that no plant of the proof drives -> the one node that always publishes them."""
+    publisher_by_topic = {}
+    for topic in sc_reads(place.sc.node) if place.abstract and place.sc.node else ():
+        own, index = place.sc.scope.topics[topic], place.flying(topic)
+        nodes = [c for c in place.flat.components if _publishes(c, index)]
+        if own in place.driven or [c.role for c in nodes] != ["node"]:
+            continue
+        try:
+            must_publish(nodes[0], index)
+        except UnfollowedError:
+            continue
+        publisher_by_topic[place.system.topics[own].name] = nodes[0].name
+    return publisher_by_topic
+
+
+def _publishes(c: Component, index: int) -> bool:
+    return c.node is not None and index in c.writes
+
+
+def outputs_of(chains: CauseEffectChains, least: int, acts: int) -> tuple[ActuationPath, ...]:
+    """What lies between SC and the plants, one entry for every different way."""
+    ways = [
+        ActuationPath(least, acts, tuple(chains.releases[n] for n in w.counted))
+        for w in chains.ways
+    ]
+    return tuple(dict.fromkeys(ways)) or (ActuationPath(least, acts),)
+
+
+def _to(
+    place: VerificationSystem,
+    index: int,
+    releases: Callable[[Component], Releases],
+    beside: dict[tuple[str, str], None],
+) -> Iterator[CauseEffectChain]:
+    topic = place.system.topics[index]
+    if not place.abstract:
+        plant = place.driven[index]
+        at = Releases(plant.period_ns, plant.phase_ns)
+        path = SensorPath(at, (), topic.max_age_ns, topic=topic.name, publisher=plant.name)
+        yield CauseEffectChain(path, topic, plant)
+        return
+    count, shown = 0, False
+    for way in _upstream(place, place.flying(topic.symbol), ()):
+        count += 1
+        if count > ROUTES_MAX:
+            raise UnfollowedError(way.nodes[-1], f"more than {ROUTES_MAX} ways lead to it")
+        if way.beside is not None:
+            beside[topic.name, way.beside.name] = None
+            continue
+        nodes = way.nodes[1:] if way.source and len(way.nodes) > 1 else way.nodes
+        path = SensorPath(
+            way.first,
+            tuple(releases(n) for n in nodes),
+            topic.max_age_ns,
+            topic=topic.name,
+            publisher=_publisher(way, topic),
+        )
+        shown = shown or (way.sensor is not None and way.sensor.name == place.shown_by(index))
+        yield CauseEffectChain(path, topic, way.sensor, way.nodes, way.source)
+    if not count:
+        raise UnfollowedError(place.sc, f"nobody publishes `{topic.name}` in the flying system")
+    if not shown:
+        who = place.shown_by(index)
+        what = f"`{topic.name}` is to show `{who}`, and no way leads to it from there"
+        raise UnfollowedError(place.sc, what)
+
+
+def _publisher(way: _ChainPrefix, topic: Topic) -> str:
+    if way.nodes:
+        return way.nodes[-1].name
+    return topic.name if way.sensor is None else way.sensor.name
+
+
+@dataclass(frozen=True, eq=False)
+class _ChainPrefix:
+    sensor: Component | None
+    nodes: tuple[Component, ...]
+    first: Releases
+    source: bool = False
+    beside: Component | None = None
+    """Who stands at its beginning, where that is no part of the proof."""
+
+
+def _upstream(
+    place: VerificationSystem, index: int, seen: tuple[Component, ...]
+) -> Iterator[_ChainPrefix]:
+    """Every way to a topic of the flying system that does not run in a circle."""
+    flat, links = place.flat, place.module.symbol.verify.abstracts
+    shown = {place.around + link.instance for link in links}
+    own = {m.index for m in tower_of(flat, place.home.index)}
+    for drive in flat.inputs:
+        if drive.topic == index:
+            yield _ChainPrefix(None, (), Releases(drive.every_ns))
+    for c in flat.components:
+        if index in _driven(c):
+            beside = None if c.name in shown else c
+            yield _ChainPrefix(c, (), Releases(c.period_ns, c.phase_ns), beside=beside)
+        if c.node is None or c in seen or c.module in own:
+            continue
+        if _publishes(c, index):
+            yield from _through(place, c, index, seen)
+
+
+def _through(
+    place: VerificationSystem, c: Component, index: int, seen: tuple[Component, ...]
+) -> Iterator[_ChainPrefix]:
+    """Those that come by a component that publishes there."""
+    assert c.node is not None
+    if c.role != "node":
+        if not seen:
+            raise UnfollowedError(c, "the AC of another module may publish anything there")
+        yield _ChainPrefix(None, (c,), Releases(1), beside=c)
+        return
+    must_publish(c, index)
+    ways = 0
+    for s in c.node.subscribes:
+        read = c.scope.topics[s.topic]
+        if place.flat.topics[read].queue_of is not None:
+            raise UnfollowedError(c, "it reads a queue, whose values may be of any age")
+        for way in _upstream(place, read, (*seen, c)):
+            ways += 1
+            yield replace(way, nodes=(*way.nodes, c))
+    if not ways:
+        yield _ChainPrefix(None, (c,), Releases(1), source=True)

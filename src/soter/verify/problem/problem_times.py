@@ -1,0 +1,446 @@
+"""The times of a problem (docs/verification.md, Times), and whether the trusted thread keeps them.
+
+Purpose: `Times` of a module in its verification system; P1c in words. R033, R034: where a system
+declares execution times, the latest start and the longest step of every component of a module
+against the lateness J and response R that its proof counts with; and the times themselves, so that
+P1c can be said of what is deployed.
+Non-goals: measuring anything: lateness and response times are declared, and assumed; the analysis
+of the thread (`soter.timing`).
+
+A component of the thread keeps J and R when its latest start is at most J after its release, and
+its `wcet` at most R. SC may wait longer: until every DM released at or before it must have spoken
+(docs/proof.md). A node that runs behind SC in the same instant has no times of its own in a proof:
+what it publishes counts as SC's output, so it has to be there R_sc after the start of SC.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import gcd
+from typing import TYPE_CHECKING
+
+from soter.language.check.constants_and_types import Calculator
+from soter.language.model.system import holder_of
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import show_ns, write_ns
+from soter.timing.trusted_thread import MISSES, in_thread, report_miss, timing_of
+from soter.verify.problem.cause_effect_chains import (
+    CauseEffectChains,
+    UnfollowedError,
+    chains_of,
+    outputs_of,
+)
+from soter.verify.problem.problem import Times
+from soter.verify.problem.schedule import Releases, Schedule
+from soter.verify.problem.time_checks import check_times, of_map
+from soter.verify.problem.verification_system import sc_reads
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.diagnostics.diagnostic import Diagnostics, Span
+    from soter.language.model import typed
+    from soter.language.model.system import Component, Module, System
+    from soter.timing.trusted_thread import ScheduledStep, Timing
+    from soter.verify.problem.cause_effect_chains import CauseEffectChain
+    from soter.verify.problem.problem import ProblemKind
+    from soter.verify.problem.verification_system import VerificationSystem
+
+
+Pair = tuple[int, int]
+"""Lateness and response in ns."""
+
+
+@dataclass(frozen=True)
+class AssumedTimes:
+    """The times that a proof of a module counts with.
+
+    `nodes`: by full name, of those that are followed and stand in the thread; `in_step`: full names
+    of nodes behind SC in its instant; `elsewhere`: of those that are followed in processes of their
+    own, zero where one counts as a node behind SC in its instant.
+    """
+
+    dm: Pair
+    sc: Pair
+    nodes: dict[str, Pair] = field(default_factory=dict)
+    in_step: tuple[str, ...] = ()
+    elsewhere: dict[str, Pair] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class DeployedTimes:
+    """The least times that a proof of a module may count with, as `AssumedTimes` has them.
+
+    They mean nothing where `timing` has a miss.
+    """
+
+    timing: Timing
+    dm: Pair
+    sc: Pair
+    nodes: dict[str, Pair]
+    late_at: dict[str, int]
+    """The release at which each starts so late: "dm", "sc" and names of nodes."""
+    handed_over: int | None
+    """From a release of the DM to the start of SC at its first release from then on, at most, where
+    that is known; it has the verdict then, as the thread works in order."""
+
+
+def deployed(flat: System, module: Module, assumed: AssumedTimes) -> DeployedTimes | None:
+    """What the declared execution times of a system ask of a proof of a module of it.
+
+    None where the thread declares none. J of SC is without its waiting for the DM, which may speak
+    as late as `assumed` says, or as it does.
+    """
+    dm, sc = flat.components[module.dm], flat.components[module.sc]
+    steps: list[ScheduledStep] = []
+    timing = timing_of(flat, lambda c, step: steps.append(step) if c.index == sc.index else None)
+    if timing is None:
+        return None
+    spoken = _needed(timing, dm)
+    ready = max(sum(assumed.dm), sum(spoken))
+    late, response = _needed(timing, sc)
+    late_at = {"dm": _at(timing, dm), "sc": _at(timing, sc)}
+    late_at |= {n: _at(timing, flat.component(n)) for n in assumed.nodes}
+    if timing.exact and steps:
+        worst = max(steps, key=lambda s: _late(s, dm, ready))
+        late, late_at["sc"] = _late(worst, dm, ready), worst.release
+    response = max([response, *(_behind(flat, sc, flat.component(n)) for n in assumed.in_step)])
+    nodes = {n: _needed(timing, flat.component(n)) for n in assumed.nodes}
+    handed_over = max((_waited(s, dm, sc) for s in steps), default=0) if timing.exact else None
+    return DeployedTimes(timing, spoken, (late, response), nodes, late_at, handed_over)
+
+
+def _waited(step: ScheduledStep, dm: Component, sc: Component) -> int:
+    """From the first release of the DM after the step of SC before this one, to its start."""
+    after = step.release - sc.period_ns
+    first = after + 1 + (dm.phase_ns - after - 1) % dm.period_ns
+    return step.start - first if first <= step.release else 0
+
+
+def _needed(timing: Timing, c: Component) -> Pair:
+    row = timing.row(c)
+    assert row is not None
+    return (0 if row.worst is None else row.worst.start), row.task.wcet
+
+
+def _at(timing: Timing, c: Component) -> int:
+    """The release of a component that starts latest."""
+    row = timing.row(c)
+    assert row is not None
+    return 0 if row.worst is None else row.worst.at
+
+
+def _late(step: ScheduledStep, dm: Component, ready: int) -> int:
+    """How late SC starts for other reasons than that it waits for the DM."""
+    due = step.release - (step.release - dm.phase_ns) % dm.period_ns
+    waits = due >= dm.phase_ns and step.start <= due + ready
+    return 0 if waits else step.start - step.release
+
+
+def _behind(flat: System, sc: Component, node: Component) -> int:
+    """From the start of SC to the end of a node that is released with it and comes after, at most.
+
+    What may be released in that instant between them counts; what is left from before does not, as
+    that is over when SC starts.
+    """
+    between = [
+        c
+        for c in flat.components
+        if sc.index <= c.index <= node.index
+        and in_thread(c)
+        and (c.phase_ns - sc.phase_ns) % gcd(c.period_ns, sc.period_ns) == 0
+    ]
+    longest = rest = 0
+    for c in reversed(between):
+        rest += c.wcet_ns or 0
+        longest = max(longest, rest + (0 if c is sc else c.jitter_ns))
+    return longest
+
+
+def check_deployed(
+    flat: System, module: Module, assumed: AssumedTimes, diagnostics: Diagnostics
+) -> list[str]:
+    """R034 where the calendar cannot be kept, R033 where it does not keep the times of a proof.
+
+    What a proof rests on here, in words; nothing where no execution times are declared.
+    """
+    _check_elsewhere(flat, module, assumed, diagnostics)
+    deployment = deployed(flat, module, assumed)
+    if deployment is None:
+        return []
+    timing = deployment.timing
+    if timing.verdict == MISSES:
+        report_miss(timing, diagnostics)
+        return []
+    if not timing.exact and any(r.worst is None for r in timing.rows):
+        return _too_long(flat, module, diagnostics)
+    pairs = {"dm": (assumed.dm, deployment.dm), "sc": (assumed.sc, deployment.sc)}
+    pairs |= {n: (pair, deployment.nodes[n]) for n, pair in assumed.nodes.items()}
+    at = deployment.late_at if timing.exact else {}
+    if wrong := list(_beyond(pairs, at)):
+        diagnostics.error(
+            "R033",
+            f"the thread of system `{flat.name}` does not keep the times of the proof of "
+            f"`{module.name}`",
+            _place(module),
+            notes=(*wrong, *([] if timing.exact else ["these are bounds: docs/timing.md"])),
+            helps=(f"write `{' '.join(_lines(flat, module, pairs))}`",),
+        )
+    missing = ", ".join(c.name for c in timing.missing)
+    if missing:
+        return [f"no `wcet` is said of {missing}: that the thread keeps these times is assumed"]
+    one = "`wcet` and `jitter` hold, and one thread works in the deployed order"
+    others = "extern nodes run elsewhere, unless they are `inline`"
+    return [f"{one}; {others} (docs/timing.md)"]
+
+
+def _place(module: Module) -> Span:
+    """Where the times stand: of all views of a module, in one place."""
+    symbol = module.whole or module.symbol
+    return symbol.verify.span or symbol.span
+
+
+def _too_long(flat: System, module: Module, diagnostics: Diagnostics) -> list[str]:
+    diagnostics.error(
+        "R033",
+        f"whether the thread of system `{flat.name}` keeps the times of the proof of "
+        f"`{module.name}` is not known",
+        _place(module),
+        notes=("its calendar has too many steps before it comes again, and is too full",),
+        helps=("periods that are multiples of one another",),
+    )
+    return []
+
+
+def _check_elsewhere(
+    flat: System, module: Module, assumed: AssumedTimes, diagnostics: Diagnostics
+) -> None:
+    """R033 where a node in a process of its own says longer times than a proof counts with."""
+    said = {n: flat.component(n) for n in assumed.elsewhere}
+    pairs = {n: (assumed.elsewhere[n], (c.jitter_ns, c.wcet_ns or 0)) for n, c in said.items()}
+    if wrong := list(_beyond(pairs, {})):
+        diagnostics.error(
+            "R033",
+            f"nodes of system `{flat.name}` do not keep the times of the proof of `{module.name}`",
+            _place(module),
+            notes=(*wrong, "they run in processes of their own, and say these times themselves"),
+            helps=(f"write `{' '.join(_lines(flat, module, pairs))}`",),
+        )
+
+
+def _beyond(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]) -> Iterator[str]:
+    """What is later or longer than a proof counts with, with the release where that is known."""
+    for name, (assumed, needed) in pairs.items():
+        who = {"dm": "the DM", "sc": "SC"}.get(name, f"`{name}`")
+        if needed[0] > assumed[0]:
+            when = f" at {show_ns(late_at[name])}" if name in late_at else ""
+            yield (
+                f"{who} may start {show_ns(needed[0])} after its release{when}, "
+                f"the proof counts with {show_ns(assumed[0])}"
+            )
+        if needed[1] > assumed[1]:
+            yield (
+                f"{who} may take {show_ns(needed[1])} from its start, "
+                f"the proof counts with {show_ns(assumed[1])}"
+            )
+
+
+def _lines(flat: System, module: Module, pairs: dict[str, tuple[Pair, Pair]]) -> list[str]:
+    """`late` and `response` of a `verify` block with which the proof counts with enough."""
+    home = holder_of(flat, module)
+    lines = []
+    for k, word in enumerate(("late", "response")):
+        said = [
+            f"{n.removeprefix(f'{home}.')} {write_ns(max(a[k], b[k]))}"
+            for n, (a, b) in pairs.items()
+            if max(a[k], b[k])
+            and not (word == "response" and n not in ("dm", "sc") and flat.component(n).takes_ns)
+        ]
+        lines += [f"{word} {', '.join(said)};"] if said else []
+    return lines
+
+
+DELAYS = ("late_dm", "late_sc", "response_dm", "response_sc", "acts")
+WORDS = {
+    "late_dm": "the DM starts on time",
+    "late_sc": "SC starts on time",
+    "response_dm": "the DM takes no time",
+    "response_sc": "SC takes no time",
+    "acts": "commands act at once",
+}
+
+
+def times_of(
+    place: VerificationSystem, kind: ProblemKind, diagnostics: Diagnostics
+) -> tuple[Times, CauseEffectChains]:
+    """Every time in ns, and the ways they come from; a diagnostic where an age has no bound."""
+    module, verify = place.module, place.module.symbol.verify
+    calculator = Calculator(diagnostics, module.scope.params)
+
+    def ns(expr: typed.TypedExpr | None) -> int:
+        return 0 if expr is None else int(calculator.value(expr, "a time") or 0)
+
+    delays = {name: ns(getattr(verify, name)) for name in DELAYS}
+    dm, sc = read_by_dm(place), read_by_sc(place)
+    for topic in {**dm, **sc}:
+        _aged(place, topic, diagnostics)
+    try:
+        chains = chains_of(place, list(dm), list(sc), ns)
+    except UnfollowedError as error:
+        _unfollowed(place, error, diagnostics)
+        chains = CauseEffectChains()
+    outputs = outputs_of(chains, ns(verify.acts_least), delays["acts"])
+    at = place.system.components[module.dm]
+    schedule = Schedule(
+        Releases(module.period_ns, at.phase_ns, delays["late_dm"], delays["response_dm"]),
+        Releases(place.sc.period_ns, place.sc.phase_ns, delays["late_sc"], delays["response_sc"]),
+        tuple(r.path for r in chains.by_dm),
+        tuple(r.path for r in chains.by_sc),
+        outputs,
+        ns(verify.dropout),
+    )
+    rests: list[str] = []
+    if not diagnostics.has_errors:
+        assumed = assumed_of(schedule, chains)
+        rests = check_deployed(place.flat, place.home, assumed, diagnostics)
+    declared = [name for name in DELAYS if getattr(verify, name) is not None]
+    declared += [] if undeclared(place, chains) else ["nodes"]
+    horizon = None if verify.horizon is None else ns(verify.horizon)
+    times = Times(schedule, horizon, frozenset(declared), tuple(rests))
+    if not diagnostics.has_errors:
+        check_times(place, kind, times, chains, diagnostics)
+        for who, topics in () if place.abstract else (("the DM", dm), ("SC", sc)):
+            _of_one_instant(place, who, topics, diagnostics)
+    return (of_map(times) if kind == "map" else times), chains
+
+
+def assumed_of(schedule: Schedule, chains: CauseEffectChains) -> AssumedTimes:
+    """What the proof counts with, of everybody on the way."""
+    at = {n: r for q in (*chains.by_dm, *chains.by_sc) for n, r in _stations(q)}
+    at.update((n, chains.releases[n]) for n in chains.behind)
+    in_step = dict.fromkeys(n for w in chains.ways for n in w.in_step)
+    elsewhere = {n.name: (0, 0) for n in in_step if not in_thread(n)}
+    elsewhere |= {n.name: (r.late, r.response) for n, r in at.items() if not in_thread(n)}
+    return AssumedTimes(
+        dm=(schedule.dm.late, schedule.dm.response),
+        sc=(schedule.sc.late, schedule.sc.response),
+        nodes={n.name: (r.late, r.response) for n, r in at.items() if in_thread(n)},
+        in_step=tuple(n.name for n in in_step if in_thread(n)),
+        elsewhere=elsewhere,
+    )
+
+
+def _stations(chain: CauseEffectChain) -> Iterator[tuple[Component, Releases]]:
+    return zip(chain.stations, chain.path.nodes, strict=True)
+
+
+def undeclared(place: VerificationSystem, chains: CauseEffectChains) -> list[str]:
+    """Nodes on the way of which not both times are declared."""
+    nodes = dict.fromkeys([*chains.nodes, *chains.behind])
+    return [n.name for n in nodes if None in (place.declared(n, w) for w in ("late", "response"))]
+
+
+def read_by_dm(place: VerificationSystem) -> dict[int, None]:
+    """Driven topics behind a verdict of the DM: those of its predicates, or of the axes."""
+    symbol, module = place.module.symbol, place.module
+    predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
+    topics = list(topic_reads(*predicates))
+    if not predicates:
+        topics = [a.topic for g in symbol.verify.groups for a in g.axes if a.topic is not None]
+    scope = {**place.sc.scope.topics, **module.scope.topics}
+    topics = topics or list(scope)  # computed predicates without a `grid` line read what they can
+    return {scope[t]: None for t in topics if t in scope and scope[t] in place.driven}
+
+
+def read_by_sc(place: VerificationSystem) -> dict[int, None]:
+    """Driven topics that SC reads."""
+    assert place.sc.node is not None
+    topics = [place.sc.scope.topics[t] for t in sc_reads(place.sc.node)]
+    return {t: None for t in topics if t in place.driven}
+
+
+def _aged(place: VerificationSystem, index: int, diagnostics: Diagnostics) -> None:
+    topic = place.system.topics[index]
+    if topic.max_age_ns is None:
+        diagnostics.error(
+            "R011",
+            f"nothing bounds the age of `{topic.name}`",
+            topic.symbol.span,
+            notes=("a decision about a state that may be of any age is about no state",),
+            helps=("declare it: `topic ... max_age 20ms;`",),
+        )
+
+
+def _unfollowed(
+    place: VerificationSystem, error: UnfollowedError, diagnostics: Diagnostics
+) -> None:
+    diagnostics.error(
+        "R017",
+        f"the way through `{error.node.name}` cannot be followed: {error}",
+        error.node.span,
+        also=((place.module.symbol.span, "on the way to this module"),),
+        notes=("how old the state is that a module sees depends on everybody on the way to it",),
+    )
+
+
+def _of_one_instant(
+    place: VerificationSystem, who: str, topics: dict[int, None], diagnostics: Diagnostics
+) -> None:
+    """R016 where plants publish at different instants what is read as one state.
+
+    Plants start together: those with the same period publish at the same instants.
+    """
+    first, *others = topics or (None,)
+    for index in others:
+        assert first is not None
+        plants = [place.driven[i] for i in (first, index)]
+        if (plants[0].period_ns, plants[0].phase_ns) == (plants[1].period_ns, plants[1].phase_ns):
+            continue
+        names = [place.system.topics[i].name for i in (first, index)]
+        every = [show_ns(c.period_ns) for c in plants]
+        diagnostics.error(
+            "R016",
+            f"{who} reads `{names[0]}` and `{names[1]}`, which show the plants at different times",
+            plants[1].span,
+            f"publishes `{names[1]}` every {every[1]}",
+            also=((plants[0].span, f"publishes `{names[0]}` every {every[0]}"),),
+            notes=("an estimate is the state at one instant, plus an error",),
+            helps=("give these plants one period",),
+        )
+        return
+
+
+def terms(times: Times) -> dict[str, int]:
+    """The summands of H*, in ns."""
+    schedule = times.schedule
+    summands = {
+        "the age of what the DM reads": times.age_dm,
+        "the period of the DM": times.delta_dm,
+        "handing over to SC": max(schedule.dm.latest, schedule.farthest + times.late_sc),
+        "SC's response": times.response_sc,
+        "until a command acts": times.acts,
+    }
+    on_the_way = schedule.h_star - sum(summands.values())
+    return {**summands, "nodes behind SC": on_the_way} if on_the_way else summands
+
+
+def in_words(times: Times) -> str:
+    """H and H* with the largest term, for people."""
+    h, star = times.horizon_ns, times.h_star
+    name, largest = max(terms(times).items(), key=lambda item: item[1])
+    if times.schedule.handed_back == star:
+        name, largest = "a hand-back of the module above", star
+    if times.horizon is None:
+        return (
+            f"H = H* = {show_ns(h)}: what is needed (no `horizon` declared; "
+            f"largest: {name}, {show_ns(largest)})"
+        )
+    slack = f"{show_ns(abs(h - star))} {'spare' if h >= star else 'missing'}"
+    return f"H = {show_ns(h)}, H* = {show_ns(star)} ({slack}; largest: {name}, {show_ns(largest)})"
+
+
+def looking_ahead(times: Times, predicate: str) -> str:
+    """What a `ttf` or `safer` that is too bold has to see coming, as advice."""
+    parts = ", ".join(f"{name} {show_ns(ns)}" for name, ns in terms(times).items() if ns)
+    ahead = f"a `{predicate}` that looks ahead there by H = {show_ns(times.horizon_ns)} ({parts})"
+    return f"{ahead}, by the errors, and by what SC needs after that"

@@ -1,0 +1,191 @@
+"""P1c of a module as it is deployed: what a switch takes with the execution times declared.
+
+Purpose: `switch_of`: H* from the latest starts and ends of the thread, beside the H of the proof.
+Non-goals: whether the proof's own times hold (`problem_times.py`), any set.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.language.elaborate.views_for_proofs import systems_by_view
+from soter.language.model.types import show_ns
+from soter.verify.problem.cause_effect_chains import CauseEffectChains, outputs_of
+from soter.verify.problem.problem import Times
+from soter.verify.problem.problem_times import AssumedTimes, assumed_of, deployed, terms, times_of
+from soter.verify.problem.supported_constructs import check_supported
+from soter.verify.problem.time_checks import of_map
+from soter.verify.problem.verification_system import place
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostic
+    from soter.language.model.system import Module, System
+    from soter.verify.problem.cause_effect_chains import CauseEffectChain
+    from soter.verify.problem.problem_times import DeployedTimes
+    from soter.verify.problem.schedule import Releases, Schedule
+
+
+HOLDS, FAILS, UNKNOWN = "holds", "fails", "undecided"
+OF_THIS = ("R034", "R033")
+"""What is said of the deployed times themselves."""
+
+
+@dataclass(frozen=True)
+class SwitchLatency:
+    """P1c of one module as deployed; times in ns, None where `why` says why there are none.
+
+    `horizon`: H of the proof; `needed`: what it must be, from the sample behind the last "AC"
+    verdict to the first output of SC that acts; `largest`: its largest term, and that term.
+    `diagnostics`: where the times that the proof counts with do not hold.
+    """
+
+    module: str
+    verdict: str
+    horizon: int | None = None
+    needed: int | None = None
+    largest: tuple[str, int] | None = None
+    why: str = ""
+    diagnostics: tuple[Diagnostic, ...] = ()
+
+    @property
+    def slack(self) -> int | None:
+        """H less what is needed; negative where P1c does not hold."""
+        return None if self.horizon is None or self.needed is None else self.horizon - self.needed
+
+    def in_words(self) -> str:
+        """For people."""
+        if self.slack is None or self.horizon is None or self.needed is None:
+            return f"P1c {self.verdict}: {self.why}"
+        what = "spare" if self.slack >= 0 else "missing"
+        name, ns = self.largest or ("", 0)
+        why = f"{self.why}; " if self.why else ""
+        return (
+            f"P1c {self.verdict}: {why}H = {show_ns(self.horizon)}, needed {show_ns(self.needed)} "
+            f"({show_ns(abs(self.slack))} {what}; largest: {name}, {show_ns(ns)})"
+        )
+
+
+def switch_of(flat: System, module: Module) -> SwitchLatency:
+    """P1c of a module of a flat system whose thread declares execution times."""
+    verify = module.symbol.verify
+    if verify.span is None:
+        return SwitchLatency(module.name, UNKNOWN, why="there is no `verify` block")
+    if verify.induction is not None:
+        return _of_nodes(flat, module)
+    if module.forced is not None:
+        return SwitchLatency(module.name, UNKNOWN, why=f"it is forced to {module.forced}")
+    try:
+        seen = [_seen(flat, m) for flat, m in systems_by_view(flat, module)]
+    except SoterError as error:
+        return _unknown(module, error.diagnostics)
+    known = [s for s in seen if s.slack is not None]
+    switch = next((s for s in seen if s.slack is None), None)
+    switch = switch or min(known, key=lambda s: s.slack or 0)
+    diagnostics = dict.fromkeys(d for s in seen for d in s.diagnostics)
+    return replace(switch, module=module.name, diagnostics=tuple(diagnostics))
+
+
+def _unknown(module: Module, said: tuple[Diagnostic, ...]) -> SwitchLatency:
+    of_this = tuple(d for d in said if d.code in OF_THIS)
+    why = f"[{said[0].code}] {said[0].message}" if said else "`soter verify` says why"
+    return SwitchLatency(module.name, UNKNOWN, why=why, diagnostics=of_this)
+
+
+def _of_nodes(flat: System, module: Module) -> SwitchLatency:
+    from soter.verify.induction.problem import extract_induction  # noqa: PLC0415 - only then
+    from soter.verify.problem.other_modules import modes_as_topics  # noqa: PLC0415 - only then
+
+    try:
+        extract_induction(*modes_as_topics(flat, module))
+    except SoterError as error:
+        return _unknown(module, error.diagnostics)
+    why = "every order of steps that the times allow is part of its proof"
+    return SwitchLatency(module.name, HOLDS, why=why)
+
+
+def _seen(flat: System, module: Module) -> SwitchLatency:
+    """Of a module as one of its views sees it."""
+    at = place(flat, module)
+    diagnostics = Diagnostics()
+    kind = check_supported(at, diagnostics, synthesize=module.symbol.synthesized)
+    if diagnostics.has_errors:
+        return _unknown(module, diagnostics.items)
+    times, chains = times_of(at, kind, diagnostics)
+    said = tuple(d for d in diagnostics.items if d.code in OF_THIS)
+    if any(d.code not in OF_THIS for d in diagnostics.items):
+        return _unknown(module, diagnostics.items)
+    given = assumed_of(times.schedule, chains)
+    nothing = AssumedTimes((0, 0), (0, 0), dict.fromkeys(given.nodes, (0, 0)), given.in_step)
+    deployment = deployed(at.flat, at.home, nothing)
+    assert deployment is not None
+    if deployment.timing.verdict != "fits":
+        return SwitchLatency(
+            module.name, UNKNOWN, why="the calendar is not known to be kept", diagnostics=said
+        )
+    real = Times(_replaced(times.schedule, chains, deployment), horizon=times.horizon_ns)
+    real = of_map(real) if kind == "map" else real
+    needed = _needed(real.schedule, None if kind == "map" else deployment.handed_over)
+    verdict = HOLDS if needed <= times.horizon_ns else FAILS
+    why = "" if verdict == FAILS else _otherwise_proved(times, said)
+    return SwitchLatency(
+        module=module.name,
+        verdict=UNKNOWN if why else verdict,
+        why=why,
+        horizon=times.horizon_ns,
+        needed=needed,
+        largest=max(terms(real).items(), key=lambda item: item[1]),
+        diagnostics=said,
+    )
+
+
+def _otherwise_proved(times: Times, said: tuple[Diagnostic, ...]) -> str:
+    """Why `soter verify` does not prove what holds as deployed; "" where it may."""
+    if any(d.code == "R033" for d in said):
+        return "the proof counts with other times (R033)"
+    if times.h_star <= times.horizon_ns:
+        return ""
+    star = show_ns(times.h_star)
+    return f"the times of its `verify` block need {star}, and those of the thread less"
+
+
+def _needed(schedule: Schedule, handed_over: int | None) -> int:
+    """What H must be.
+
+    Where it is known when SC starts after each release of the DM that may be the first not to say
+    "AC", and no node is behind SC, that takes the place of the sum in H*.
+    """
+    if handed_over is None or any(o.nodes for o in schedule.outputs):
+        return schedule.needed
+    acts = schedule.sc.response + max(o.most for o in schedule.outputs)
+    star = schedule.age_dm + schedule.dm.period + handed_over + acts
+    return max(star, schedule.start) if schedule.reads_more else star
+
+
+def _replaced(schedule: Schedule, chains: CauseEffectChains, deployment: DeployedTimes) -> Schedule:
+    """The same module with the times of the thread, where it has any of a component."""
+
+    def chain(r: CauseEffectChain) -> CauseEffectChain:
+        stations = zip(r.stations, r.path.nodes, strict=True)
+        return replace(
+            r, path=replace(r.path, nodes=tuple(_with(deployment, n.name, q) for n, q in stations))
+        )
+
+    by_dm, by_sc = [chain(r) for r in chains.by_dm], [chain(r) for r in chains.by_sc]
+    releases = {n: _with(deployment, n.name, r) for n, r in chains.releases.items()}
+    ways = CauseEffectChains(by_dm, by_sc, chains.ways, chains.beside, releases)
+    least, acts = min(o.least for o in schedule.outputs), max(o.most for o in schedule.outputs)
+    return replace(
+        schedule,
+        dm=replace(schedule.dm, late=deployment.dm[0], response=deployment.dm[1]),
+        sc=replace(schedule.sc, late=deployment.sc[0], response=deployment.sc[1]),
+        read_by_dm=tuple(r.path for r in by_dm),
+        read_by_sc=tuple(r.path for r in by_sc),
+        outputs=outputs_of(ways, least, acts),
+    )
+
+
+def _with(deployment: DeployedTimes, name: str, at: Releases) -> Releases:
+    late, response = deployment.nodes.get(name, (at.late, at.response))
+    return replace(at, late=late, response=response)

@@ -1,0 +1,397 @@
+"""Which times a proof cannot be about: R011, R012, R015, R017, R018.
+
+Purpose: `check_times`: every condition under which the theorem speaks about a schedule.
+Non-goals: the figures themselves (`schedule.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.language.model.types import show_ns
+from soter.verify.problem.schedule import ActuationPath, Releases, Schedule, SensorPath
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostics, Span
+    from soter.language.model.system import Component
+    from soter.language.model.typed import ModuleSymbol
+    from soter.verify.problem.cause_effect_chains import CauseEffectChain, CauseEffectChains
+    from soter.verify.problem.problem import ProblemKind, Times
+    from soter.verify.problem.verification_system import VerificationSystem
+
+
+PERIODS_TRIED = 8
+"""Periods of SC that are tried where its own is too short."""
+
+
+def check_times(
+    place: VerificationSystem,
+    kind: ProblemKind,
+    times: Times,
+    chains: CauseEffectChains,
+    diagnostics: Diagnostics,
+) -> None:
+    """Report what the theorem does not cover."""
+    if kind == "map":
+        _map(place, times, chains, diagnostics)
+        if diagnostics.has_errors:
+            return
+    _known_nodes(place, chains, diagnostics)
+    _seen_in_time(times, chains, diagnostics)
+    for chain in dict.fromkeys([*chains.by_dm, *chains.by_sc]):
+        _spoken_in_time(chain, diagnostics)
+    for node, at in _stations(chains):
+        _fits(place, node, at, diagnostics)
+    _dm_fits(place, times, diagnostics)
+    _kept(place, times, chains, diagnostics)
+    if kind == "map" or any(d.code == "R018" for d in diagnostics.items):
+        return
+    _late_commands(place, times, diagnostics)
+
+
+def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnostics) -> None:
+    """R015 where SC is not done before its next step, or acts later than the proof is made for."""
+    schedule, sc = times.schedule, place.sc
+    span = place.module.symbol.verify.span or place.module.symbol.span
+    symbol = place.module.symbol
+    below = {b.name for m in place.flat.modules for b in m.symbol.below}
+    stacked = symbol.over is not None or symbol.name in below
+    why = late_commands_need(symbol, schedule, stacked=stacked)
+    enough = _slow_enough(schedule, in_order=bool(why))
+    if schedule.published > schedule.sc.period:
+        diagnostics.error(
+            "R015",
+            f"SC may take {show_ns(schedule.published)} from its release, longer than its period",
+            span,
+            also=((sc.span, f"steps every {show_ns(sc.period_ns)}"),),
+            notes=(
+                " + ".join(f"{show_ns(ns)} {name}" for ns, name in _before_it_publishes(times)),
+                "no release is skipped, and outputs come in order",
+            ),
+            helps=(f"shorter times{enough}",),
+        )
+        return
+    if why and not schedule.ordered:
+        diagnostics.error(
+            "R015",
+            f"SC may act {show_ns(times.jitter_sc)} late, more than half of its period",
+            span,
+            also=((sc.span, f"steps every {show_ns(times.delta_sc)}"),),
+            notes=(_summed(times), f"commands that act so late are not proved {why}"),
+            helps=(*_least(times), f"these times together {_too_much(times)} shorter{enough}"),
+        )
+
+
+def late_commands_need(symbol: ModuleSymbol, schedule: Schedule, *, stacked: bool) -> str:
+    """Where no proof is known of commands that act later than half a period; "": here it is.
+
+    `stacked`: another module stands in the place of the AC of one of the two.
+    """
+    verify = symbol.verify
+    kind = next((g.kind for g in verify.groups if g.kind != "grid"), "")
+    wrong = {
+        "with a node between SC and the plant": any(o.nodes for o in schedule.outputs),
+        "of an abstraction": bool(verify.abstracts or verify.views),
+        "by tubes (`rest`)": symbol.rest is not None,
+        f"with `{kind}`": bool(kind),
+        "with a `failsafe`": bool(symbol.failsafe),
+        "with a `shield`": symbol.shield is not None,
+        "of modules that stand one over the other": stacked,
+    }
+    return next((why for why, is_so in wrong.items() if is_so), "")
+
+
+def _summed(times: Times) -> str:
+    """The parts of j: they sum up to what the message says (docs/proof.md, The model of time)."""
+    parts = [*_before_it_publishes(times), (times.acts, "`acts within`")]
+    rest = times.jitter_sc - sum(ns for ns, _ in parts)
+    said = [f"{show_ns(ns)} {name}" for ns, name in parts if ns]
+    if rest > 0:
+        said.append(f"{show_ns(rest)} on the way through nodes behind SC")
+    elif rest < 0:
+        said.append(f"less the {show_ns(-rest)} that a command takes in any case")
+    return f"{show_ns(times.jitter_sc)} = {' + '.join(said).replace('+ less', '- less')}"
+
+
+def _before_it_publishes(times: Times) -> list[tuple[int, str]]:
+    """From a release of SC to its publication."""
+    sc, waits = times.schedule.sc, times.schedule.start_of_sc
+    late = "`late sc`" if waits == sc.late else "waiting for the DM's verdict"
+    return [(waits, late), (sc.response, "`response sc`")]
+
+
+def _least(times: Times) -> tuple[str, ...]:
+    """The remedy for a dead time, where it is one: only what varies of it is lateness."""
+    without = times.jitter_sc - (times.acts - times.acts_least)
+    if 2 * without > times.delta_sc:
+        return ()
+    most = show_ns(times.acts).replace(" ", "")
+    enough = f"`acts within A to {most}` where each command takes at least A until it acts"
+    return (f"{enough}: only what is more than A is late",)
+
+
+def _too_much(times: Times) -> str:
+    """By how much the sum is too large."""
+    return show_ns(times.jitter_sc - times.delta_sc // 2)
+
+
+def _slow_enough(schedule: Schedule, *, in_order: bool) -> str:
+    """A period of SC with which it is in time: tried, as what it waits for hangs on it, too.
+
+    With that of the module where P1a asks for it; "" where none is found, or SC would then read
+    what is older than its `max_age`.
+    """
+    slower = schedule
+    for _ in range(PERIODS_TRIED):
+        period = max(slower.published, 2 * slower.jitter * in_order)
+        if period <= slower.sc.period:
+            break
+        dm = replace(schedule.dm, period=max(schedule.dm.period, period))
+        slower = replace(schedule, dm=dm, sc=replace(schedule.sc, period=period))
+    else:
+        return ""
+    if any(slower.stamp_age_sc(p) > p.max_age for p in slower.read_by_sc if p.max_age is not None):
+        return ""
+    said = show_ns(slower.sc.period)
+    if slower.dm.period == schedule.dm.period:
+        return f", or a period of SC of {said}"
+    return f", or a period of {said} of both SC and the module (P1a: SC may not be the slower)"
+
+
+def _known_nodes(
+    place: VerificationSystem, chains: CauseEffectChains, diagnostics: Diagnostics
+) -> None:
+    """R017 where a time is declared of a node that stands nowhere on the way: of no effect."""
+    verify = place.module.symbol.verify
+    inner = [n for w in chains.ways for n in (*w.inner, *w.in_step)]
+    stations = [n.name.removeprefix(place.around) for n in (*chains.nodes, *chains.behind)]
+    for name, expr in {**verify.late_of, **verify.response_of}.items():
+        if name in stations:
+            continue
+        named = any(n.name.removeprefix(place.around) == name for n in inner)
+        there = ", ".join(f"`{n}`" for n in stations) or "none"
+        diagnostics.error(
+            "R017",
+            f"`{name}` is no node whose time counts here",
+            expr.span,
+            "its time is said here",
+            notes=(
+                "it has sensors of its own and belongs to the plants of the proof"
+                if named
+                else f"nodes between sensors, module and plants: {there}",
+            ),
+        )
+
+
+def _seen_in_time(times: Times, chains: CauseEffectChains, diagnostics: Diagnostics) -> None:
+    """R011 where by the periods alone SC reads what is older than the `max_age` it relies on."""
+    told = set()
+    for chain in chains.by_sc:
+        oldest = times.schedule.stamp_age_sc(chain.path)
+        limit, publisher = chain.path.max_age, (*(n for n in (chain.sensor, *chain.nodes) if n),)
+        if limit is None or oldest <= limit or chain.topic.index in told:
+            continue
+        told.add(chain.topic.index)
+        also: tuple[tuple[Span, str], ...] = ()
+        if publisher:
+            last = publisher[-1]
+            also = ((last.span, f"publishes every {show_ns(last.period_ns)}"),)
+        diagnostics.error(
+            "R011",
+            f"SC may read `{chain.topic.name}` when it is {show_ns(oldest)} old, "
+            f"longer than its `max_age` of {show_ns(limit)}",
+            chain.topic.symbol.span,
+            also=also,
+            notes=("no runtime enforces the age of what SC reads: it must hold by itself",),
+            helps=("a longer `max_age`, or somebody who publishes more often",),
+        )
+
+
+def _spoken_in_time(chain: CauseEffectChain, diagnostics: Diagnostics) -> None:
+    """R017 where a node may publish what it made of a default: its stamp would look fresh."""
+    early = chain.path.speaks_early
+    if early is None:
+        return
+    node = chain.stations[early]
+    before = chain.sensor if early == 0 else chain.stations[early - 1]
+    who = f"`{before.name}`" if before is not None else "an input"
+    diagnostics.error(
+        "R017",
+        f"`{node.name}` may publish `{chain.topic.name}` before it has read {who}",
+        node.span,
+        also=() if before is None else ((before.span, "may come later"),),
+        notes=("what it publishes is then made of a default, and looks as fresh as any other",),
+        helps=("give it a phase, so that its first step comes later",),
+    )
+
+
+def _stations(chains: CauseEffectChains) -> list[tuple[Component, Releases]]:
+    releases_by_node: dict[Component, Releases] = {}
+    for chain in (*chains.by_dm, *chains.by_sc):
+        releases_by_node.update(zip(chain.stations, chain.path.nodes, strict=True))
+    releases_by_node.update({n: r for n, r in chains.releases.items() if n in chains.behind})
+    return list(releases_by_node.items())
+
+
+def _fits(
+    place: VerificationSystem, node: Component, at: Releases, diagnostics: Diagnostics
+) -> None:
+    if at.latest <= at.period:
+        return
+    diagnostics.error(
+        "R015",
+        f"`{node.name}` may take {show_ns(at.latest)} from its release, longer than its period",
+        node.span,
+        also=((place.module.symbol.verify.span or place.module.symbol.span, "declared here"),),
+        notes=(_own(at), "no release is skipped, and outputs come in order"),
+        helps=(f"a period of {show_ns(at.latest)} or more, or shorter times",),
+    )
+
+
+def _own(at: Releases) -> str:
+    """The parts of what one node, or the DM, may take."""
+    parts = f"{show_ns(at.late)} `late` + {show_ns(at.response)} `response`"
+    return f"{show_ns(at.latest)} = {parts}, out of a period of {show_ns(at.period)}"
+
+
+def _dm_fits(place: VerificationSystem, times: Times, diagnostics: Diagnostics) -> None:
+    dm = times.schedule.dm
+    if dm.latest <= dm.period:
+        return
+    diagnostics.error(
+        "R015",
+        f"the DM may take {show_ns(dm.latest)} from its release, longer than its period",
+        place.module.symbol.verify.span or place.module.symbol.span,
+        notes=(_own(dm), "no release is skipped, and verdicts come in order"),
+        helps=(f"a period of the module of {show_ns(dm.latest)} or more, or shorter times",),
+    )
+
+
+def _kept(
+    place: VerificationSystem, times: Times, chains: CauseEffectChains, diagnostics: Diagnostics
+) -> None:
+    """R018 where a node behind SC may skip an output: a command would act a period longer."""
+    schedule = times.schedule
+    skips: list[Component] = []
+    outputs = {o.nodes: o for o in schedule.outputs}
+    stations = dict(_stations(chains))
+    for way in chains.ways:
+        at = outputs[tuple(stations[n] for n in way.counted)].loses(schedule.sc, schedule.published)
+        skips += [] if at is None else [way.counted[at]]
+        skips += [n for n in way.inner if max(n.period_ns, _busy(n)) > schedule.sc.period]
+    for node in dict.fromkeys(skips):
+        diagnostics.error(
+            "R018",
+            f"`{node.name}` may miss a command of SC",
+            node.span,
+            f"steps every {show_ns(max(node.period_ns, _busy(node)))}",
+            also=((place.sc.span, f"publishes every {show_ns(place.sc.period_ns)}"),),
+            notes=("the proof is about every command of SC acting for a period",),
+            helps=("let it step at least as often as SC, its lateness included",),
+        )
+
+
+def _busy(node: Component) -> int:
+    """How long a step of a node keeps it from the next one."""
+    return 0 if node.takes_ns is None else node.takes_ns[1]
+
+
+# ---------------------------------------------------------------- maps
+
+
+def _map(
+    place: VerificationSystem, times: Times, chains: CauseEffectChains, diagnostics: Diagnostics
+) -> None:
+    """A map is only defined at multiples of its period: everything is in whole steps."""
+    step = place.plants[0].period_ns
+    symbol = place.module.symbol
+    _of_whole_steps(place, times, step, diagnostics)
+    for chain in dict.fromkeys([*chains.by_dm, *chains.by_sc] if place.abstract else []):
+        _of_every_step(place, chain, step, diagnostics)
+    acts = times.schedule.published + times.acts
+    paths = (*times.schedule.read_by_dm, *times.schedule.read_by_sc)
+    often = min([step, *(p.sensor.period for p in paths)])
+    stamps = [p.max_age or 0 for p in paths]
+    late = {
+        "`max_age`": max(stamps, default=0),
+        "the sum of `late`, `response` and `acts`": acts,
+        "`dropout`": often if times.schedule.dropout else 0,
+    }
+    for what, ns in late.items():
+        if ns >= often:
+            diagnostics.error(
+                "R012",
+                f"{what} of {show_ns(ns)} is no less than the plant's period, {show_ns(often)}",
+                symbol.span,
+                notes=("with `next`, what is read and what acts must be of the same instant",),
+                helps=(f"make it shorter than {show_ns(often)}",),
+            )
+    for node in [*chains.nodes, *chains.behind]:
+        diagnostics.error(
+            "R012",
+            f"`{node.name}` stands between module `{symbol.name}` and a plant that moves in steps",
+            node.span,
+            notes=("with `next`, what is read and what acts must be of the same instant",),
+            helps=("let SC read the plant's own topic, and the plant SC's",),
+        )
+
+
+def _of_whole_steps(
+    place: VerificationSystem, times: Times, step: int, diagnostics: Diagnostics
+) -> None:
+    """R012 for periods and phases that are no multiples of the map's own period."""
+    symbol = place.module.symbol
+    wrong = {
+        "the plants": [c.period_ns for c in place.plants if c.period_ns != step],
+        "the decision module": [times.delta_dm] if times.delta_dm % step else [],
+        "the safe controller": [times.delta_sc] if times.delta_sc % step else [],
+        "the phases": [p for p in (times.phase_sc, times.phase_dm) if p % step],
+    }
+    for who, periods in wrong.items():
+        if periods:
+            diagnostics.error(
+                "R012",
+                f"{who} of module `{symbol.name}` cannot run every "
+                f"{show_ns(periods[0])} beside a plant that moves every {show_ns(step)}",
+                symbol.span,
+                notes=("a plant with `next` has no state between the multiples of its period",),
+                helps=("use multiples of the plant's period",),
+            )
+
+
+def _of_every_step(
+    place: VerificationSystem, chain: CauseEffectChain, step: int, diagnostics: Diagnostics
+) -> None:
+    """R012 where what stands behind an abstraction does not publish whenever that one steps."""
+    at = chain.path.sensor
+    if not (at.phase or step % at.period):
+        return
+    diagnostics.error(
+        "R012",
+        f"`{chain.path.publisher}` publishes every {show_ns(at.period)}, and not whenever the "
+        f"plant of the proof steps, every {show_ns(step)}",
+        place.module.symbol.span,
+        also=() if chain.sensor is None else ((chain.sensor.span, "stands behind it"),),
+        notes=("with `next`, what is read and what acts must be of the same instant",),
+        helps=(f"a period of which {show_ns(step)} is a multiple",),
+    )
+
+
+def of_map(times: Times) -> Times:
+    """Of a map: what is read and what acts is of one instant, so that only periods remain."""
+    schedule = times.schedule
+    return replace(
+        times,
+        schedule=Schedule(
+            Releases(schedule.dm.period, schedule.dm.phase),
+            Releases(schedule.sc.period, schedule.sc.phase),
+            _of_instant(schedule.read_by_dm),
+            _of_instant(schedule.read_by_sc),
+            (ActuationPath(),),
+        ),
+    )
+
+
+def _of_instant(paths: tuple[SensorPath, ...]) -> tuple[SensorPath, ...]:
+    return tuple(replace(p, nodes=(), max_age=0) for p in paths)

@@ -1,0 +1,325 @@
+"""Look for a run that leaves C: what stands behind the verdict `refuted`.
+
+Purpose: many short native runs of the closed system under attack (`attacked_system.py`), the
+environment and the AC at their bounds in seeded patterns (`semantics/draws.py`). What is
+found natively is run again by the interpreter, recorded, written as choices, and replayed from
+these choices alone; only that replay refutes. `refuted` calls this for what is not proved, and
+enters what was found among the verdicts. Non-goals: proving: that nothing was found means nothing.
+Delays and jitter: virtual time has none.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from soter.codegen.unit import generate
+from soter.core.layout import NEVER, state_dtype
+from soter.language.elaborate.derived_systems import unlatched
+from soter.native.shared_library import Library, RunStatus, library
+from soter.semantics.draws import (
+    CHANCE,
+    CORNER,
+    HOLDS,
+    MIXED,
+    TOGETHER,
+    TURN,
+    AdverseDraws,
+    Recorder,
+)
+from soter.semantics.externs import UnboundExternError
+from soter.verify.attacked_system import (
+    DRAWN,
+    OWN,
+    NotAttackableError,
+    attacked,
+    reads_time,
+    truths_known_ns,
+)
+from soter.verify.claims.results import NO_CORE, PROVED, REFUTED, UNDECIDED
+from soter.verify.counterexample import CYCLE, LEAVES, Counterexample, leaving, replay
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from soter.language.model.system import System
+    from soter.verify.claims.results import Finding, ModuleResult
+    from soter.verify.problem.problem import Problem
+
+
+ROUNDS = ((200, 32), (1000, 64), (200, 256), (4000, 64), (1000, 512))
+"""(length of a run in DM periods, seeds a pattern); the last ones are repeated."""
+CYCLE_LENGTHS = (50, 100, 200, 500, 1000, 2000, 4000, 8000, 16000)
+"""DM periods after which to look whether a run under SC repeats itself."""
+CYCLE_TURNS = 4
+CYCLE_SEEDS = 32
+CONFIRMATIONS_MAX = 8
+"""Interpreter runs spent on natively found runs that did not confirm: none is expected."""
+
+
+@dataclass(frozen=True)
+class RefutationSearch:
+    """What a search did, and what it found."""
+
+    found: Counterexample | None
+    runs: int
+    hindrance: str = ""
+    """Why nothing could be tried, in words."""
+
+
+def refute(system: System, module: str, budget_s: float = 10.0) -> RefutationSearch:
+    """Look for a run from the declared initial states that leaves C, for `budget_s` CPU seconds.
+
+    `system`: the verification system (`Problem.system`; `module` is the name it has there), or a
+    real one without externs.
+    """
+    return _search(system, module, budget_s, _leaving_runs)
+
+
+def refute_return(system: System, module: str, budget_s: float = 5.0) -> RefutationSearch:
+    """Look for a run on which SC gets control and the DM never gives it back (P2b)."""
+    return _search(system, module, budget_s, _cycling_runs)
+
+
+def _search(
+    system: System,
+    module: str,
+    budget_s: float,
+    runs: Callable[[_Attack, _SearchBudget], Iterator[Counterexample]],
+) -> RefutationSearch:
+    index = next(m.index for m in system.modules if m.name == module)
+    attacks, hindrance = _attacks(system, index)
+    clock = _SearchBudget(budget_s)
+    counterexample = None
+    streams = [runs(a, clock) for a in attacks]
+    confirmations = 0
+    while (
+        streams and counterexample is None and confirmations < CONFIRMATIONS_MAX and clock.goes_on()
+    ):
+        for stream in list(streams):
+            candidate = next(stream, None)
+            if candidate is None:
+                streams.remove(stream)
+            elif candidate is not _NOTHING:
+                confirmations += 1
+                counterexample = _confirmed(candidate, system)
+                if counterexample is not None:
+                    break
+    return RefutationSearch(counterexample, clock.runs, hindrance)
+
+
+def _attacks(system: System, index: int) -> tuple[list[_Attack], str]:
+    hindrance = ""
+    attacks = []
+    externs = {c.index for c in system.components if c.extern}
+    for controller in (DRAWN, OWN):
+        if externs - ({system.modules[index].ac} if controller == DRAWN else set()):
+            hindrance = "extern code runs in the closed system"
+            continue
+        try:
+            attacks.append(_Attack(system, index, controller))
+        except NotAttackableError as error:
+            hindrance = str(error)
+    return attacks, "" if attacks else hindrance
+
+
+def _confirmed(candidate: Counterexample, system: System) -> Counterexample | None:
+    """The counterexample with its choices, if the interpreter, given only these, agrees."""
+    index = next(m.index for m in system.modules if m.name == candidate.module)
+    variant = attacked(system, index, candidate.controller)
+    recorder = Recorder(AdverseDraws(candidate.seed))
+    try:
+        # of a cycle all choices are constant: one turn meets every stream
+        turn_ns = truths_known_ns(variant) + variant.hyperperiod_ns
+        first = leaving(
+            variant, recorder, candidate.time_ns if candidate.shows == LEAVES else turn_ns
+        )
+    except UnboundExternError:
+        return None
+    if candidate.shows == LEAVES:
+        if first is None:
+            return None
+        candidate = replace(candidate, time_ns=first.time_ns)
+    written = replace(candidate, choices=recorder.choices)
+    again = replay(written, system)
+    return None if again is None else replace(written, steps=again.steps)
+
+
+# ---------------------------------------------------------------- native runs
+
+
+class _SearchBudget:
+    """The budget, in seconds of this process on a CPU (so that a busy machine changes little)."""
+
+    def __init__(self, budget_s: float) -> None:
+        self.budget_s = budget_s
+        self.runs = 0
+        self._began = time.process_time()
+
+    def goes_on(self) -> bool:
+        spent = time.process_time() - self._began
+        return spent < self.budget_s
+
+
+class _Attack:
+    """An attacked system, compiled with draws that mean harm."""
+
+    def __init__(self, system: System, index: int, controller: str) -> None:
+        self.variant = attacked(system, index, controller)
+        self.index = index
+        self.controller = controller
+        self.module = self.variant.modules[index]
+        unit = generate(self.variant)
+        self.layout = unit.layout
+        self.dtype = state_dtype(unit.layout)
+        path = library(unit, "-O2", ("-DSOTER_ADVERSARY",))
+        self.library = Library(path, unit.prefix, unit.layout.size)
+
+    def start(self, seed: int) -> Any:  # noqa: ANN401 - bytes of a state
+        return self.library.new_state(seed)
+
+    def go(self, state: Any, until_ns: int) -> Any:  # noqa: ANN401 - a numpy record
+        status, _, _ = self.library.run(state, until_ns)
+        assert status is RunStatus.END, status
+        return state.view(self.dtype)[0]
+
+    def candidate(
+        self, shows: str, seed: int, time_ns: int, cycle_ns: int | None
+    ) -> Counterexample:
+        return Counterexample(
+            module=self.module.name,
+            shows=shows,
+            controller=self.controller,
+            seed=seed,
+            time_ns=time_ns,
+            cycle_ns=cycle_ns,
+            choices={},
+        )
+
+
+_NOTHING = Counterexample(
+    module="", shows="", controller="", seed=0, time_ns=0, cycle_ns=None, choices={}
+)
+"""A stream's word for: nothing yet, look at the clock."""
+
+
+def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexample]:
+    """Seeds pattern by pattern, runs growing longer; ends only with the budget."""
+    known_ns = truths_known_ns(attack.variant)
+    first = 1
+    number = 0
+    patterns = (CORNER, TURN, HOLDS, TOGETHER, MIXED, CHANCE)
+    while True:
+        periods, seeds = ROUNDS[min(number, len(ROUNDS) - 1 - number % 2)]
+        until_ns = known_ns + periods * attack.module.period_ns
+        for pattern in patterns:
+            for k in range(first, first + seeds):
+                seed = (pattern << 56) | k
+                row = attack.go(attack.start(seed), until_ns)
+                clock.runs += 1
+                seen_ns = int(row["properties"][0]["first_ns"])
+                if seen_ns != NEVER and seen_ns >= known_ns:
+                    yield attack.candidate(LEAVES, seed, seen_ns, None)
+                if k % 8 == 0:
+                    yield _NOTHING
+        first += seeds
+        number += 1
+
+
+def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexample]:
+    """Constant choices only: then a state that comes back comes back for ever."""
+    if reads_time(attack.variant, attack.index):
+        return
+    turn_ns = attack.variant.hyperperiod_ns
+    for periods in CYCLE_LENGTHS:
+        at_ns = -(-periods * attack.module.period_ns // turn_ns) * turn_ns
+        for k in range(1, CYCLE_SEEDS + 1):
+            seed = (CORNER << 56) | k
+            state = attack.start(seed)
+            row = attack.go(state, at_ns)
+            began, returns = _place(attack, state, row), int(row["modules"][attack.index]["to_ac"])
+            clock.runs += 1
+            for turn in range(1, CYCLE_TURNS + 1):
+                row = attack.go(state, at_ns + turn * turn_ns)
+                m = row["modules"][attack.index]
+                if m["mode"] or int(m["to_ac"]) != returns or m["stale"]:
+                    break
+                if _place(attack, state, row) == began:
+                    yield attack.candidate(CYCLE, seed, at_ns + turn * turn_ns, turn * turn_ns)
+                    break
+            yield _NOTHING
+
+
+def _place(attack: _Attack, state: Any, row: Any) -> bytes:  # noqa: ANN401 - numpy
+    """The bytes of topics, locals and plants, and the modes."""
+    first = min(g.offset for g in attack.layout.groups)
+    flags = row["components"][["oe", "latched", "had_control"]]
+    modes = row["modules"][["mode", "gate_fault", "clean_needed"]]
+    return bytes(state[first:]) + repr(flags.tolist()).encode() + repr(modes.tolist()).encode()
+
+
+SAFETY = ("P2a", "P3", "ttf", "safer", "start", "P1c")
+
+
+def refuted(problem: Problem, result: ModuleResult) -> None:
+    """Enter counterexamples for what is undecided."""
+    findings = result.findings
+    if problem.synthesize or problem.computed:
+        return  # the DM or SC that would run is not there yet
+    if any(findings[p].verdict == UNDECIDED for p in SAFETY):
+        began = time.perf_counter()
+        search = refute(problem.system, problem.module.name)
+        if search.found is not None:
+            for name in _blamed(findings, search.found):
+                _enter(findings, name, search.found, time.perf_counter() - began)
+        else:
+            _tell(findings, SAFETY, search)
+    if findings["P2b"].verdict == UNDECIDED:
+        began = time.perf_counter()
+        search = refute_return(unlatched(problem.system), problem.module.name)
+        if search.found is not None:
+            _enter(findings, "P2b", search.found, time.perf_counter() - began)
+        else:
+            _tell(findings, ("P2b",), search)
+
+
+def _blamed(findings: dict[str, Finding], run: Counterexample) -> list[str]:
+    """Which properties a run that leaves C refutes.
+
+    By the theorem one of those that are not proved is false. Where SC has control at the end that
+    is P2a if it is among them; otherwise AC had control too long: P3.
+    """
+    open_ = [p for p in SAFETY if findings[p].verdict == UNDECIDED]
+    last = [step["modes"].get(run.module) for step in run.steps[-1:]]
+    if "P2a" in open_ and (last == ["SC"] or findings["P3"].verdict == PROVED):
+        return ["P2a"]
+    if "P3" in open_:
+        return [p for p in ("P3", "ttf") if p in open_]
+    return open_[:1]
+
+
+def _enter(findings: dict[str, Finding], name: str, run: Counterexample, seconds: float) -> None:
+    finding = findings[name]
+    finding.seconds += seconds
+    finding.method = "a run, replayed in the interpreter"
+    end = f"{run.time_ns / 1e9:g} s"
+    finding.rest_on(
+        REFUTED,
+        f"a run leaves C at {end}"
+        if run.shows == "leaves_safe"
+        else f"a run on which SC has control for ever (it repeats itself from {end})",
+        finding.hint if name != "P2a" else "",  # a wider grid does not help against a run
+    )
+    finding.counterexample = run
+
+
+def _tell(findings: dict[str, Finding], names: tuple[str, ...], search: RefutationSearch) -> None:
+    """What was tried in vain."""
+    note = search.hindrance or f"{search.runs:,} runs under attack found nothing"
+    for name in names:
+        finding = findings[name]
+        if finding.verdict == UNDECIDED:
+            finding.counts["runs"] = search.runs
+            if finding.text != NO_CORE:  # that is P2a's to say
+                finding.tried.append(note)

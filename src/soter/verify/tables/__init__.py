@@ -1,1 +1,0 @@
-"""Sets as the tables and half-spaces that a DM reads."""

@@ -1,1 +1,0 @@
-"""The model of time, and the ways through the flying system."""
