@@ -34,7 +34,7 @@ from bench.recheck.models import Attack, Cart, Tables  # noqa: E402 - needs the 
 from bench.recheck.sealing import fit, seal, write  # noqa: E402 - the same
 
 from soter.certificate.folder import (  # noqa: E402
-    FORMAT,  # noqa: E402
+    FORMAT,
 )
 from soter.certificate.reading.module_facts import DiffersError  # noqa: E402
 from soter.certificate.reading.module_times import TIME_KEYS  # noqa: E402

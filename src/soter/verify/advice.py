@@ -39,7 +39,6 @@ from soter.verify.diagnosis.variations import at_periods
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.claims import Grids, grids
 from soter.verify.grid.group_model import UnboundedError
-from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import cases, extract, require_sets
 from soter.verify.problem.time_checks import late_commands_need
 from soter.verify.proof_methods import method_of
@@ -53,6 +52,7 @@ if TYPE_CHECKING:
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
+    from soter.verify.grid.sets import GridGroup
     from soter.verify.problem.problem import Problem
 
     Progress = Callable[[float], None]

@@ -13,10 +13,9 @@ import mpmath
 import pytest
 from exact_functions import PRECISION_BITS, distance, seeded, ulp  # type: ignore[import-not-found]
 from mpmath import mpf
-from soter_functions import SIGNATURES, components, flat_call  # type: ignore[import-not-found]
+from soter_functions import SIGNATURES, VECTORS, components, flat_call  # type: ignore[import-not-found]
 
 from soter.language.prelude.function_error_bounds import BOUNDS, UNIT_ROUNDOFF
-from soter.native.compiler import VECTORS  # type: ignore[import-not-found]
 from tables import all_rows
 
 if TYPE_CHECKING:
