@@ -376,7 +376,7 @@ class _PredicateReader:
 
     def _with(self, leaf: typed.TypedExpr, x: float, topics: Sequence[Value]) -> Sequence[Value]:
         """All topics, one leaf of which is another number."""
-        where: list[int] = []
+        where: list[Any] = []
         while not isinstance(leaf, typed.TopicRead):
             assert isinstance(leaf, (typed.TypedField, typed.Index))
             where, leaf = [getattr(leaf.index, "value", leaf.index), *where], leaf.target
