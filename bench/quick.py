@@ -36,7 +36,7 @@ from soter.gym.outside_roles import ObservedPart
 from soter.gym.vector import BatchedStates
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.front_end import check_file
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 from soter.simulate.run import NativeProgram
 
 if TYPE_CHECKING:

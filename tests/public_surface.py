@@ -56,7 +56,7 @@ FORMATS = {
     "certificate": "soter.certificate.folder.FORMAT",
     "trace": "soter.explore.trace.SCHEMA",
     "campaign.json": "soter.campaign.store.SCHEMA",
-    "channels.json": "soter.remote.channels_and_topics.SCHEMA",
+    "channels.json": "soter.remote.topics.SCHEMA",
     "JSON documents": "soter.cli.terminal.command_line.SCHEMA",
 }
 MAPPING = "soter.mapping"

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import soter
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 
 if TYPE_CHECKING:
     from soter.campaign.store import FlightOutcome

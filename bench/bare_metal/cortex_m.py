@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import soter
 from soter.api.deploying import image_of, stack_bound
 from soter.diagnostics.diagnostic import SoterError
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 from soter.targets.cortex_m_board import read_board
 from soter.targets.cortex_m_package import missing_tools
 

@@ -28,7 +28,7 @@ from soter.language.front_end import check_file, system_of
 from soter.language.model.types import FloatType, leaves
 from soter.native.compiler import STRICT
 from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 import soter
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 
 ROOT = Path(__file__).resolve().parents[2]
 PROGRAMS = ("wall/cart", "drone/motion_primitive", "drone/battery", "drone/corridor")

@@ -26,7 +26,7 @@ from flint import arb, arb_mat
 
 from soter.certificate.terms.arb_balls import above, exact
 from soter.language.front_end import check_file, system_of
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 from soter.simulate.run import NativeProgram
 
 if TYPE_CHECKING:

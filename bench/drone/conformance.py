@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from soter.language.front_end import check_file, system_of
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 from soter.simulate.run import NativeProgram
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"

@@ -20,7 +20,7 @@ import numpy as np
 
 from soter.campaign.batch_flights import Fleet
 from soter.language.front_end import check_file, system_of
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 from soter.simulate.run import NativeProgram
 from soter.verify.deploy.missing_predicates import complete
 

@@ -25,7 +25,7 @@ import numpy as np
 
 from soter.api import Program, load
 from soter.api.monitoring import judged
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 

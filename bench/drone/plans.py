@@ -32,7 +32,7 @@ sys.path[:0] = [str(p) for p in (ROOT / "tests", DRONE) if str(p) not in sys.pat
 
 from generators.drone_corridors import fault_of, room, written  # noqa: E402 - needs the path
 from generators.drone_covering import Covered, Onboard  # noqa: E402 - the same
-from soter.report.terminal_tables import table  # noqa: E402 - the same
+from soter.report.tables import table  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from generators.drone_covering import Plan

@@ -25,10 +25,10 @@ import numpy as np
 
 from soter.api import load
 from soter.mapping.read_mapping import read_mapping
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 
 if TYPE_CHECKING:
-    from soter.monitor.logs.result import LogJudgement, ModuleOfLog
+    from soter.monitor.log_judgement import LogJudgement, ModuleOfLog
 
 ROOT = Path(__file__).resolve().parents[2]
 DRONE = ROOT / "examples" / "drone"

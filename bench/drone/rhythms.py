@@ -28,7 +28,7 @@ from soter.language.front_end import check_file, system_of
 from soter.native.cache import cached, digest
 from soter.native.compiler import STRICT, compile_with, find
 from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME, texts
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 
 if TYPE_CHECKING:
     import numpy.typing as npt

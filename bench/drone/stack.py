@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 
 from soter import load
 from soter.language.front_end import check_file, system_of
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 from soter.simulate.run import NativeProgram
 
 if TYPE_CHECKING:

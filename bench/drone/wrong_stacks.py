@@ -36,7 +36,7 @@ from bench.drone.wrong_base import (  # noqa: E402 - needs the path
 )
 from bench.drone.wrong_rows import ASSUMED, WRONG  # noqa: E402 - the same
 
-from soter.report.terminal_tables import table  # noqa: E402 - the same
+from soter.report.tables import table  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from bench.drone.wrong_base import Edit, Tree, World, Wrong

@@ -34,8 +34,8 @@ from generators.robot_logs import CART, TYPED  # noqa: E402 - the same
 from soter.api import load  # noqa: E402 - the same
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402 - the same
 from soter.mapping.read_mapping import mapping_of  # noqa: E402 - the same
-from soter.monitor.logs.files.read_columns import read_columns  # noqa: E402 - the same
-from soter.monitor.logs.typed_samples import samples_of  # noqa: E402 - the same
+from soter.monitor.log_files.read_columns import read_columns  # noqa: E402 - the same
+from soter.monitor.typed_samples import samples_of  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from soter.api import Program

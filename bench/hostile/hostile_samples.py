@@ -122,7 +122,7 @@ MORE = (
 
 def _channels(file: str) -> int:
     """What `soter.remote` reads of a package, so that a policy may write to its channels."""
-    from soter.remote.channels_and_topics import topics_of  # noqa: PLC0415 - only then
+    from soter.remote.topics import topics_of  # noqa: PLC0415 - only then
 
     return len(topics_of(file, None).all) and 0
 

@@ -30,10 +30,10 @@ os.environ.setdefault("MAVLINK20", "1")
 
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402 - needs the path
 from soter.mapping.message_types import EMPTY_MEMBER  # noqa: E402 - the same
-from soter.monitor.logs.files.csv_log import csv_head, csv_rows  # noqa: E402 - the same
-from soter.monitor.logs.files.log_columns import FileFacts  # noqa: E402 - the same
-from soter.monitor.logs.files.message_log import messages_of  # noqa: E402 - the same
-from soter.monitor.logs.survey import EVERY  # noqa: E402 - the same
+from soter.monitor.log_files.csv_log import csv_head, csv_rows  # noqa: E402 - the same
+from soter.monitor.log_files.log_columns import FileFacts  # noqa: E402 - the same
+from soter.monitor.log_files.read_columns import messages_of  # noqa: E402 - the same
+from soter.monitor.log_survey import EVERY  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -28,7 +28,7 @@ sys.path.insert(0, str(ROOT))
 
 from release.make_release import built, size, told  # noqa: E402 - needs the path
 
-from soter.report.terminal_tables import table  # noqa: E402 - after it
+from soter.report.tables import table  # noqa: E402 - after it
 from soter.version import DISTRIBUTION  # noqa: E402 - after it
 
 FLOWN = ("soter verify", "soter recheck", "soter run")

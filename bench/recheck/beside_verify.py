@@ -25,7 +25,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 
 ROOT = Path(__file__).resolve().parents[2]
 MOST_S, MEDIAN_S = 600.0, 60.0

@@ -22,7 +22,7 @@ import numpy as np
 
 import soter
 from soter.native.shared_library import RunStatus
-from soter.report.terminal_tables import table
+from soter.report.tables import table
 from soter.simulate.externs.bindings import bind, callables
 from soter.simulate.externs.python_answers import ExternAnswers
 from soter.simulate.interrupt import StopRequest

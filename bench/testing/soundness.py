@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests"))
 
 from generators.explorer_agreement import REDUCTIONS, compared, small_ones  # noqa: E402 - from tests/
-from soter.report.terminal_tables import table  # noqa: E402 - after the path
+from soter.report.tables import table  # noqa: E402 - after the path
 
 
 def main() -> int:

@@ -33,7 +33,7 @@ from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 from soter.language.front_end import check_file, system_of, system_to_prove  # noqa: E402
 from soter.native.compiler import compile_with, find  # noqa: E402
 from soter.native.shared_library import CHECK_FAILED, RUNTIME, library_flags  # noqa: E402
-from soter.report.terminal_tables import table  # noqa: E402
+from soter.report.tables import table  # noqa: E402
 from soter.verify.deploy.missing_predicates import rest_claims  # noqa: E402
 from soter.verify.problem.extract import extract  # noqa: E402
 from soter.verify.tubes.problem import TubeProblem  # noqa: E402

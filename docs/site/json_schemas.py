@@ -35,7 +35,7 @@ DOCUMENTS = {
         for name in ("check", "test", "recheck", "verify", "campaign", "monitor", "replay")
     },
     "measure": "soter.api.measuring",
-    "run": "soter.simulate.outputs.run_fields",
+    "run": "soter.simulate.run_fields",
 }
 """Name of a schema -> the module that has its `DOCUMENT`."""
 WIDTH = 120

@@ -16,7 +16,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.editor import keywords
+from soter.editor import hover
 from soter.language.syntax import schemes, tokens
 from soter.language.syntax import words as clause_words
 from soter.language.syntax.parsing.expression_elements import PRECEDENCE
@@ -110,18 +110,18 @@ def table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
 
 def place_table(place: str, words: set[str], programs: str) -> str:
     """The items of a place, each with an example and its meaning."""
-    items = [w for w in keywords.PLACES[place] if w.split()[0] in words]
-    rows = [(f"`{example(place, w, programs)}`", keywords.WORDS[w.split()[0]]) for w in items]
+    items = [w for w in hover.PLACES[place] if w.split()[0] in words]
+    rows = [(f"`{example(place, w, programs)}`", hover.WORDS[w.split()[0]]) for w in items]
     return table(("item", "meaning"), rows)
 
 
 def added(words: set[str]) -> str:
     """Words that stand behind an item of another word."""
-    leaders = {w.split()[0] for items in keywords.PLACES.values() for w in items}
+    leaders = {w.split()[0] for items in hover.PLACES.values() for w in items}
     places = clause_words.places()
     forms = [(w, places[w][0].form) for w in places if w in words - leaders]
     forms.append(("fault", "subscribes motion queue 4 fault;"))  # no diagnostic shows it
-    rows = [(f"`{form}`", f"`{word}`: {keywords.WORDS[word]}") for word, form in forms]
+    rows = [(f"`{form}`", f"`{word}`: {hover.WORDS[word]}") for word, form in forms]
     return table(("item", "what a word behind it means"), rows)
 
 
@@ -142,7 +142,7 @@ def operators() -> str:
 
 def built_in() -> list[tuple[str, str]]:
     """Functions and values that are there without a declaration, with their types."""
-    said = (*keywords.BUILTINS.values(), *keywords.SPECIALS.values())
+    said = (*hover.BUILTINS.values(), *hover.SPECIALS.values())
     parts = [re.fullmatch(r"(\w+(?:\(.*?\))?(?:: \w+(?=\.))?)[.:] (.*)", text) for text in said]
     return [(f"`{m[1]}`", str(m[2])) for m in parts if m]
 
@@ -151,7 +151,7 @@ def evidence(words: set[str]) -> str:
     """The words of the second circle that begin something, by place."""
     rows = []
     for place, name in OF_EVIDENCE.items():
-        items = [w for w in keywords.PLACES[place] if w.split()[0] not in words or place == "test"]
+        items = [w for w in hover.PLACES[place] if w.split()[0] not in words or place == "test"]
         rows.append((name, ", ".join(f"`{w}`" for w in items)))
     return table(("in", "evidence clauses"), rows)
 

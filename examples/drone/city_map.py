@@ -14,28 +14,26 @@ import numpy as np
 from city_scene import TUBE_GROUP, plans_group
 from city_shapes import box_outline, height_levels, join, tube_outline, window
 
-from soter.report.run.figure_elements import (
+from soter.report.run.figure_parts import (
     AC_COLOUR,
     SC_COLOUR,
     arm_group,
     axis,
+    by_controller,
     decision_hover,
+    flight_indices,
     giveback_dot,
+    givebacks,
     layout,
     line,
+    place,
     takeover_dot,
+    takeovers,
     violation_cross,
     violation_hover,
 )
-from soter.report.run.packed_json import numbers
 from soter.report.run.record import Figure, Json
-from soter.report.run.signals_for_drawing import (
-    by_controller,
-    flight_indices,
-    givebacks,
-    place,
-    takeovers,
-)
+from soter.report.templates import numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

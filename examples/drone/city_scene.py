@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.report.run.figure_elements import arm_group
+from soter.report.run.figure_parts import arm_group
 
 if TYPE_CHECKING:
     import numpy as np

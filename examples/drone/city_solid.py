@@ -23,23 +23,21 @@ from city_shapes import (
     window,
 )
 
-from soter.report.run.figure_elements import (
+from soter.report.run.figure_parts import (
     AC_COLOUR,
     SC_COLOUR,
     arm_group,
-    decision_hover,
-    layout,
-    violation_hover,
-)
-from soter.report.run.packed_json import numbers
-from soter.report.run.record import Figure, Json
-from soter.report.run.signals_for_drawing import (
     by_controller,
+    decision_hover,
     flight_indices,
     givebacks,
+    layout,
     place,
     takeovers,
+    violation_hover,
 )
+from soter.report.run.record import Figure, Json
+from soter.report.templates import numbers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from city_shapes import box_outline, height_levels, tube_outline, window
 
-from soter.report.run.signals_for_drawing import flight_indices, givebacks, place, runs, takeovers
+from soter.report.run.figure_parts import flight_indices, givebacks, place, runs, takeovers
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

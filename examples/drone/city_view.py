@@ -16,8 +16,8 @@ from city_scene import PLAN_GROUP, REFUSED_GROUP, TUBE_GROUP
 from city_solid import city_solid
 from city_thumbnail import flight_thumbnail
 
-from soter.report.run.figure_elements import arm_group, figure_place, legend
-from soter.report.run.result_wording import prose
+from soter.report.run.figure_parts import arm_group, figure_place, legend
+from soter.report.wording import prose
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -24,7 +24,7 @@ from flights import ARMS, PROGRAM, Lap, flight, read_lap, scene
 import soter
 from soter.report.html import write_html
 from soter.report.run.record import Cell, Comparison, ReportPage
-from soter.report.terminal_tables import mode_timeline, table
+from soter.report.tables import mode_timeline, table
 
 PAPER_LAP_S = {"AdvancedOnly": "10 s", "Protected": "14 s", "SafeOnly": "24 s"}
 PAPER_VIOLATIONS = {"AdvancedOnly": "collides", "Protected": "0", "SafeOnly": "0"}

@@ -39,7 +39,7 @@ from sketch import (
 
 import soter
 from soter.report.html import write_document
-from soter.report.run.signals_for_drawing import takeovers
+from soter.report.run.figure_parts import takeovers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

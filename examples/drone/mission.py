@@ -33,7 +33,7 @@ from soter.report.run.record import (
     Way,
 )
 from soter.simulate import decisions
-from soter.simulate.outputs.result_assumptions import of_run
+from soter.simulate.result_assumptions import of_run
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

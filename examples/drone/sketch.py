@@ -13,7 +13,7 @@ from zlib import crc32
 
 import numpy as np
 
-from soter.report.run.signals_for_drawing import givebacks, runs, takeovers
+from soter.report.run.figure_parts import givebacks, runs, takeovers
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

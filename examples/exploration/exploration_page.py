@@ -20,18 +20,19 @@ from exploration_record import HERE, NEVER, Exploration
 
 import soter
 from soter.report.html import document
-from soter.report.run.figure_elements import crowded, legend
-from soter.report.run.packed_json import numbers, packed, script_json
-from soter.report.run.result_wording import prose
-from soter.report.run.signals_for_drawing import (
+from soter.report.run.figure_parts import (
     POINTS_MAX,
+    crowded,
     givebacks,
+    legend,
     mode_bar,
     mode_edges,
     takeovers,
     thin,
 )
-from soter.simulate.outputs.result_assumptions import of_run
+from soter.report.templates import numbers, packed, script_json
+from soter.report.wording import prose
+from soter.simulate.result_assumptions import of_run
 
 sys.path.insert(0, str(HERE.parent / "drone"))
 from sketch import (

@@ -40,12 +40,16 @@ ADD_ONS = {
         )
     ),
     "learn": AddOn(("soter.gym", "soter.policy", "soter.cli.policy"), needs=("campaign",)),
-    "campaign": AddOn(
-        ("soter.campaign", "soter.report.campaign", "soter.api.campaigning", "soter.cli.campaign")
-    ),
+    "campaign": AddOn(("soter.campaign", "soter.api.campaigning", "soter.cli.campaign")),
     "editor": AddOn(("soter.editor", "soter.playground", "soter.cli.lsp")),
     "assure": AddOn(
-        ("soter.report.assurance", "soter.api.assurance", "soter.cli.assure"), needs=("campaign",)
+        (
+            "soter.report.safety_case",
+            "soter.report.safety_case_page",
+            "soter.api.assurance",
+            "soter.cli.assure",
+        ),
+        needs=("campaign",),
     ),
 }
 

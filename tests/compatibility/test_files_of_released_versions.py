@@ -20,7 +20,7 @@ from soter.certificate.folder import canonical
 from soter.certificate.report import ACCEPTED, NOT_RECHECKED
 from soter.cli.main import main
 from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
-from soter.remote.channels_and_topics import topics_of
+from soter.remote.topics import topics_of
 from tables import all_rows
 
 if TYPE_CHECKING:

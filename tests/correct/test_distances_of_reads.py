@@ -17,7 +17,7 @@ from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType
-from soter.monitor.logs.predicate_margins import PredicateMargins
+from soter.monitor.predicate_margins import PredicateMargins
 
 if TYPE_CHECKING:
     from soter.language.model.system import System, Topic

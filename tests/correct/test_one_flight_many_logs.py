@@ -18,11 +18,11 @@ pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
 from generators.robot_logs import CHANNEL, WRITERS, Recorded, odometry
 from soter.api import load
 from soter.mapping.read_mapping import mapping_of
-from soter.monitor.logs.files.read_columns import read_columns
-from soter.monitor.logs.typed_samples import samples_of
+from soter.monitor.log_files.read_columns import read_columns
+from soter.monitor.typed_samples import samples_of
 
 if TYPE_CHECKING:
-    from soter.monitor.logs.result import LogJudgement
+    from soter.monitor.log_judgement import LogJudgement
 
 CART = Path(__file__).resolve().parents[2] / "examples" / "wall" / "cart.soter"
 EPOCH_NS = 1_700_000_000 * 10**9

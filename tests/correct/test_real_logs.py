@@ -20,12 +20,12 @@ from soter.api import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.types import IntType, leaves
-from soter.monitor.logs.derived_signals import slopes
+from soter.monitor.derived_signals import slopes
 from soter.simulate.decisions import changes
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
-    from soter.monitor.logs.result import LogJudgement, ModuleOfLog
+    from soter.monitor.log_judgement import LogJudgement, ModuleOfLog
 
 pytest.importorskip("mcap", reason="the extra `logs` is not installed")
 

@@ -31,7 +31,7 @@ from soter.core.layout import encode_into, size_of
 from soter.language.model.types import FLOAT, INT_MIN, ArrayType, FloatType, ListType, RecordType
 from soter.language.model.values import to_python
 from soter.native.compiler import WARNINGS, find
-from soter.remote.channels_and_topics import Channel
+from soter.remote.topics import Channel
 from soter.targets.firmware import described
 from soter.targets.world_interface import number_of_layout
 
@@ -176,7 +176,7 @@ def test_values_of_every_type_are_the_same_in_python_and_in_c(tmp_path: Path, se
             assert image(robot.topics[topic.name], reading.value) == exact(topic, answer)
 
 
-def image(topic: soter.remote.channels_and_topics.Topic, value: object) -> bytes:
+def image(topic: soter.remote.topics.Topic, value: object) -> bytes:
     return topic.image(value, clip=False)
 
 

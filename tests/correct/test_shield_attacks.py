@@ -18,7 +18,7 @@ import soter
 from correct.test_shield import COMMANDS, SMALL, tables_of, written
 from generators.c_packages import make
 from soter.core.steps import lower
-from soter.explore.model.actors import Footprints
+from soter.explore.model.footprints import Footprints
 from soter.language.front_end import check_file, system_of_test
 from soter.language.model.typed import Literal
 from soter.language.model.types import BOOL

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from soter.explore.assumptions import replaced_in
 from soter.explore.command import TraceHeader, explore_test
-from soter.explore.contract_use import replaced_in
 from soter.explore.results import EXHAUSTED, VIOLATED, wholes
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from rosbags.typesys.store import Typestore
 
-    from soter.monitor.logs.result import LogJudgement
+    from soter.monitor.log_judgement import LogJudgement
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 CHANNEL = "/odom"

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
-    from soter.report.plain_page import PageSection
-    from soter.report.sequence.view import SequenceView
-    from soter.simulate.outputs.to_log import RunLog
+    from soter.report.sequence_view import SequenceView
+    from soter.report.templates import PageSection
+    from soter.simulate.run_log import RunLog
     from soter.verify.advice import Advice
     from soter.verify.deploy.missing_predicates import Known
 
@@ -193,7 +193,7 @@ def require_writers(log: str | Path | None, report: str | Path | None) -> None:
 
         require_log_package()
     if report is not None:
-        from soter.simulate.outputs.to_report import require_report_package  # noqa: PLC0415 - an extra
+        from soter.simulate.run_report import require_report_package  # noqa: PLC0415 - an extra
 
         require_report_package()
     for path in (log, report):
@@ -205,7 +205,7 @@ def run_log(log: str | Path | RunLog | None) -> RunLog | None:
     """What writes the log of a run while it goes on; `SoterError` D007."""
     if not isinstance(log, (str, Path)):
         return log
-    from soter.simulate.outputs.to_log import RunLog  # noqa: PLC0415 - an extra
+    from soter.simulate.run_log import RunLog  # noqa: PLC0415 - an extra
 
     return RunLog(Path(log), VERSION)
 
@@ -251,7 +251,7 @@ def write_advice(advice: Sequence[Advice], program: str, path: Path) -> None:
     """The figure of every module of a program; `SoterError` D006 where it cannot be written."""
     from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
     from soter.report.html import write_document  # noqa: PLC0415 - the same
-    from soter.report.proof.advice import advice_main  # noqa: PLC0415 - only then
+    from soter.report.proof_page import advice_main  # noqa: PLC0415 - only then
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -266,7 +266,7 @@ def write_sections(
     """A page of sentences and tables, as `sections_main` takes them; `SoterError` D006."""
     from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
     from soter.report.html import write_document  # noqa: PLC0415 - the same
-    from soter.report.plain_page import sections_main  # noqa: PLC0415 - only then
+    from soter.report.templates import sections_main  # noqa: PLC0415 - only then
 
     try:
         write_document(title, sections_main(title, headline, verdict, sections), path)
@@ -294,10 +294,10 @@ def write_sequence(view: SequenceView, path: Path, kind: str) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if kind == "html":
-            from soter.report.sequence.page import write_page  # noqa: PLC0415 - only then
+            from soter.report.sequence_page import write_page  # noqa: PLC0415 - only then
 
             return write_page(view, path)
-        from soter.report.sequence.trace_to_mcap import write_log  # noqa: PLC0415 - an extra
+        from soter.report.trace_log import write_log  # noqa: PLC0415 - an extra
 
         return write_log(view, path)
     except LogUnavailableError as error:

@@ -16,23 +16,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.arguments import end_of, require_writable, time_ns
-from soter.campaign.arms import OURS, PAPER, arms_of
+from soter.campaign.arms import OURS, PAPER, arms_of, kept
 from soter.campaign.batch_flights import Fleet
 from soter.campaign.fly_campaign import cluster, flights_of, fly, require_ray
 from soter.campaign.page import write_page
-from soter.campaign.release_lateness import kept
 from soter.campaign.result import ORDER, Result, blames, occurred, result_of
 from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
-from soter.report.parameter_text import changed
+from soter.report.wording import changed_parameters
 from soter.simulate.run_options import seed_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from soter.campaign.arms import Arm
+    from soter.campaign.arms import Arm, Lateness
     from soter.campaign.fly_campaign import Workers
-    from soter.campaign.release_lateness import Lateness
     from soter.campaign.store import FlightOutcome
     from soter.language.model.system import System
     from soter.simulate.externs.bindings import Bindings
@@ -238,7 +236,7 @@ def _about(flat: System, path: str, until_ns: int, seed: int, horizon_ns: int) -
         program=Path(path).name,
         program_sha256=flat.program.sha256,
         system=flat.name,
-        params={name: text for name, (text, _) in changed(flat).items()},
+        params={name: text for name, (text, _) in changed_parameters(flat).items()},
         until_ns=until_ns,
         first_seed=seed_value(seed),
         modules=[m.name for m in flat.modules],

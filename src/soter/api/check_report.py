@@ -315,11 +315,11 @@ class CheckReport:
     """What does not hold of them, as errors: deadlines, the times of a proof, P1c."""
 
     def _repr_html_(self) -> str:
-        from soter.report.notebook import shown  # noqa: PLC0415 - in notebooks only
+        from soter.report.tables import notebook_table  # noqa: PLC0415 - in notebooks only
 
         rows = [(s.name, m.name, m.ac, m.sc) for s in self.systems for m in s.modules]
         said = [f"{d.code}: {d.message}" for d in (*self.warnings, *self.untimely)]
-        return shown(f"{self.path}: sound", ("system", "module", "AC", "SC"), rows, said)
+        return notebook_table(f"{self.path}: sound", ("system", "module", "AC", "SC"), rows, said)
 
 
 def check_report(
@@ -378,7 +378,7 @@ def step_reports(
 
 def system_report(system: System, *, default: bool) -> SystemReport:
     """A flat system, and what a run of it rests on, as a report."""
-    from soter.simulate.outputs import result_assumptions  # noqa: PLC0415 - see `soter.api`
+    from soter.simulate import result_assumptions  # noqa: PLC0415 - see `soter.api`
 
     return SystemReport(
         name=system.name,

@@ -28,7 +28,7 @@ from soter.language.load.loader import load
 from soter.language.load.named_files import binding_of, read_bytes
 from soter.language.model.system import environment_topics
 from soter.simulate.externs.bindings import require_files
-from soter.simulate.outputs.result_assumptions import unproved
+from soter.simulate.result_assumptions import unproved
 from soter.targets.cortex_m_board import Replay, read_board
 from soter.targets.cortex_m_package import replayed_until
 from soter.targets.package import TARGETS, PackageFile, build_package, require_options

@@ -49,7 +49,7 @@ class Diagram:
 
         `SoterError` D006 where the log is of something else, or the page cannot be written; D007.
         """
-        from soter.simulate.outputs.run_on_diagram import write_log_page  # noqa: PLC0415 - see `soter.api`
+        from soter.simulate.run_on_diagram import write_log_page  # noqa: PLC0415 - see `soter.api`
 
         assert self.flat is not None
         return write_log_page(log, self.flat, path)

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 from soter.api.arguments import complete, params_as_json, time_ns, values_of, write_test_page
 from soter.diagnostics.command_records import made
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.explore.checkpoint_options import asked, checkpoints
-from soter.explore.command import TraceHeader, chosen, explore_test, save, with_times
-from soter.explore.contract_use import replaced_in
+from soter.explore.assumptions import replaced_in
+from soter.explore.checked_options import asked, checkpoints, chosen, with_times
+from soter.explore.command import TraceHeader, explore_test, save
 from soter.explore.results import ExploreReport
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import system_of_test

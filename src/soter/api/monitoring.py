@@ -3,7 +3,7 @@
 Purpose: `judged`, what `Program.monitor` does with a log or a run; `log_judged` and
 `log_explained`, what `Program.judge_log` and `--map` with `--estimates` do with a log of somebody
 else.
-Non-goals: the judgements themselves (`monitor/model_membership.py`, `monitor/logs/replay.py`).
+Non-goals: the judgements themselves (`monitor/model_membership.py`, `monitor/log_replay.py`).
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 from soter.api.arguments import chosen_modules, require_utf8
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
-from soter.monitor.logs.decidable_modules import decidable, doubts
-from soter.monitor.logs.files.read_columns import read_columns
-from soter.monitor.logs.replay import replay
-from soter.monitor.logs.result import units_taken
-from soter.monitor.logs.typed_samples import recorded as of_samples
-from soter.monitor.logs.typed_samples import samples_of
+from soter.monitor.decidable_modules import decidable, doubts
+from soter.monitor.log_files.read_columns import read_columns
+from soter.monitor.log_judgement import units_taken
+from soter.monitor.log_replay import replay
 from soter.monitor.model_membership import Judgement, judge, needed_topics
-from soter.simulate.recorded_run import read_log, recorded
+from soter.monitor.typed_samples import recorded as of_samples
+from soter.monitor.typed_samples import samples_of
+from soter.simulate.run_log import read_log, recorded
 from soter.verify.problem.extract import extract_sets
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Module, System
     from soter.mapping.topic_mapping import LogMap
-    from soter.monitor.logs.result import LogJudgement
+    from soter.monitor.log_judgement import LogJudgement
     from soter.simulate.result import Run
     from soter.verify.problem.problem import Problem
 

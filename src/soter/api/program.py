@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
-    from soter.monitor.logs.result import LogJudgement
+    from soter.monitor.log_judgement import LogJudgement
     from soter.monitor.model_membership import Judgement
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.result import Run
@@ -223,7 +223,7 @@ class Program:
 
     def write_log(self, run: Run, path: str | Path) -> Path:
         """Write the MCAP log of a traced run; `SoterError` D006, D007."""
-        from soter.simulate.outputs.to_log import write_log  # noqa: PLC0415 - an extra
+        from soter.simulate.run_log import write_log  # noqa: PLC0415 - an extra
 
         require_utf8(path)
         return write_log(run, path, VERSION)
@@ -341,7 +341,7 @@ class Program:
         `explain`: measure why it is not, and try what may help (None: where `refute` is).
         `SoterError` with R... where the program does not determine a problem.
         """
-        from soter.explore.violation_search import violation_of  # noqa: PLC0415 - needs a compiler
+        from soter.explore.command import violation_of  # noqa: PLC0415 - needs a compiler
         from soter.verify.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()

@@ -20,7 +20,7 @@ from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.evaluate.floating_point_mode import require_plain
 from soter.language.front_end import check_file, system_of_test
-from soter.report.plain_page import PageSection
+from soter.report.templates import PageSection
 from soter.version import VERSION, pip_install
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from soter.certificate.report import Report as RecheckReport
     from soter.explore.replay import Replayed
     from soter.explore.trace import Trace
-    from soter.report.sequence.view import SequenceView
+    from soter.report.sequence_view import SequenceView
     from soter.verify.counterexample import Replay as CounterexampleRun
 
 
@@ -193,23 +193,19 @@ def replay(path: str | Path) -> ReplayReport:
 
 def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
     from soter.explore import trace as traces  # noqa: PLC0415 - see `soter.api`
-    from soter.explore.command import (  # noqa: PLC0415 - the same
-        changed_program,
-        missing_program,
-        with_times,
-    )
+    from soter.explore.checked_options import with_times  # noqa: PLC0415 - the same
     from soter.explore.replay import replay as run  # noqa: PLC0415 - the same
 
     path = traces.program_path(trace)
     if not Path(path).exists():
-        raise missing_program(trace, path)
+        raise traces.missing_program(trace, path)
     checked = check_file(path)
     if not checked.begins:
-        raise changed_program(trace, path)
+        raise traces.changed_program(trace, path)
     if not checked.ok or checked.program is None:
         raise SoterError(checked.diagnostics.items)
     if checked.program.sha256 != trace.sha256:
-        raise changed_program(trace, path)
+        raise traces.changed_program(trace, path)
     if trace.test not in checked.tests:
         raise traces.no_trace(file, "its program has no such test")
     params = params_from_json(checked.program, trace.params, file)

@@ -22,7 +22,7 @@ from soter.api.arguments import complete
 from soter.core.layout import state_layout
 from soter.diagnostics.current_phase import phase
 from soter.language.front_end import system_of
-from soter.report.parameter_text import changed
+from soter.report.wording import changed_parameters
 from soter.semantics.externs import Stop
 from soter.simulate.externs.bindings import (
     assumptions,
@@ -50,11 +50,11 @@ if TYPE_CHECKING:
     from soter.language.model.system import System
     from soter.language.model.types import Value
     from soter.simulate.externs.bindings import Bindings
-    from soter.simulate.flight_recording import FlightRecording
     from soter.simulate.interrupt import StopRequest
-    from soter.simulate.outputs.to_log import RunLog
+    from soter.simulate.real_time import FlightRecording
     from soter.simulate.result import Run
     from soter.simulate.run import NativeProgram
+    from soter.simulate.run_log import RunLog
     from soter.simulate.run_options import RunOptions
 
 
@@ -212,7 +212,7 @@ def _already_bound(bindings: Bindings, options: RunOptions) -> tuple[int, str, C
         require_runnable(bindings, options.engine)
         in_time = partial_(_in_real_time, bindings, not options.apart)
         return options.seed, options.engine, in_time
-    from soter.simulate.flight_recording import FlightRecording  # noqa: PLC0415 - only here
+    from soter.simulate.real_time import FlightRecording  # noqa: PLC0415 - only here
 
     recording = FlightRecording(Path(options.recorded), bindings.system)
     return recording.seed, "recorded", partial_(_recorded, recording)
@@ -290,7 +290,7 @@ def _engine(
 
 def _page(run: Run) -> str:
     """The report of a run as one HTML text; "" without a whole trace or the extra `report`."""
-    from soter.simulate.outputs.to_report import inline_report  # noqa: PLC0415 - an extra
+    from soter.simulate.run_report import inline_report  # noqa: PLC0415 - an extra
 
     if run.trace is None or run.recorded is not None:
         return ""
@@ -306,7 +306,7 @@ def _facts(run: Run, program: str) -> dict[str, str]:
         "seed": str(run.seed),
         "engine": run.engine,
         "trace sha256": run.trace_sha256 or "",
-        **{f"param {name}": text for name, (text, _) in changed(run.system).items()},
+        **{f"param {name}": text for name, (text, _) in changed_parameters(run.system).items()},
         **{f"extern {name}": text for name, text in run.externs.items()},
         "soter": VERSION,
     }
@@ -314,7 +314,7 @@ def _facts(run: Run, program: str) -> dict[str, str]:
 
 def write_report(run: Run, path: str | Path, program: str, *, self_contained: bool = False) -> Path:
     """Write the HTML report of a traced run; `SoterError` D006, D007."""
-    from soter.simulate.outputs.to_report import write_report as write  # noqa: PLC0415 - an extra
+    from soter.simulate.run_report import write_report as write  # noqa: PLC0415 - an extra
 
     name = Path(program).name
     return write(run, path, name, _facts(run, program), self_contained=self_contained)

@@ -169,7 +169,8 @@ class Flyer:
             if int(last["components"][index]["latched"])
         ]
         bad = events[events["kind"] >= VIOLATED]["time"]
-        spans = [_in_ac(events, k, self._start(k), self.until_ns) for k in modules]
+        starts = [0 if forced else None for forced in self.recipe.forced]  # else in SC
+        spans = [_in_ac(events, k, starts[k], self.until_ns) for k in modules]
         return FlightOutcome(
             number=number,
             seed=int(seed),
@@ -185,10 +186,6 @@ class Flyer:
             digest=digests[0],
             trajectory=digests[1],
         )
-
-    def _start(self, module: int) -> int | None:
-        """Since when a module is in AC at the start: it starts in SC unless it is forced."""
-        return 0 if self.recipe.forced[module] else None
 
 
 class Fleet(Flyer):

@@ -51,8 +51,7 @@ from soter.language.model.types import FloatType, RecordType, has_list, leaf_nam
 from soter.language.model.values import ValueShapeError, from_json
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC
 from soter.report.mcap_reading import messages, metadata, require_log_package, unreadable
-from soter.report.parameter_text import changed
-from soter.report.printable_text import visible
+from soter.report.wording import changed_parameters, visible
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Iterator, Sequence
@@ -439,7 +438,7 @@ class Flights:
         if self._proved.get(system) not in of_entries:
             names = ", ".join(f"`{n}`" for n in of_entries)
             raise _of_another(log, f"system `{system}` flew, and the certificate is about {names}")
-        proved = {name: text for name, (text, _) in changed(self._flats[system]).items()}
+        proved = {name: text for name, (text, _) in changed_parameters(self._flats[system]).items()}
         begin = len(PARAMETER)
         flown = {name[begin:]: text for name, text in said.items() if name.startswith(PARAMETER)}
         for name in sorted(proved.keys() | flown.keys()):

@@ -83,7 +83,7 @@ from soter.diagnostics.current_phase import between, phase, telling
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import system_to_prove
-from soter.report.printable_text import visible
+from soter.report.wording import visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator

@@ -2,8 +2,8 @@
 
 Purpose: a table for each module, a figure in `.soter/`, and the largest Delta that verifies; or,
 with `--delay`, how late commands may act.
-Non-goals: the sweeps (`verify/advice.py`, `verify/advice.py`), the drawing
-(`report/proof/advice.py`).
+Non-goals: the sweeps (`verify/advice.py`), the drawing
+(`report/proof_page.py`).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from soter.api.program import Program
     from soter.cli.terminal.command_line import Pairs
     from soter.cli.terminal.console import Console
-    from soter.report.terminal_tables import Entry, Tone
+    from soter.report.tables import Entry, Tone
     from soter.verify.advice import Advice, DelayAdvice
 
 EXAMPLES = """\
@@ -142,7 +142,7 @@ def _numbers(text: str, option: str, least: float) -> list[float]:
 
 
 def _say(advice: Advice, console: Console) -> None:
-    from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
+    from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy
 
     head, table = advice.table()
     mark, best = head.index("verifies"), advice.best_ns

@@ -26,7 +26,7 @@ from soter.cli.terminal.command_line import (
 )
 from soter.cli.terminal.console import ProgressBar
 from soter.diagnostics.command_records import SWITCH, Kind, option
-from soter.report.printable_text import visible
+from soter.report.wording import visible
 
 if TYPE_CHECKING:
     import argparse
@@ -103,7 +103,7 @@ def _tell(console: Console, why: str) -> None:
 
 
 def _say(assurance: Assurance, console: Console) -> None:
-    from soter.report.terminal_tables import Entry, Styled  # noqa: PLC0415 - needs NumPy
+    from soter.report.tables import Entry, Styled  # noqa: PLC0415 - needs NumPy
 
     case = assurance.case
     word = _verdict(assurance, console)

@@ -29,7 +29,7 @@ from soter.cli.terminal.console import LineOfProgress
 from soter.diagnostics.command_records import JsonObject, one_of, option
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.types import show_ns
-from soter.report.printable_text import visible
+from soter.report.wording import visible
 
 if TYPE_CHECKING:
     import argparse

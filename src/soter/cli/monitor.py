@@ -4,7 +4,7 @@ Purpose: judge a log, or a fresh run, module by module; or write the monitor as 
 `--map` judge a log of somebody else. Judgements are findings for continuous integration, too: one
 for each module, where it is declared: an alarm, or a read outside `safe`, is wrong; where nothing
 was judged, or a log leaves it undecided, it is open.
-Non-goals: the judgements (`monitor/model_membership.py`, `monitor/logs/`).
+Non-goals: the judgements (`monitor/`).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from soter.cli.terminal.log_judgement import (
 )
 from soter.diagnostics.command_records import SEVERAL, SWITCH, JsonObject, one_of, option, read_by
 from soter.diagnostics.diagnostic import mistake
-from soter.report.plain_page import PageSection
+from soter.report.templates import PageSection
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -60,8 +60,8 @@ if TYPE_CHECKING:
     from soter.api import Program
     from soter.cli.terminal.command_line import Kind, Pairs
     from soter.cli.terminal.console import Console
-    from soter.monitor.logs.files.log_columns import Damage
-    from soter.monitor.logs.result import LogJudgement
+    from soter.monitor.log_files.log_columns import Damage
+    from soter.monitor.log_judgement import LogJudgement
     from soter.monitor.model_membership import Judgement
 
 

@@ -2,7 +2,7 @@
 
 Purpose: a folder with a program, its policy in Python and in C, and a test, or with a mapping and
 the head of a program for a log of somebody else; all or nothing.
-Non-goals: more than one kind of robot; what is found of a log (`monitor/logs/survey.py`).
+Non-goals: more than one kind of robot; what is found of a log (`monitor/log_survey.py`).
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 def _of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
     """A mapping and the head of a program; SoterError D016, D007."""
     require_utf8(*args.logs)
-    survey = by_name("soter.monitor.logs.survey")
+    survey = by_name("soter.monitor.log_survey")
     found = survey.surveyed([Path(log) for log in args.logs], partial=args.partial)
     log = ", ".join(Path(log).name for log in args.logs)
     return {

@@ -30,8 +30,8 @@ from soter.cli.terminal.command_line import (
 from soter.cli.terminal.console import ProgressBar
 from soter.diagnostics.command_records import SEVERAL, JsonObject, one_of, option
 from soter.diagnostics.diagnostic import mistake
-from soter.report.plain_page import PageSection
-from soter.report.printable_text import visible
+from soter.report.templates import PageSection
+from soter.report.wording import visible
 from soter.version import VERSION
 
 if TYPE_CHECKING:

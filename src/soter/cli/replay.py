@@ -91,7 +91,7 @@ def _files(
 def _say(report: ReplayReport, console: Console) -> None:
     if console.json:
         return
-    from soter.report.printable_text import visible  # noqa: PLC0415 - only then
+    from soter.report.wording import visible  # noqa: PLC0415 - only then
 
     what = f"{report.program}  {report.program_sha256[:12]}"
     if report.trace is not None:
@@ -106,11 +106,11 @@ def _say(report: ReplayReport, console: Console) -> None:
 
 def _steps(report: ReplayReport, console: Console) -> list[str]:
     if report.trace is not None:
-        from soter.report.printable_text import visible  # noqa: PLC0415 - the same
-        from soter.report.sequence.text import text  # noqa: PLC0415 - needs NumPy
+        from soter.report.sequence_view import table_text  # noqa: PLC0415 - needs NumPy
+        from soter.report.wording import visible  # noqa: PLC0415 - the same
 
         view = report.view()
-        lines = text(view, color=console.color_out, width=console.width)
+        lines = table_text(view, color=console.color_out, width=console.width)
         return [*lines, visible(view.remark)] if view.remark else lines
     if report.counterexample is None:
         return []

@@ -42,8 +42,8 @@ if TYPE_CHECKING:
 
     from soter.cli.terminal.console import Console
     from soter.language.model.system import System
-    from soter.simulate.outputs.to_log import RunLog
     from soter.simulate.result import Run
+    from soter.simulate.run_log import RunLog
 
 EXAMPLES = f"""\
   soter run cart.soter
@@ -122,7 +122,7 @@ def _finish(
 ) -> CommandOutcome:
     """Summary, files, exit code: files that cannot be written do not hide the result."""
     from soter.cli.terminal.run_summary import summary  # noqa: PLC0415 - needs NumPy
-    from soter.simulate.outputs.run_fields import DOCUMENT  # noqa: PLC0415 - needs NumPy
+    from soter.simulate.run_fields import DOCUMENT  # noqa: PLC0415 - needs NumPy
 
     console.say(summary(result, args.file, console, why=args.why))
     written, problems = _files(program, result, args, log, console)
@@ -177,7 +177,7 @@ def _log(args: argparse.Namespace) -> RunLog | None:
     """What writes the log while the run goes on."""
     if args.log is None:
         return None
-    from soter.simulate.outputs.to_log import RunLog  # noqa: PLC0415 - an extra
+    from soter.simulate.run_log import RunLog  # noqa: PLC0415 - an extra
 
     return RunLog(lambda system: Path(_path(args, system, "log", ".mcap")), __version__)
 

@@ -299,7 +299,7 @@ def _figures(test: TestResult) -> str:
 
 def _coverage(test: TestResult, console: Console) -> list[str]:
     """How much was reached, the names of what was not, and what of the test says nothing."""
-    from soter.report.printable_text import visible  # noqa: PLC0415 - needs NumPy
+    from soter.report.wording import visible  # noqa: PLC0415 - needs NumPy
 
     parts = [(name, part) for name, part in test.coverage.parts() if part.total]
     said = "  ".join(f"{name} {part.reached}/{part.total}" for name, part in parts)
@@ -346,11 +346,11 @@ def _rest(test: TestResult) -> str:
 def _trace(test: TestResult, console: Console) -> list[str]:
     from soter import __version__  # noqa: PLC0415 - only then
     from soter.explore.trace_view import view_of  # noqa: PLC0415 - the same
-    from soter.report.sequence.text import text  # noqa: PLC0415 - needs NumPy
+    from soter.report.sequence_view import table_text  # noqa: PLC0415 - needs NumPy
 
     assert test.replayed is not None
     view = view_of(test.replayed, __version__)
-    lines = text(view, color=console.color_out, most=LINES_MAX, width=console.width)
+    lines = table_text(view, color=console.color_out, most=LINES_MAX, width=console.width)
     lines.append(view.remark if test.minimal else console.paint("yellow", view.remark))
     files = (("trace", test.trace), ("page", test.page))
     return lines + [f"{kind:<6} {path}" for kind, path in files if path is not None]

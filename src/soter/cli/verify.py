@@ -235,8 +235,8 @@ def _coverage(report: VerifyReport) -> list[str]:
 
 def _together(report: VerifyReport, printed: Printout) -> None:
     """The conjunction, and who keeps what a module takes for granted."""
-    from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
-    from soter.verify.scope import rows_of  # noqa: PLC0415 - what is stored needs none
+    from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy  # noqa: PLC0415 - needs NumPy
+    from soter.verify.scope import rows_of  # noqa: PLC0415 - what is stored needs none  # noqa: PLC0415 - what is stored needs none
 
     verdict = printed.paint(PAINTS[report.together], report.together.upper())
     taken = rows_of(report)
@@ -346,7 +346,7 @@ def _headline(module: ModuleResult, printed: Printout) -> str:
 
 
 def _table(module: ModuleResult, printed: Printout) -> None:
-    from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
+    from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy
 
     rows, said = [], dict[str, str]()
     for name, f in module.findings.items():

@@ -93,7 +93,8 @@ def draw(graph: DiagramGraph) -> str:
     layout = lay_out(sizes, links, first)
     tops = _tops(layout)
     upwards = any(piece.up for piece in layout.pieces)
-    inner = max(_width(layout), LEGEND_WIDTH_PX)
+    ends = (s.x + s.width for layer in layout.layers for s in layer)
+    inner = max(LEGEND_WIDTH_PX, *ends)
     legend = _legend(inner, upwards=upwards)
     width = inner + 2 * MARGIN_PX
     height = tops[-1] + legend[1] + MARGIN_PX
@@ -158,10 +159,6 @@ def _tops(layout: GraphLayout) -> list[float]:
         tops.append(tops[-1] + high + BETWEEN_PX)
     tops[-1] -= BETWEEN_PX / 2
     return tops
-
-
-def _width(layout: GraphLayout) -> float:
-    return max((s.x + s.width for layer in layout.layers for s in layer), default=0.0)
 
 
 # ---------------------------------------------------------------- boxes
@@ -284,12 +281,8 @@ def _passing(spot: Spot, layout: GraphLayout, tops: Sequence[float]) -> str:
     """The straight line beside the boxes of a layer."""
     up = any(p.up for p in layout.pieces if spot in (p.above, p.below))
     x = spot.x + spot.width / 2
-    end = tops[spot.layer] + _deep(layout, spot.layer)
+    end = tops[spot.layer] + max((s.height for s in layout.layers[spot.layer]), default=0.0)
     return f'<path class="wire{" up" * up}" d="M{x:.1f} {tops[spot.layer]:.1f}V{end:.1f}"/>'
-
-
-def _deep(layout: GraphLayout, n: int) -> float:
-    return max((spot.height for spot in layout.layers[n]), default=0.0)
 
 
 def _wire(p: Piece, tops: Sequence[float]) -> Iterator[str]:

@@ -3,7 +3,7 @@
 Purpose: `DiagramGraph` has components and topics with their periods, modules as frames around DM,
 AC and SC, and topics that the same write and the same read in one box, as nobody tells twenty
 parallel arrows apart. A type becomes rows, each with the key under which a page finds its text.
-Non-goals: places (`layered_layout.py`), drawing (`svg.py`), the numbers (`simulate/outputs/`). What
+Non-goals: places (`layered_layout.py`), drawing (`svg.py`), the numbers (`simulate/`). What
 only properties read (the truth of a plant) is no arrow: nothing flows.
 """
 

@@ -14,17 +14,17 @@ from typing import TYPE_CHECKING
 from lsprotocol import types as lsp
 
 from soter.diagnostics.diagnostic import Source
-from soter.editor import keywords
+from soter.editor import hover
 from soter.editor.hover import head, shape_text
-from soter.editor.names.definitions import Shape
-from soter.editor.names.resolve import Members
+from soter.editor.name_definitions import Shape
+from soter.editor.name_resolution import Members
 from soter.language.syntax import tree
 from soter.language.syntax.tokens import NAME, lex
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.editor.names.definitions import Definition, NameIndex
+    from soter.editor.name_definitions import Definition, NameIndex
     from soter.language.load.loader import LoadedFile
 
 
@@ -198,7 +198,7 @@ def _items(
         yield from _behind_dots(cursor, names, index)
         return
     if not cursor.item:
-        yield from (_word(w, cursor.body) for w in keywords.PLACES.get(cursor.body, ()))
+        yield from (_word(w, cursor.body) for w in hover.PLACES.get(cursor.body, ()))
         kinds = {"variable", "state"} if cursor.body == "block" else set()
         yield from _of_kinds(names, kinds, "0")
         return
@@ -206,14 +206,14 @@ def _items(
     if wanted == {"new"}:
         return
     if wanted == {"a type"}:
-        yield from (_word(w, "type") for w in keywords.TYPES)
+        yield from (_word(w, "type") for w in hover.TYPES)
         yield from _of_kinds(names, {"type", "import"}, "1")
         return
     if wanted is not None:
         yield from _of_kinds(names, {*wanted, "import"}, "0")
         return
     yield from (_named(d, _near(d, file)) for d in names.values() if _is_value(d))
-    for word in (*keywords.BUILTINS, *keywords.SPECIALS, *keywords.VALUES):
+    for word in (*hover.BUILTINS, *hover.SPECIALS, *hover.VALUES):
         yield _word(word, "value")
 
 
@@ -334,11 +334,11 @@ def _wanted_behind(cursor: CursorContext) -> set[str] | None:
 def _word(word: str, body: str) -> lsp.CompletionItem:
     parts = word.split()
     first = parts[-1] if parts[0] in {"on", "order"} else parts[0]
-    builtin = word in keywords.BUILTINS
+    builtin = word in hover.BUILTINS
     return lsp.CompletionItem(
         word,
         kind=KIND.Function if builtin else KIND.Keyword,
-        detail=keywords.meaning(first),
+        detail=hover.meaning(first),
         sort_text=f"{'0' if body not in {'value', 'type'} else '3'}{word}",
     )
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from lsprotocol import types as lsp
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.editor.names.resolve import index_of
+from soter.editor.name_resolution import index_of
 from soter.editor.protocol_conversions import Lines, by_file, path_of, path_of_span, uri_of
 from soter.language.front_end import CheckResult, check_file
 from soter.language.load.loader import LoadedFile, SourceAccess, load
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from soter.diagnostics.diagnostic import Diagnostic, Source, Span
-    from soter.editor.names.definitions import NameIndex
+    from soter.editor.name_definitions import NameIndex
     from soter.language.load.loader import LoadedProgram
     from soter.language.model.types import Type, Value
     from soter.language.syntax import tree

@@ -3,7 +3,7 @@
 Purpose: offsets of characters become positions and back, in the encoding that was agreed on, and
 files become URIs. A diagnostic becomes the protocol's, file by file: range, code, related places,
 and the notes and helps in its text.
-Non-goals: rendering for terminals (`diagnostics/render.py`), edits (`code_actions_and_lenses.py`).
+Non-goals: rendering for terminals (`diagnostics/render.py`), edits (`requests.py`).
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ from soter.version import VERSION
 if TYPE_CHECKING:
     from pygls.server import ServerErrors
 
-    from soter.editor.code_actions_and_lenses import Verdicts
+    from soter.editor.requests import Verdicts
 
 HEAD_MAX, MESSAGE_MAX = 2**16, 2**28
 """Bytes of a line of a message's head, and of its body."""

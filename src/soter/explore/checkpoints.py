@@ -5,7 +5,7 @@ explorer wrote (`soter_explore_checkpoint.c`). The head is written last, then th
 place at once: it is there whole or not at all. A file is read only if every byte is as it was
 written; what differs from the search that is to go on is said in words. `Checkpoint` belongs to one
 test; `Saver` asks the explorer for it again and again while one part of the system is searched.
-Non-goals: what the explorer wrote; options (`checkpoint_options.py`). Whoever makes such a file by
+Non-goals: what the explorer wrote; options (`checked_options.py`). Whoever makes such a file by
 hand, seals included, is believed.
 """
 

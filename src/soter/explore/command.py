@@ -1,8 +1,10 @@
 """`soter test` and `soter replay` without a terminal: from a flattened test to its result.
 
-Purpose: search, minimise, and let the reference interpreter replay what was found before anybody
-is told of a violation; traces to files and back.
-Non-goals: the search itself (`explore/engine/c/soter_explore*.c`, `search.py`), printing.
+Purpose: explore, say what the search comes to, make the trace of a violation small, replay it, keep
+it in a file. `violation_of` finds one run that violates a property, for whoever cannot prove that
+there is none.
+Non-goals: the search itself (`engine/`), what is asked of it (`checked_options.py`), printing; what
+bounds mean (`results.py`).
 """
 
 from __future__ import annotations
@@ -14,45 +16,115 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.explore import assumptions, contract_use
-from soter.explore.allowed_steps import plan_of
-from soter.explore.replay import replay, violation_id_of
+from soter.diagnostics.diagnostic import SoterError
+from soter.explore import assumptions, vacuous_tests
+from soter.explore.judge import plan_of
+from soter.explore.replay import replay, violation_id_of, with_marks, with_values
 from soter.explore.results import (
+    BOUND,
     BOUNDS,
+    CHOICES,
+    DRAWN,
+    EXHAUSTED,
+    GRID,
     INTERRUPTED,
     LENGTH,
     MEMORY,
     NOT_ASKED,
     PART,
     PATIENCE,
+    PICKED,
+    RUNS,
+    SAMPLED,
+    STATES,
     TIME,
+    UNDRIVEN,
     UNJUDGED,
     VIOLATED,
+    WIDTH,
     CheckpointState,
     TestResult,
     bound_text,
     why_not_shortest,
 )
-from soter.explore.search_options import SAMPLING, STEPS_MAX
-from soter.explore.trace import TIME_MAX, VIOLATION_KINDS, Trace, write_trace
-from soter.explore.verdict import ENDS, covered_before, short_of_test, vacuous_parts, verdict_of
-from soter.language.elaborate.derived_systems import with_test
-from soter.language.elaborate.tested_system import MAX_STEPS
-from soter.language.model.types import show_ns
+from soter.explore.search_options import SAMPLING, STEPS_MAX, SearchOptions
+from soter.explore.trace import VIOLATION_KINDS, Trace, write_trace
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.explore.checkpoints import Checkpoint
+    from soter.explore.engine.coverage import Coverage
     from soter.explore.engine.search import Found, Search
     from soter.explore.replay import Replayed
-    from soter.explore.search_options import SearchOptions, SearchProgress
+    from soter.explore.search_options import SearchProgress
     from soter.explore.trace import Step
+    from soter.explore.vacuous_tests import VacuousPart
     from soter.language.model.system import System
-    from soter.language.model.typed import TestSymbol
 
     Progress = Callable[[SearchProgress], None]
+
+
+ENDS = {
+    "memory": MEMORY,
+    "states": STATES,
+    "runs": RUNS,
+    "stopped": INTERRUPTED,
+    "no_memory": MEMORY,
+    "choices": CHOICES,
+    "width": WIDTH,
+    "length": LENGTH,
+}
+"""How a search ends, and the bound that is."""
+
+
+def vacuous_parts(
+    system: System,
+    search: Search,
+    coverage: Coverage,
+    search_result: Found,
+    replaced: Sequence[tuple[str, str]],
+) -> tuple[VacuousPart, ...]:
+    """What of a test says nothing; what was not met counts where the search came to its end."""
+    ended = search_result.status == "exhausted" and search.options.strategy not in SAMPLING
+    never = coverage.modes.unreached
+    return vacuous_tests.of_test(system, search.met(), never, replaced, ended=ended)
+
+
+def short_of_test(system: System, search: Search, coverage: Coverage) -> str | None:
+    """What an exhaustive search of a test does not cover; None where it is every execution."""
+    if not coverage.properties.reached:
+        return UNJUDGED
+    if assumptions.undriven(system):
+        return UNDRIVEN
+    if assumptions.picked(system):
+        return PICKED
+    if assumptions.held(system):
+        return DRAWN
+    if search.times is not None and (search.times.open or search.times.crowded):
+        return GRID
+    return SAMPLED if search.sampled else None
+
+
+def verdict_of(
+    search_result: Found, options: SearchOptions, short_of: str | None
+) -> tuple[str, str | None]:
+    """The verdict, and which bound was reached; `short_of`: the bound of a search that ended."""
+    if search_result.status == "violated":
+        return VIOLATED, None
+    if search_result.status == "exhausted":
+        if options.strategy in SAMPLING:
+            return BOUND, RUNS
+        return (EXHAUSTED, None) if short_of is None else (BOUND, short_of)
+    return BOUND, TIME if search_result.stopped == TIME else ENDS[search_result.status]
+
+
+def covered_before(search_result: Found, system: System, options: SearchOptions) -> int | None:
+    """Before which time everything was judged; None where executions are drawn by chance."""
+    if options.strategy in SAMPLING:
+        return None
+    return min(search_result.covered_ns, plan_of(system).horizon_ns)
+
 
 FOLDER = Path(".soter")
 ENDING = ".trace.json"
@@ -92,56 +164,6 @@ class TraceHeader:
 
 
 # ---------------------------------------------------------------- which tests
-
-
-def chosen(
-    tests: Mapping[str, TestSymbol], path: str, names: str | Sequence[str] | None
-) -> list[TestSymbol]:
-    """The tests that are meant, in the program's order; `SoterError` U010 where there is none."""
-    wanted = [names] if isinstance(names, str) else names
-    unknown = [n for n in wanted or () if n not in tests]
-    if tests and not unknown:
-        return [t for n, t in tests.items() if wanted is None or n in wanted]
-    if not unknown:
-        help_ = "write one: `test Name { system S; horizon 1s; always ...; }`"
-        problem = Diagnostic("U010", f"`{path}` has no `test`", helps=(help_,))
-    else:
-        there = ", ".join(f"`{n}`" for n in tests) or "none"
-        message = f"there is no test `{unknown[0]}`"
-        problem = Diagnostic("U010", message, notes=(f"there are: {there}",))
-    raise SoterError((problem,))
-
-
-def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
-    """The same test with another skew or horizon; `SoterError` U001 where that cannot be."""
-    plan = plan_of(system)
-    for what, given, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
-        if given is not None and not least <= given <= TIME_MAX:
-            raise SoterError((Diagnostic("U001", f"the {what} cannot be {show_ns(given)}"),))
-    skew = plan.skew_ns if skew_ns is None else skew_ns
-    horizon = plan.horizon_ns if horizon_ns is None else horizon_ns
-    _require_few_steps(system, horizon)
-    for t in plan.timed:
-        reach = t.within_ns + (1 if t.kind == "leadsto" else 0)
-        if t.kind != "invariant" and reach > horizon:
-            message = f"with a horizon of {show_ns(horizon)} `{t.text}` is not judged"
-            note = f"its deadline of {show_ns(t.within_ns)} has to lie before the end"
-            raise SoterError((Diagnostic("E013", message, notes=(note,)),))
-    if plan.ordered and skew:
-        message = f"test {plan.name} declares the deployed order: no step of it may be late"
-        note = f"with a skew of {show_ns(skew)} steps of one instant happen at different times"
-        raise SoterError((Diagnostic("E017", message, notes=(note,)),))
-    return with_test(system, replace(plan, skew_ns=skew, horizon_ns=horizon))
-
-
-def _require_few_steps(system: System, horizon: int) -> None:
-    calendars = [(c.phase_ns, c.period_ns) for c in system.components]
-    calendars += [(0, drive.every_ns) for drive in system.inputs]
-    steps = sum((horizon - phase) // period + 1 for phase, period in calendars if phase <= horizon)
-    if steps > MAX_STEPS:
-        message = f"a horizon of {show_ns(horizon)} can never be exhausted"
-        note = f"{steps} steps lie before it, in each execution; at most {MAX_STEPS} are possible"
-        raise SoterError((Diagnostic("E008", message, notes=(note,)),))
 
 
 # ---------------------------------------------------------------- one test
@@ -186,7 +208,7 @@ def explore_test(
                 bits=search.bits,
                 parts=search.parts,
                 equal_instances=search.equal,
-                contracts=contract_use.tests_by_contract(system),
+                contracts=assumptions.tests_by_contract(system),
                 stands_for=tuple([r for r in told.replaced if r[0] not in search.unheard]),
                 table_bytes=search_result.table_bytes,
                 frontier_bytes=search_result.frontier_bytes,
@@ -401,24 +423,6 @@ def trace_of(result: TestResult, told: TraceHeader, steps: Sequence[Step]) -> Tr
     )
 
 
-def with_values(replay_result: Replayed) -> Replayed:
-    """The same, its trace with the values that were chosen, as the interpreter saw them."""
-    steps = tuple(
-        replace(step, choices=done.choices)
-        for step, done in zip(replay_result.trace.steps, replay_result.steps, strict=True)
-    )
-    return replace(replay_result, trace=replace(replay_result.trace, steps=steps))
-
-
-def with_marks(replay_result: Replayed, matters: Sequence[bool]) -> Replayed:
-    """The same, its trace and its steps with whether each of them matters."""
-    told = [replace(s, matters=m) for s, m in zip(replay_result.trace.steps, matters, strict=True)]
-    done = [replace(s, matters=m) for s, m in zip(replay_result.steps, matters, strict=True)]
-    return replace(
-        replay_result, trace=replace(replay_result.trace, steps=tuple(told)), steps=tuple(done)
-    )
-
-
 # ---------------------------------------------------------------- files
 
 
@@ -444,23 +448,41 @@ def file_stem(trace: Trace) -> str:
     return re.sub(r"[^A-Za-z0-9_.=+-]", "_", name)
 
 
-def changed_program(trace: Trace, path: str) -> SoterError:
-    """D011: the program is not the one that the trace was found in."""
-    problem = Diagnostic(
-        "D011",
-        f"the trace belongs to another version of `{path}`",
-        notes=(f"it was found in the program with the hash {trace.sha256[:12]}",),
-        helps=("search again: `soter test`",),
-    )
-    return SoterError((problem,))
+SEARCH_S = 30.0
+SHORTEN_S = 5.0
+MEMORY_BYTES = 2**29
 
 
-def missing_program(trace: Trace, path: str) -> SoterError:
-    """D001: the program of a trace is not where the trace says."""
-    problem = Diagnostic(
-        "D001",
-        f"the program of the trace is not there: `{path}`",
-        notes=("a trace looks for its program relative to its own place",),
-        helps=(f"move them together: the trace says `{trace.program}`",),
-    )
-    return SoterError((problem,))
+@dataclass(frozen=True)
+class ViolatingRun:
+    """What a run violates: `property` or `fault` and the like, in words, when; its steps."""
+
+    what: str
+    text: str
+    time_ns: int
+    lines: tuple[str, ...]
+
+
+def violation_of(system: System) -> ViolatingRun | None:
+    """A run of a flat system with a test plan that violates one of its properties.
+
+    None where none was found, or the system cannot be explored.
+    """
+    options = SearchOptions(time=SEARCH_S, minimise=SHORTEN_S, memory=MEMORY_BYTES)
+    try:
+        result = explore_test(system, options, TraceHeader(system.program.path, {}))
+    except (SoterError, UnreproducedError):
+        return None
+    if result.verdict != VIOLATED or result.replayed is None or not result.replayed.reproduced:
+        return None
+    assert result.broken is not None
+    lines = []
+    steps = result.replayed.trace.steps
+    for step in steps:
+        if step.matters is not False:
+            chosen = ", ".join(str(c.value) for c in step.choices if c.value is not None)
+            what = f" chooses {chosen}" if chosen else ""
+            lines.append(f"{step.time_ns / 1e6:g} ms  {step.actor or 'start'}{what}")
+    time_ns = steps[-1].time_ns
+    lines.append(f"{time_ns / 1e6:g} ms  violated: {result.broken.text}")
+    return ViolatingRun(result.broken.what, result.broken.text, time_ns, tuple(lines))

@@ -146,7 +146,7 @@ class _Terms:
                     z3.fpLEQ(term, z3.FPVal(bounds.high, self.sort)),
                 )
                 self.ranges.append(z3.Or(z3.fpIsNaN(term), inside) if bounds.nan else inside)
-            elif self._is_truth(place):
+            elif type(place.type).__name__ == "BoolType":
                 term = z3.Bool(name)
                 if bounds.single:
                     self.ranges.append(term == bool(bounds.low))
@@ -155,9 +155,6 @@ class _Terms:
                 self.ranges += [term >= int(bounds.low), term <= int(bounds.high)]
             self._known[place] = term
         return self._known[place]
-
-    def _is_truth(self, place: ReadPlace) -> bool:
-        return type(place.type).__name__ == "BoolType"
 
     def _constant(self, of: object, value: Any) -> Any:  # noqa: ANN401 - a term
         if isinstance(value, bool):

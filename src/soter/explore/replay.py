@@ -11,8 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from soter.explore.allowed_steps import ExecutionCalendar, NotAllowedError, actors_of, plan_of
-from soter.explore.judge import Judge, TraceDraws, WrongChoiceError, fault_text
+from soter.explore.judge import (
+    ExecutionCalendar,
+    Judge,
+    NotAllowedError,
+    TraceDraws,
+    actors_of,
+    fault_text,
+    plan_of,
+)
 from soter.explore.trace import (
     BEGIN,
     CONTRACT,
@@ -33,9 +40,9 @@ from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import environment_input, fault_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from soter.explore.allowed_steps import ScheduledActor
+    from soter.explore.judge import ScheduledActor
     from soter.explore.trace import Choice, Trace
     from soter.language.model.system import System
     from soter.language.model.types import Value
@@ -140,7 +147,7 @@ def replay(trace: Trace, system: System) -> Replayed:
         return Replayed(trace, system, actors, {}, (), problem)
     try:
         run = _TraceRun(trace, system)
-    except WrongChoiceError as error:
+    except NotAllowedError as error:
         return Replayed(trace, system, actors, {}, (), f"the start: {error}")
     return Replayed(trace, system, actors, run.start, *_followed(run, trace))
 
@@ -151,7 +158,7 @@ def _followed(run: _TraceRun, trace: Trace) -> tuple[tuple[ReplayedStep, ...], s
     for number, step in enumerate(trace.steps, run.first_number):
         try:
             run.step(number, step)
-        except (NotAllowedError, WrongChoiceError) as error:
+        except NotAllowedError as error:
             problem = f"step {number} ({step.kind} of `{step.actor}`): {error}"
             break
         if run.ended and number < run.first_number + len(trace.steps) - 1:
@@ -201,7 +208,7 @@ class _TraceRun:
         """What overrunning steps will publish, by component."""
 
     def step(self, number: int, step: Step) -> None:
-        """One step; `NotAllowedError` or `WrongChoiceError` where it is none of this execution."""
+        """One step; `NotAllowedError` where it is none of this execution."""
         i = self.schedule.take(step)
         if i is None:
             self._tell(number, step, self.draws.end(), _Event())
@@ -417,3 +424,21 @@ def violation_id_of(system: System, what: str, index: int) -> ViolationId | None
     if (p.component is None) != (what == PROPERTY):
         return None
     return ViolationId(what, index, f"{p.kind} {p.text}")
+
+
+def with_values(replay_result: Replayed) -> Replayed:
+    """The same, its trace with the values that were chosen, as the interpreter saw them."""
+    steps = tuple(
+        replace(step, choices=done.choices)
+        for step, done in zip(replay_result.trace.steps, replay_result.steps, strict=True)
+    )
+    return replace(replay_result, trace=replace(replay_result.trace, steps=steps))
+
+
+def with_marks(replay_result: Replayed, matters: Sequence[bool]) -> Replayed:
+    """The same, its trace and its steps with whether each of them matters."""
+    told = [replace(s, matters=m) for s, m in zip(replay_result.trace.steps, matters, strict=True)]
+    done = [replace(s, matters=m) for s, m in zip(replay_result.steps, matters, strict=True)]
+    return replace(
+        replay_result, trace=replace(replay_result.trace, steps=tuple(told)), steps=tuple(done)
+    )

@@ -13,8 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.explore.allowed_steps import plan_of
 from soter.explore.engine.coverage import Coverage
+from soter.explore.judge import plan_of
 from soter.explore.search_options import CHOICES_MAX, STEPS_MAX, WORDS_MAX
 from soter.language.check.field import listed
 from soter.language.model.types import show_ns
@@ -431,14 +431,14 @@ class ExploreReport:
         return any(t.interrupted for t in self.tests) or bool(self.not_started)
 
     def _repr_html_(self) -> str:
-        from soter.report.notebook import shown  # noqa: PLC0415 - in notebooks only
+        from soter.report.tables import notebook_table  # noqa: PLC0415 - in notebooks only
 
         rows = [
             (t.name, t.verdict, "" if t.broken is None else t.broken.text, f"{t.states:,}")
             for t in self.tests
         ]
         heads = ("test", "verdict", "violated", "states")
-        return shown(f"{self.path}: {self.verdict}", heads, rows, self.not_started)
+        return notebook_table(f"{self.path}: {self.verdict}", heads, rows, self.not_started)
 
     def unsettled(self, test: TestResult) -> str:
         """That tests here ask for contracts which `test` rests on, and are not clean; "": none."""

@@ -439,3 +439,25 @@ def _code(component: Component) -> Iterable[object]:
     if component.plant is not None:
         return plant_code(component.plant)
     return () if component.node is None else component.node.step
+
+
+def changed_program(trace: Trace, path: str) -> SoterError:
+    """D011: the program is not the one that the trace was found in."""
+    problem = Diagnostic(
+        "D011",
+        f"the trace belongs to another version of `{path}`",
+        notes=(f"it was found in the program with the hash {trace.sha256[:12]}",),
+        helps=("search again: `soter test`",),
+    )
+    return SoterError((problem,))
+
+
+def missing_program(trace: Trace, path: str) -> SoterError:
+    """D001: the program of a trace is not where the trace says."""
+    problem = Diagnostic(
+        "D001",
+        f"the program of the trace is not there: `{path}`",
+        notes=("a trace looks for its program relative to its own place",),
+        helps=(f"move them together: the trace says `{trace.program}`",),
+    )
+    return SoterError((problem,))

@@ -1,6 +1,6 @@
 """A replayed trace as the sequence view that the page, the log and the table show.
 
-Purpose: lanes, topics, modes, and what every step did, in words (`report/sequence/view.py`).
+Purpose: lanes, topics, modes, and what every step did, in words (`report/sequence_view.py`).
 Non-goals: drawing; running anything.
 """
 
@@ -10,7 +10,7 @@ import json
 from typing import TYPE_CHECKING, Literal, cast
 
 from soter.explore.trace import BEGIN, EFFECT, START, ChoiceWords
-from soter.report.sequence.view import (
+from soter.report.sequence_view import (
     Lane,
     ModeSwitch,
     ModuleModes,
@@ -25,11 +25,11 @@ from soter.report.sequence.view import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from soter.explore.allowed_steps import ScheduledActor
+    from soter.explore.judge import ScheduledActor
     from soter.explore.replay import Replayed, ReplayedStep
     from soter.explore.trace import Choice
     from soter.language.model.system import Component, System
-    from soter.report.sequence.view import Kind, Mode, Role
+    from soter.report.sequence_view import Kind, Mode, Role
 
 KINDS = {BEGIN: "overrun"}
 """Kinds of steps that the view calls otherwise."""
@@ -89,7 +89,8 @@ def _sentence(replay: Replayed) -> str:
         return f"The trace does not reproduce: {replay.outcome}."
     last = replay.steps[-1]
     steps = len([s for s in replay.steps if s.kind != START])
-    return f"Violated after {_count(steps, 'step')}, at {duration_text(max(last.time_ns, 0))}."
+    many = "" if steps == 1 else "s"
+    return f"Violated after {steps} step{many}, at {duration_text(max(last.time_ns, 0))}."
 
 
 def _remark(replay: Replayed) -> str:
@@ -105,10 +106,6 @@ def _remark(replay: Replayed) -> str:
         return f"P{perhaps}"
     born = len([s for s in replay.trace.steps if s.kind == START])
     return f"Shrunk from {before - born:,} steps to {after - born:,}; p{perhaps}"
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
 
 
 def _durations(replay: Replayed) -> dict[int, int]:

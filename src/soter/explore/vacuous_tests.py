@@ -4,7 +4,7 @@ Purpose: one list for every format: properties that cannot fail, those that were
 test, contracts that permit nothing, faults, inputs and replacements that change nothing. For that,
 every scalar that a property reads has a range: its declared set and type, or one value where nobody
 can write another one.
-Non-goals: deciding conditions (`constant_truth.py`); verdicts (`verdict.py`); what steps compute,
+Non-goals: deciding conditions (`constant_truth.py`); verdicts (`command.py`); what steps compute,
 which a search answers.
 """
 
@@ -13,9 +13,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.explore.allowed_steps import plan_of
 from soter.explore.constant_truth import holds_always
-from soter.explore.contract_use import at
+from soter.explore.judge import plan_of
 from soter.language.evaluate.range_evaluation import anything, constant
 from soter.language.evaluate.ranges import ANY_FLOAT, INF, Range
 from soter.language.evaluate.topic_ranges import published
@@ -380,3 +379,16 @@ def _read(system: System) -> set[int]:
         roots = [e for e in (q.premise, q.condition) if e is not None]
         topics |= {q.scope.topics[t] for t in topic_reads(*roots)}
     return topics
+
+
+def at(test: typed.TestSymbol, of: str) -> typed.ModuleSymbol | typed.NodeSymbol | None:
+    """The module or node of that name in the system of a test, before anything is replaced."""
+    what: object = test.system
+    for name in of.split("."):
+        if isinstance(what, typed.ModuleSymbol):
+            names = {n.name.rpartition(".")[2]: n for n in what.own}
+            what = names.get(name)
+            continue
+        instance = what.by_name.get(name) if isinstance(what, typed.SystemSymbol) else None
+        what = None if instance is None else instance.what
+    return what if isinstance(what, (typed.ModuleSymbol, typed.NodeSymbol)) else None

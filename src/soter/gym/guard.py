@@ -18,16 +18,19 @@ from gymnasium.utils import seeding
 
 import soter.api
 from soter.gym import array_mapping
-from soter.gym.disturbance_explanation import SessionPlant, modelled, tolerances, why_not
-from soter.gym.outside_roles import chosen_plant, known_keys, wrong_choice
-from soter.gym.safety_warning import (
+from soter.gym.off_model import (
+    SessionPlant,
+    modelled,
+    tolerances,
     warn_of_narrow_space,
     warn_of_no_control,
     warn_of_start,
     warn_of_unseen,
     warn_of_wrappers,
     warn_off_model,
+    why_not,
 )
+from soter.gym.outside_roles import chosen_plant, known_keys, wrong_choice
 from soter.gym.session import NO_NUMBERS, Session, numbers, prepared
 from soter.language.evaluate.arithmetic import FaultKind
 from soter.language.model.values import ValueShapeError, ValueStructureError, to_python
@@ -195,7 +198,7 @@ class EnvironmentGuard:
         info = self._info(given, None, None) | {"switched": bool(session.seen.mode != before)}
         self._violations = info["violations"]
         if session.seen.ttf:
-            warn_of_start(session)
+            warn_of_start(session.module.name)
         return observation, self._asked_for(info, given)
 
     def step(

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
     import soter.api
     from soter.core.layout import Bytes
-    from soter.gym.disturbance_explanation import SessionPlant
+    from soter.gym.off_model import SessionPlant
     from soter.language.model.system import Component
     from soter.language.model.types import Value
 

@@ -19,8 +19,8 @@ import soter.api
 from soter.api.arguments import complete
 from soter.gym import array_mapping
 from soter.gym.compiled_system import CompiledEnvironment, Roles, answered_around, compiled
+from soter.gym.off_model import warn_of_no_control
 from soter.gym.outside_roles import chosen_module, observed_parts, require_compiled, wrong_choice
-from soter.gym.safety_warning import warn_of_no_control
 from soter.language.elaborate.derived_systems import answered_outside
 from soter.simulate.run_options import seed_value
 

@@ -5,7 +5,7 @@ Purpose: the standard types of ROS 1 (noetic) and ROS 2, and those that a mappin
 a member, an element of an array and one of a sequence differently; `text_bound`: a text with room
 for so many bytes, unlike one without a bound. `StampSource`: which field of a message says when it
 was measured.
-Non-goals: messages themselves (`monitor/logs/`), code for them (targets); clocks.
+Non-goals: messages themselves (`monitor/`), code for them (targets); clocks.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ Purpose: the records behind `--map`. Whoever reads them knows only leaves: units
 are factors and signs here. Of a topic with several sources: what each promises, how old the topic
 may get, and the rule by which one of them is read, which is that of
 `runtime/bridge/soter_sources.hpp`.
-Non-goals: reading the file (`read_mapping.py`), the values of a log (`monitor/logs/`); what a
+Non-goals: reading the file (`read_mapping.py`), the values of a log (`monitor/`); what a
 deploying system declares, and whether promises of sources fit (`targets/`).
 
 The rule, of stamps in the order of arrival (docs/mapping.md, "Several sources", has the reason and

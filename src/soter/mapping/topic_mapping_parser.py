@@ -281,7 +281,8 @@ class TopicReader:
         constants: dict[str, object] = {}
         for path, value in table.items():
             where = f"`{path}` in `set` of `{self.name}`"
-            if not isinstance(value, (str, bool, int, float)) or _is_infinite(value):
+            infinite = isinstance(value, float) and not math.isfinite(value)
+            if infinite or not isinstance(value, (str, bool, int, float)):
                 self.problems.add(f"{where} is a text, a truth or a finite number, not {value!r}")
                 continue
             constants[path] = value
@@ -298,10 +299,6 @@ class TopicReader:
                 shown = f"`{part.type}` in {message.ros1}"
                 self.problems.add(f"{where} is {shown}, which takes no {value!r}")
         return constants
-
-
-def _is_infinite(value: object) -> bool:
-    return isinstance(value, float) and not math.isfinite(value)
 
 
 def _fits(value: object, kind: str) -> bool:

@@ -315,7 +315,7 @@ def _node(problem: Problem, names: dict[int, str], alarm: str | None) -> list[st
         "    var alarmed = false;",
         f"    let seen = {' && '.join(f'age({w}) <= 0.0' for w in watched)};",
     ]
-    place = _parameter_places(problem, names)
+    place = [leaf_name(names[index], path) for index, path in parameter_leaves(problem)]
     for k, parameter in enumerate(cases):
         tests = [f"{p} == {v}" for p, v in zip(place, parameter, strict=True)]
         word = "if" if k == 0 else "} elseif"
@@ -401,11 +401,6 @@ def _sum(terms: list[tuple[float, str]], constant: float) -> str:
 
 
 # ---------------------------------------------------------------- parameters
-
-
-def _parameter_places(problem: Problem, names: dict[int, str]) -> list[str]:
-    """For each parameter a driven leaf that equals it."""
-    return [leaf_name(names[index], path) for index, path in parameter_leaves(problem)]
 
 
 def write_monitor(

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Value
     from soter.monitor.linear_model import LinearModel
-    from soter.monitor.logs.files.log_columns import Damage
-    from soter.simulate.recorded_run import RecordedRun
+    from soter.monitor.log_files.log_columns import Damage
+    from soter.simulate.run_log import RecordedRun
     from soter.verify.problem.problem import Problem
 
 

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.current_phase import passing_phase
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.report.printable_text import visible
+from soter.report.wording import visible
 from soter.version import pip_install
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 ROOMS = ("diagnostics", "diagram", "language", "playground", "report", "semantics")
 """What runs in the page; of `report` only what shows texts."""
-ONLY = {"report": ("__init__.py", "printable_text.py")}
+ONLY = {"report": ("__init__.py", "wording.py")}
 ENDINGS = {".py", ".md", ".soter", ".toml"}
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval' blob:; "

@@ -29,7 +29,7 @@ from soter.policy.onnx_file import onnx_content
 from soter.policy.onnx_session import SAY, OnnxSession
 from soter.policy.policy_errors import bad_policy, content_of
 from soter.policy.sb3_file import read_sb3
-from soter.policy.vec_normalize import statistics_beside
+from soter.policy.sb3_parts import statistics_beside
 from soter.semantics.externs import Converted
 from soter.simulate.externs.python_extern import FilePolicy
 

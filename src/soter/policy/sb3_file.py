@@ -35,6 +35,7 @@ from soter.policy.sb3_parts import (
     bounds,
     decoded,
     kind_of,
+    normalised,
     observed,
     opened,
     part,
@@ -45,7 +46,6 @@ from soter.policy.sb3_parts import (
     tensors,
     version,
 )
-from soter.policy.vec_normalize import normalised
 
 if TYPE_CHECKING:
     import zipfile

@@ -1,9 +1,11 @@
-"""The parts of a zip that Stable-Baselines3 saved: settings, tensors, spaces of Gymnasium.
+"""The parts of what Stable-Baselines3 saved: settings, tensors, spaces, statistics of observations.
 
 Purpose: bytes become plain values and arrays of NumPy, without torch; nothing is unpickled. And
 what `preprocess_obs` of Stable-Baselines3 does to observations: numbers as they are, one number out
-of several as so many of which one is 1, observations by name one after the other.
-Non-goals: what the parts mean together (`sb3_file.py`); images.
+of several as so many of which one is 1, observations by name one after the other. `normalised`
+reads the `vecnormalize.pkl` (`env.save`) of a VecNormalize as it was named, or as it lies where
+people leave it, and puts it in front of a network; what was found without being asked for is said.
+Non-goals: what the parts mean together (`sb3_file.py`); images; rewards.
 """
 
 from __future__ import annotations
@@ -13,19 +15,22 @@ import binascii
 import io
 import json
 import math
+import re
 import zipfile
+from dataclasses import replace
 from functools import cache, partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from soter.policy.network import OneHot
-from soter.policy.pickle_data import Made, Name, Persistent, array_of, read_pickle
-from soter.policy.policy_errors import FILE_MAX, bad_policy
+from soter.language.load.named_files import NO_STATISTICS
+from soter.policy.network import OneHot, Policy, Standardised, in_numbers
+from soter.policy.pickle_data import Made, Name, Persistent, PickleError, array_of, read_pickle
+from soter.policy.policy_errors import FILE_MAX, bad_policy, content_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
-    from pathlib import Path
 
     import numpy.typing as npt
 
@@ -324,3 +329,126 @@ def _intervals(low: npt.NDArray[Any], high: npt.NDArray[Any]) -> Iterator[str]:
         yield f"[{a:g}, {b:g}]"
     if low.size > 8:
         yield "..."
+
+
+OWN = ("{0}_vecnormalize.pkl", "{0}_vec_normalize.pkl", "{0}/vecnormalize.pkl")
+"""Where the statistics of one policy lie, by its name without `.zip`: the last is RL Zoo's."""
+OF_FOLDER = ("vecnormalize.pkl", "vec_normalize.pkl")
+CHECKPOINT = re.compile(r"(.+)_(\d+_steps)")
+"""What `CheckpointCallback` calls a policy; its statistics are `NAME_vecnormalize_N_steps.pkl`."""
+
+
+def statistics_beside(path: Path) -> Path | None:
+    """The statistics that lie beside a policy; SoterError X014 where two may be meant."""
+    names = [name.format(path.stem) for name in OWN]
+    if saved := CHECKPOINT.fullmatch(path.stem):
+        names.append(f"{saved[1]}_vecnormalize_{saved[2]}.pkl")
+    for group in (names, OF_FOLDER):
+        there = [at for name in group if (at := path.parent / name).is_file()]
+        if len(there) > 1:
+            why = f"`{there[0].name}` and `{there[1].name}` lie beside it"
+            raise bad_policy(path, why, *_ways(path, there[0]))
+        if there:
+            return there[0]
+    return None
+
+
+def _ways(path: Path, statistics: Path) -> tuple[str, ...]:
+    """How to say which statistics are meant."""
+    named = statistics.name if statistics.parent == path.parent else statistics
+    return (
+        f'name them: "sb3:{path.name}:{named}", or `--statistics` of `soter policy`',
+        f'or say that there are none: "sb3:{path.name}:{NO_STATISTICS}"',
+    )
+
+
+def normalised(policy: Policy, named: Path | None) -> Policy:
+    """The policy with its statistics in front of it, or with what is assumed without them.
+
+    SoterError X003, X014.
+    """
+    path = Path(policy.path)
+    facts = dict(policy.facts)
+    if named is not None and named.name == NO_STATISTICS:
+        facts["normalised"] = "not, as was said"
+        return replace(policy, facts=facts)
+    found = None if named is not None else statistics_beside(path)
+    statistics = named or found
+    if statistics is None:
+        assumed = "observations are not normalised: no file of a VecNormalize is named or beside it"
+        return replace(policy, assumed=(*policy.assumed, assumed))
+    try:
+        made = _before(policy, statistics, facts)
+    except (PickleError, RecursionError) as error:
+        raise bad_policy(statistics, str(error)) from error
+    if found is None:
+        return made
+    assumed = f"observations are normalised by `{found.relative_to(path.parent)}`, found beside it"
+    return replace(made, assumed=(*made.assumed, assumed), beside=found)
+
+
+def _before(policy: Policy, statistics: Path, facts: dict[str, str]) -> Policy:
+    """The policy behind its statistics."""
+    state = _state(statistics)
+    if state.get("norm_obs") is not True:
+        facts["normalised"] = f"`{statistics.name}` says that observations are not (norm_obs)"
+        return replace(policy, facts=facts)
+    layer = _statistics(statistics, state, policy.keys)
+    size, inputs = layer.mean.size, policy.network.inputs
+    facts["normalised"] = f"by `{statistics.name}`, clipped to {layer.limit.min():g}"
+    if size == inputs:
+        layers = (layer, *policy.network.layers)
+        return replace(policy, network=replace(policy.network, layers=layers), facts=facts)
+    if size and inputs % size == 0 and not policy.keys:
+        facts["normalised"] += f", each of {inputs // size} frames before they are stacked"
+        return replace(policy, facts=facts, per_frame=layer)
+    why = f"it is of {in_numbers(size)}, the policy takes {inputs}"
+    raise bad_policy(statistics, why, *_ways(Path(policy.path), statistics)[1:])
+
+
+def _state(path: Path) -> dict[str, Any]:
+    """What a VecNormalize keeps."""
+    made = read_pickle(content_of(path))
+    state = made.state if isinstance(made, Made) and made.name.endswith(".VecNormalize") else None
+    if not isinstance(state, dict):
+        raise bad_policy(path, "it is no VecNormalize that `env.save` wrote")
+    return state
+
+
+def _statistics(
+    path: Path, state: dict[str, Any], keys: tuple[tuple[str, int], ...]
+) -> Standardised:
+    """What it does to observations, those by name in the order of the policy."""
+    epsilon, limit = state.get("epsilon"), state.get("clip_obs")
+    if not (isinstance(epsilon, float) and isinstance(limit, (int, float)) and limit > 0):
+        raise bad_policy(path, "its `epsilon` and `clip_obs` are no positive numbers")
+    of = state.get("obs_rms")
+    by_name = {"": of} if isinstance(of, Made) else of
+    if not isinstance(by_name, dict) or (isinstance(of, Made) and keys):
+        raise bad_policy(path, "it has no mean and variance of what the policy observes")
+    counts = dict(keys) if keys else {"": -1}
+    if unknown := sorted(set(by_name) - set(counts)):
+        raise bad_policy(path, f"it is of `{unknown[0][:40]}`, which the policy does not observe")
+    blocks = [
+        _block(path, by_name.get(key), count, epsilon, limit) for key, count in counts.items()
+    ]
+    return Standardised(*(np.concatenate(column) for column in zip(*blocks, strict=True)))
+
+
+def _block(
+    path: Path, moments: object, count: int, epsilon: float, limit: float
+) -> tuple[Doubles, Doubles, Doubles]:
+    """Mean, deviation and limit, (n,) each, of one observation, or of one that stays as it is."""
+    if moments is None:
+        return np.zeros(count), np.ones(count), np.full(count, np.inf)
+    if not isinstance(moments, Made) or not isinstance(moments.state, dict):
+        raise bad_policy(path, "its statistics have no mean and variance")
+    mean, variance = (array_of(moments.state.get(k)) for k in ("mean", "var"))
+    if mean.shape != variance.shape or {mean.dtype, variance.dtype} != {np.dtype(np.float64)}:
+        raise bad_policy(path, "its mean and variance are no lists of float64 of one length")
+    if count not in (-1, mean.size):
+        raise bad_policy(path, f"it is of {in_numbers(mean.size)}, the policy takes {count}")
+    mean, shifted = mean.reshape(-1), variance.reshape(-1) + epsilon
+    if not (np.isfinite(mean).all() and np.isfinite(shifted).all() and (shifted > 0.0).all()):
+        raise bad_policy(path, "its mean and variance are not finite, or a variance is negative")
+    return mean, np.sqrt(shifted), np.full(mean.size, float(limit))

@@ -5,7 +5,7 @@ topic, `Observation` of several at once: values with the time of their measureme
 `Chunk` have slots of time, [start + k every, start + (k+1) every); `Player` writes each in its
 slot. A chunk replaces what is left of the one before; after the last action nothing is written, so
 that the age of the topic grows and SC takes over.
-Non-goals: layouts and sets (`channels_and_topics.py`), shared memory (`channels_and_topics.py`);
+Non-goals: layouts and sets (`topics.py`), shared memory (`topics.py`);
 blending of overlapping chunks (temporal ensembling), which is the policy's; actions whose slot has
 passed: they are left out, never made up for. Nothing here is on time, and nothing on the robot
 waits for it.
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import WrongTextError, duration_ns
-from soter.remote.channels_and_topics import Channel, compiled, topics_of
+from soter.remote.topics import Channel, compiled, topics_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 
     from typing_extensions import Self
 
-    from soter.remote.channels_and_topics import Topic, Topics
-    from soter.remote.program_topics import Declared
+    from soter.remote.topics import Declared, Topic, Topics
 
     Write = Callable[[int, bytes], None]
 

@@ -1,7 +1,7 @@
 """What bz2, lz4 or zstd has packed, unpacked within bounds.
 
 Purpose: no chunk of a log, and not all of them together, fills the memory of who reads it.
-Non-goals: files of gzip (`monitor/logs/files/csv_log.py`).
+Non-goals: files of gzip (`monitor/log_files/csv_log.py`).
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import reason
 from soter.report.atomic_write import ReportError, ReportUnavailableError, atomic_write, own_place
-from soter.report.run.packed_json import packed, script_json
 from soter.report.run.page import body, program_section
+from soter.report.templates import packed, script_json
 from soter.version import pip_install
 
 if TYPE_CHECKING:

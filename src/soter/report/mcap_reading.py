@@ -5,7 +5,7 @@ stands there: checksums, sizes, ids, indexes, statistics, its end. A file that s
 nothing at all of its end, is refused with the place; a checksum of 0 says nothing (the format).
 `messages` and `metadata` read a log of Soter's own; what cannot be read is SoterError D006.
 Non-goals: what messages mean; a reader that jumps by the index; logs of somebody else
-(`monitor/logs/`).
+(`monitor/`).
 """
 
 from __future__ import annotations

@@ -1,22 +1,34 @@
-"""Text from the templates (`*.j2`) that stand beside the code: of pages, and of packages.
+"""Text from the templates (`*.j2`) that stand beside the code, and what is put into them.
 
 Purpose: one way to fill them in. A name that nobody gives is an error; whatever goes into HTML and
 XML is escaped. The lines of a page's template are there for its reader: they are joined, without
-what they are indented by. Non-goals: what is filled in.
+what they are indented by. `sections_main`: headings, sentences and tables, as a command told them.
+`script_json`: JSON for a script element; `numbers` rounds; `packed`: a long list of rounded numbers
+as differences of whole numbers, `{"e": digits, "d": [...]}`, which the page (`assets/packed.js`)
+adds up and divides by 10^e: the same doubles.
+Non-goals: what is told; pictures, which pages put beside these sections; compression that a browser
+might not know.
 """
 
 from __future__ import annotations
 
+import json
+import math
 import re
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.report.printable_text import visible
-from soter.report.run.result_wording import prose
+from soter.report.wording import prose, visible
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
     from jinja2 import Environment
+    from numpy.typing import NDArray
+
 
 PAGE = ".html.j2"
 ESCAPED = (PAGE, ".xml.j2")
@@ -50,3 +62,81 @@ def _environment() -> Environment:
     environment.filters["visible"] = visible
     environment.filters["prose"] = lambda text: Markup(prose(text))  # noqa: S704 - it escapes
     return environment
+
+
+@dataclass(frozen=True)
+class PageSection:
+    """A heading, what is said below it, a table: rows of text under `head`."""
+
+    title: str
+    says: tuple[str, ...]
+    head: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+
+
+def sections_main(title: str, headline: str, verdict: str, sections: Sequence[PageSection]) -> str:
+    """The body of the page; `verdict`: "good", "bad" or "", how the headline is coloured."""
+    return filled(
+        "report/plain_page.html.j2",
+        title=title,
+        headline=headline,
+        verdict=verdict,
+        sections=sections,
+    )
+
+
+LONG = 50
+"""Shorter lists stay as they are."""
+DIGITS_MAX = 12
+EXACT_MAX = 2**53
+"""Up to here a double holds every whole number, so one division gives the nearest double."""
+
+
+def script_json(value: object) -> str:
+    """Return JSON of which no text can end the script element that it stands in; no NaN."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    for char in "<>&\u2028\u2029":
+        text = text.replace(char, f"\\u{ord(char):04x}")
+    return text
+
+
+def numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:
+    """Return (N,) values for JSON, rounded; what is not finite becomes null, a gap in a line."""
+    import numpy as np  # noqa: PLC0415 - sections of text need no figures
+
+    rounded = np.round(values.astype(np.float64), digits) + 0.0
+    return [value if np.isfinite(value) else None for value in rounded.tolist()]
+
+
+def packed(value: object) -> object:
+    """A list of more than `LONG` numbers and gaps (None), packed; everything else as it is.
+
+    A list in which a number has more than 12 digits behind the point, or is no number, stays.
+    """
+    if not isinstance(value, list) or len(value) <= LONG:
+        return value
+    if not all(v is None or (type(v) in (int, float) and math.isfinite(v)) for v in value):
+        return value
+    digits = max((_digits(v) for v in value if v is not None), default=0)
+    if digits > DIGITS_MAX:
+        return value
+    deltas: list[int | None] = []
+    before = 0
+    for v in value:
+        if v is None:
+            deltas.append(None)
+            continue
+        whole = round(v * 10**digits)
+        if abs(whole) > EXACT_MAX or whole / 10**digits != v:
+            return value
+        deltas.append(whole - before)
+        before = whole
+    return {"e": digits, "d": deltas}
+
+
+def _digits(value: float) -> int:
+    """Digits behind the point of the shortest decimal that is this double."""
+    text = repr(float(value))
+    mantissa, _, exponent = text.partition("e")
+    behind = len(mantissa.partition(".")[2].rstrip("0"))
+    return max(behind - int(exponent or 0), 0)

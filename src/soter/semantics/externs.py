@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.model.values import inputs_to_python, outputs_from_python
-from soter.report.printable_text import visible
+from soter.report.wording import visible
 from soter.semantics.publication_gate import to_ends
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import numpy as np
 
 from soter.semantics.configuration import ACKNOWLEDGED, OPEN, READY
 from soter.simulate.explain_decision import DecisionReason, Explainer, TopicRead
-from soter.simulate.outputs.led_looks import looks_of
+from soter.simulate.led_looks import looks_of
 from soter.simulate.run_observer import decided_at
 
 if TYPE_CHECKING:
@@ -120,7 +120,8 @@ def of_change(
     """A change of mode, with its reason; by an `explainer` with the values, too."""
     module = system.modules[change.module]
     saw = PredicateValues(change.ttf, change.safer, change.stale, change.gate_fault)
-    before, after = _modes(change.to == "AC")
+    after: Mode = "AC" if change.to == "AC" else "SC"
+    before: Mode = "SC" if after == "AC" else "AC"
     why = None
     if explainer is not None and change.states is not None:
         why = explainer.of(change.module, *change.states)
@@ -237,10 +238,6 @@ def _is_new(now: Any, before: Any, module: int) -> bool:  # noqa: ANN401 - rows 
     """Whether a step saw or did something else than the one before."""
     told = ["mode", "ttf", "safer", "stale", "saw_gate_fault"]
     return before is None or bool(now[module][told] != before[module][told])
-
-
-def _modes(to_ac: bool) -> tuple[Mode, Mode]:
-    return ("SC", "AC") if to_ac else ("AC", "SC")
 
 
 def reason(before: Mode, after: Mode, saw: PredicateValues) -> str:

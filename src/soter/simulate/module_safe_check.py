@@ -59,7 +59,10 @@ class JudgedUnit(UnitBuilder):
     def __init__(self, system: System, core: CoreSystem) -> None:
         table = FunctionTable(system)
         table.by_name.update((f.name, f) for f in core.functions)
-        every = {m.index: _lowered(table, system, m) for m in system.modules}
+        every = {
+            m.index: lower_predicate(table, system, m.scope, m.symbol.safe, m.symbol.safe.span)
+            for m in system.modules
+        }
         whole = replace(core, functions=tuple(table.by_name.values()))
         super().__init__(system, whole, None)
         extern = extern_functions(whole)
@@ -86,10 +89,6 @@ class JudgedUnit(UnitBuilder):
         table, kind = f"{self.prefix}_safe", "soter_property_info"
         given = c.Initializer(tuple(rows))
         return [*functions, c.VariableDef(kind, table, given, array=True, static=False)]
-
-
-def _lowered(table: FunctionTable, system: System, m: Module) -> Predicate:
-    return lower_predicate(table, system, m.scope, m.symbol.safe, m.symbol.safe.span)
 
 
 def _calls(p: Predicate) -> set[str]:

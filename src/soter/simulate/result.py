@@ -2,7 +2,7 @@
 
 Purpose: the final state and, where one was kept, the trace as violations, modules, topics, truths
 and plain arrays; notes on results that look fine and probably are not.
-Non-goals: running (`run.py`), decoding single values (`outputs/run_fields.py`), drawing.
+Non-goals: running (`run.py`), decoding single values (`run_fields.py`), drawing.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from soter.core.layout import StateLayout
     from soter.diagnostics.diagnostic import Span
     from soter.language.model.proof_verdicts import Proof
-    from soter.language.model.system import Component, System
+    from soter.language.model.system import Component, Module, System
     from soter.language.model.types import Type, Value
     from soter.simulate.externs.python_answers import Tally
     from soter.simulate.module_safe_check import SafeLooks
@@ -175,7 +175,7 @@ class Run:
         return Counter({x.name: int(rows[x.index]["faults"]) for x in self.system.components})
 
     def _repr_html_(self) -> str:
-        from soter.report.notebook import framed, shown  # noqa: PLC0415 - in notebooks only
+        from soter.report.tables import framed, notebook_table  # noqa: PLC0415 - in notebooks only
 
         rows = [
             (n, f"{m.ac_share:.1%}", m.switches_to_ac, m.switches_to_sc, m.gate_faults)
@@ -183,7 +183,7 @@ class Run:
         ]
         heads = ("module", "AC share", "SC to AC", "AC to SC", "gate faults")
         broken = [f"{v.what} at {v.time_s} s" for v in self.violation_list]
-        told = shown(repr(self)[1:-1], heads, rows, [*broken, *self.failures, *self.notes])
+        told = notebook_table(repr(self)[1:-1], heads, rows, [*broken, *self.failures, *self.notes])
         page = self.page(self) if self.page is not None else ""
         return told + framed(page) if page else told
 
@@ -292,10 +292,7 @@ class Run:
 
         SoterError U001 where the trace has only parts.
         """
-        trace = self.require_trace()
-        self.mode(module)  # is there such a module?
-        (system_module,) = [m for m in self.system.modules if m.name == module]
-        return margins(self.system, system_module, trace)
+        return margins(self.system, *self._traced_module(module))
 
     def moved(self, module: str) -> npt.NDArray[np.bool_]:
         """At which instants a shield `toward sc` moved the command that AC published, (n,).
@@ -303,10 +300,12 @@ class Run:
         What AC would have published is in the topic `<module>.proposed`. SoterError U001 where the
         trace has only parts.
         """
+        return moved_at(self.system, *self._traced_module(module))[1]
+
+    def _traced_module(self, name: str) -> tuple[Module, npt.NDArray[Any]]:
         trace = self.require_trace()
-        self.mode(module)  # is there such a module?
-        (system_module,) = [m for m in self.system.modules if m.name == module]
-        return moved_at(self.system, system_module, trace)[1]
+        self.mode(name)  # is there such a module?
+        return next(m for m in self.system.modules if m.name == name), trace
 
     def array(self, path: str) -> npt.NDArray[np.float64]:
         """A topic, a truth or a part of one (`boat.truth.p`) as plain floats.

@@ -38,8 +38,8 @@ from soter.semantics.faults import by_component, next_release
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
 from soter.simulate.externs.c_extern import linked_symbols
-from soter.simulate.externs.process_state_guard import end_copy
 from soter.simulate.externs.python_answers import ExternAnswers, described, noting
+from soter.simulate.externs.python_extern import end_copy
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.module_safe_check import CompiledSafe, InterpretedSafe, JudgedUnit
 from soter.simulate.result import Run
@@ -395,20 +395,13 @@ def run_interpreted(
         engine="interp",
         wall_s=time.perf_counter() - began,
         final=last.view(dtype)[0],
-        trace=observer.trace(),
         recorded=names_of(keep_trace),
-        instants=observer.instants,
         duration_s=until_ns / 1e9,
-        trace_sha256=observer.sha256,
         extern_failures=failures,
-        changes=observer.changes,
-        first_faults=observer.first_faults,
         interrupted=not finished,
         lag_s_max=pacer.lag_s_max if pacer else None,
         extern_tallies=tallies,
-        decided=observer.decided,
-        moved_commands=observer.moved_commands,
-        safe_looks=observer.safe_looks,
+        **observer.told(),
     )
 
 

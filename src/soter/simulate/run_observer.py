@@ -270,7 +270,8 @@ class Observer:
             with self._file as file:  # a map keeps what it needs of a file
                 file.flush()
                 return np.memmap(file, dtype=dtype, mode="r", shape=(self.instants,))
-        rows = np.concatenate(self._kept) if self._kept else _no_rows(dtype)
+        none = np.zeros((0, dtype.itemsize), dtype=np.uint8)
+        rows = np.concatenate(self._kept) if self._kept else none
         return np.ascontiguousarray(rows).view(dtype).reshape(-1)
 
     # ------------------------------------------------------------ keeping
@@ -344,8 +345,3 @@ class Observer:
 def _bytes(records: npt.NDArray[Any]) -> Rows:
     """The same memory, (n, size) bytes, of records, (n,)."""
     return records.view(np.uint8).reshape(len(records), -1)
-
-
-def _no_rows(dtype: np.dtype[Any]) -> Rows:
-    """(0, size) bytes."""
-    return np.zeros((0, dtype.itemsize), dtype=np.uint8)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Type, Value
-    from soter.simulate.outputs.to_log import RunLog
+    from soter.simulate.run_log import RunLog
     from soter.simulate.run_observer import Kept
 
 

@@ -27,8 +27,8 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import show_ns
 from soter.native.compiler import Compiler, CompilerOutput, python_module, run_compiler
 from soter.native.shared_library import RUNTIME
-from soter.report.printable_text import visible
 from soter.report.templates import filled
+from soter.report.wording import visible
 from soter.targets import c99
 from soter.targets.cortex_m_board import SOFT, UNGUARDED
 from soter.targets.leases_and_lateness import FILES as LEASES

@@ -20,7 +20,7 @@ from soter.codegen.externs import request_fields
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.language.load.named_files import is_in_python
 from soter.native.shared_library import RUNTIME
-from soter.report.parameter_text import changed
+from soter.report.wording import changed_parameters
 from soter.targets import c99
 from soter.targets.firmware import RUNTIME_FILES
 from soter.targets.leases_and_lateness import FILES as LEASES
@@ -33,7 +33,7 @@ from soter.targets.world_interface import (
     WorldTables,
     channel_document_files,
 )
-from soter.workers.exchange_layout import Exchange, exchange_of
+from soter.workers.exchange import Exchange, exchange_of
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
@@ -244,7 +244,7 @@ def head_of(system: System, layout: StateLayout) -> dict[str, str]:
     return {
         "program_sha256": system.program.sha256,
         "system": system.name,
-        **{f"param {name}": text for name, (text, _) in changed(system).items()},
+        **{f"param {name}": text for name, (text, _) in changed_parameters(system).items()},
         "layout": sha256(repr(layout).encode()).hexdigest(),
     }
 

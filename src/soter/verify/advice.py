@@ -28,7 +28,7 @@ from soter.language.model import typed
 from soter.language.model.system import LEVELS_LEAST
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import DURATION, show_ns, write_ns
-from soter.report.proof.advice import AdvicePage, Line
+from soter.report.proof_page import AdvicePage, Line
 from soter.verify.claims import claims, start
 from soter.verify.claims.cells import share
 from soter.verify.claims.choice import deploy

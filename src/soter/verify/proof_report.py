@@ -1,10 +1,10 @@
-"""The results of the prover as the record of a page that can be filed (`report/proof/`).
+"""The results of the prover as the record of a page that can be filed (`report/proof_page.py`).
 
-Purpose: results -> `report/proof/record.py`: properties, times, shares, the paper's regions R1 to
+Purpose: results -> `report/proof_page.py`: properties, times, shares, the paper's regions R1 to
 R5 of every group, assumptions, the trusted base, hashes; and figures of the run of the model that
 leaves C soonest: the axis by which it leaves over time, the plane of two axes of its group, and C
 as of the cells in which the run starts.
-Non-goals: the page's looks (`report/proof/page.py`); finding the run (`diagnosis/model_runs.py`).
+Non-goals: the page's looks (`report/proof_page.py`); finding the run (`diagnosis/model_runs.py`).
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import show_ns
 from soter.native.compiler import find, told_version
 from soter.report.atomic_write import ReportError
-from soter.report.proof.page import proof_document, write_proof
-from soter.report.proof.record import (
+from soter.report.proof_page import (
     R1,
     R2,
     ModuleProof,
@@ -29,6 +28,8 @@ from soter.report.proof.record import (
     RegionFigure,
     TakenRow,
     Trajectory,
+    proof_document,
+    write_proof,
 )
 from soter.verify.claims.results import ASSUMED, NO_CORE, PROVED, REGIONS_SHOWN
 from soter.verify.grid.set_figures import regions

@@ -4,8 +4,8 @@ Purpose: fork, ask, wait no longer than patience allows; what comes back is byte
 length, whose meaning is the asker's business. A child that hangs, crashes, exits or floods is
 ended, and `DeadError` says how. No process that code started outlives the command: on Linux they
 come to one process here, which ends them (prctl(2), PR_SET_CHILD_SUBREAPER).
-Non-goals: what is asked (`simulate/externs/isolated_extern.py`); being on time
-(`shared_memory_channel.py`); a child that means harm: it has this process's user, and so may send
+Non-goals: what is asked (`simulate/externs/extern_process.py`); being on time
+(`exchange.py`); a child that means harm: it has this process's user, and so may send
 signals.
 """
 

@@ -16,13 +16,13 @@ from soter.api.assurance.certificate_check import OTHER_PROGRAM, CertifiedProof
 from soter.api.assurance.evidence import OTHER_REPORT
 from soter.api.assurance.hazard_traceability import Tracing
 from soter.diagnostics.diagnostic import SoterError
-from soter.report.assurance.safety_case import CaseNode, SafetyCase
-from soter.report.assurance.safety_case_page import body
+from soter.report.safety_case import CaseNode, SafetyCase
+from soter.report.safety_case_page import body
 from tables import all_rows
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
-    from soter.report.assurance.safety_case import Traceability
+    from soter.report.safety_case import Traceability
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 HEAD = "kind,id,text,traces_to,owner,validation,evidence\n"

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedExpr
     from soter.language.model.types import Type
-    from soter.report.assurance.safety_case import ExpandedPredicate
+    from soter.report.safety_case import ExpandedPredicate
 
 ROOT = Path(__file__).resolve().parents[3]
 POINTS = examples(60)

@@ -14,9 +14,8 @@ import pytest
 
 from soter import SoterError, load
 from soter.api.campaigning import own_folder
-from soter.campaign.arms import NAMES, arms_of
+from soter.campaign.arms import NAMES, Lateness, arms_of, measured
 from soter.campaign.batch_flights import EVENT, Fleet
-from soter.campaign.release_lateness import Lateness, measured
 from soter.campaign.result import occurred, outside
 from soter.language.elaborate.derived_systems import forced
 from soter.language.front_end import check_file, system_of

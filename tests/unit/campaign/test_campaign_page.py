@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter import load
-from soter.campaign.page import page_of
+from soter.campaign.page import Bars, Histogram, campaign_main, page_of
 from soter.cli.main import main
 from soter.cli.terminal.command_line import FINE, VIOLATED
-from soter.report.campaign import Bars, Histogram, campaign_main
 
 if TYPE_CHECKING:
     from soter.api.campaigning import Campaign

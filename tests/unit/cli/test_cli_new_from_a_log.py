@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from generators.autopilot_logs import dataflash, flight, table, tlog, ulog, written
 from soter.api import load
-from soter.monitor.logs.survey import Channel, LogSurvey, mapping_of_log, program_of, surveyed
+from soter.monitor.log_survey import Channel, LogSurvey, mapping_of_log, program_of, surveyed
 
 if TYPE_CHECKING:
     from collections.abc import Callable

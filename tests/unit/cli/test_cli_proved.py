@@ -11,7 +11,7 @@ import pytest
 from soter.api import load
 from soter.language.model.proof_verdicts import Proof
 from soter.native import cache
-from soter.simulate.outputs.result_assumptions import unproved
+from soter.simulate.result_assumptions import unproved
 from soter.verify import proof_cache
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import pytest
 from soter.api.assurance.evidence import read_flights
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.load.named_files import ReadError, read_bytes
-from soter.monitor.logs.files import csv_log
+from soter.monitor.log_files import csv_log
 from soter.native.cache import limit
 from soter.targets.package import Package, PackageFile
 

@@ -17,7 +17,7 @@ from soter.language.model.system import Bound
 from soter.language.model.values import singles
 from soter.policy.network import Affine, Clipped, Network, Policy
 from soter.policy.soter_source import soter_source
-from soter.remote.channels_and_topics import Topic
+from soter.remote.topics import Topic
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import processes
-from soter.editor.code_actions_and_lenses import TERMINAL
+from soter.editor.requests import TERMINAL
 
 ROOT = Path(__file__).resolve().parents[3]
 EDITORS = ROOT / "editors"

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.editor.hover import head
-from soter.editor.keywords import meaning
-from soter.editor.names.resolve import index_of
+from soter.editor.hover import head, meaning
+from soter.editor.name_resolution import index_of
 from soter.language.front_end import check_file
 from soter.language.load.loader import load
 from soter.language.model import typed
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.diagnostics.diagnostic import Span
-    from soter.editor.names.definitions import NameIndex
+    from soter.editor.name_definitions import NameIndex
 
 ROOT = Path(__file__).resolve().parents[3]
 PROGRAMS = sorted((ROOT / "examples").glob("*/*.soter"))

@@ -9,10 +9,10 @@ from lsprotocol import types as lsp
 
 from editor_client import Editor, edited
 from soter.diagnostics.diagnostic import Source, applied
-from soter.editor import code_actions_and_lenses as lenses
-from soter.editor.code_actions_and_lenses import actions
+from soter.editor import requests as lenses
 from soter.editor.documents import Documents
 from soter.editor.protocol_conversions import Lines, path_of, uri_of
+from soter.editor.requests import actions
 from soter.language.front_end import check_file
 from soter.verify import proof_cache
 from tables import all_rows

@@ -10,7 +10,7 @@ import pytest
 
 from soter.core.steps import lower
 from soter.explore.engine.explorer_library import Engine, RawChoice, RawStep
-from soter.explore.model.actors import plan_of
+from soter.explore.model.exploration_plan import plan_of
 from soter.language.front_end import check_file, system_of_test
 
 if TYPE_CHECKING:

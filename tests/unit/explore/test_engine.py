@@ -14,7 +14,7 @@ from soter.language.front_end import check_file, system_of_test
 from soter.native.cache import SOTER
 
 if TYPE_CHECKING:
-    from soter.explore.engine.engine_exchange import EngineProgress
+    from soter.explore.engine.coverage import EngineProgress
     from soter.explore.engine.explorer_library import Searched
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "testing"

@@ -6,7 +6,7 @@ import pytest
 
 from generators.explorer_agreement import compared, enumerated
 from soter.core.steps import lower
-from soter.explore.model.actors import plan_of
+from soter.explore.model.exploration_plan import plan_of
 from soter.explore.replay import replay
 from unit.explore.explored_programs import SEVERAL
 from unit.explore.random_walks import system_of_text, walk

@@ -10,7 +10,8 @@ import pytest
 from soter.api.program import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore import command, contract_use
+from soter.explore import assumptions, command
+from soter.explore.checked_options import with_times
 from soter.explore.engine.search import Search
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
@@ -42,7 +43,7 @@ test Replaced { system S; replace M by contract; horizon 40ms; always %s; }
 def explored(text: str, name: str) -> TestResult:
     checked = check_file("p.soter", text)
     system = system_of_test(checked, name)
-    told = command.TraceHeader("p.soter", {}, contract_use.replaced_in(checked.tests[name]))
+    told = command.TraceHeader("p.soter", {}, assumptions.replaced_in(checked.tests[name]))
     return command.explore_test(system, SearchOptions(minimise=0.0), told)
 
 
@@ -98,7 +99,7 @@ def test_guarantees_that_read_others_are_asked_with_what_they_read() -> None:
 
 def test_the_report_says_who_is_asked_to_keep_the_contract() -> None:
     text = MODULE % ("min(w, 2)", "guarantees small: u < 3;") + TESTS % "u < 3"
-    told = list(contract_use.told(system_of_test(check_file("p.soter", text), "Replaced")))
+    told = list(assumptions.of_contracts(system_of_test(check_file("p.soter", text), "Replaced")))
     assert len(told) == 1
     assert told[0] == (
         "M is replaced by its contract (small: u < 3): whether it keeps it is asked by `AsItIs`, "
@@ -109,7 +110,7 @@ def test_the_report_says_who_is_asked_to_keep_the_contract() -> None:
     alone = alone.replace(
         "rta M", "node Slow2 period 10ms { publishes u, v; step { publish u = 0; } }\nrta M"
     )
-    told = list(contract_use.told(system_of_test(check_file("p.soter", alone), "Replaced")))
+    told = list(assumptions.of_contracts(system_of_test(check_file("p.soter", alone), "Replaced")))
     assert len(told) == 1
     assert told[0].endswith(
         "no test of this program runs it as it is (`AsItIs` but for a controller): "
@@ -121,7 +122,7 @@ def test_a_clause_that_cannot_be_asked_permits_more_and_is_named() -> None:
     clause = "guarantees led: mode(M) == Mode.AC || u == 0; guarantees small: u < 3;"
     text = MODULE % ("min(w, 2)", clause) + TESTS % "u < 3"
     system = system_of_test(check_file("p.soter", text), "Replaced")
-    [told] = contract_use.told(system)
+    [told] = assumptions.of_contracts(system)
     assert "(small: u < 3; not asked for, so that more is permitted: led: mode(M) ==" in told
     with Search(system, SearchOptions()) as search:
         assert search.run().status == "exhausted"
@@ -183,7 +184,7 @@ def test_the_deployed_order_is_told_and_excludes_a_skew(
     assert any("within an instant in the deployed order, inputs first" in s for s in said)
     system = system_of_test(check_file("p.soter", text), "AsItIs")
     with pytest.raises(SoterError) as problem:
-        command.with_times(system, 1_000_000, None)
+        with_times(system, 1_000_000, None)
     assert problem.value.diagnostics[0].code == "E017"
 
 
@@ -213,7 +214,7 @@ def test_only_a_test_of_the_same_node_in_the_same_system_asks_for_its_contract(
     other: str, system: str, sets: str, said: str
 ) -> None:
     text = LIAR % (other, system, sets)
-    [told] = contract_use.told(system_of_test(check_file("p.soter", text), "CountAlone"))
+    [told] = assumptions.of_contracts(system_of_test(check_file("p.soter", text), "CountAlone"))
     assert told.endswith(f"no test of this program runs it {said} it keeps it is assumed")
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore import command, contract_use
+from soter.explore import assumptions, command
 from soter.explore.results import wholes
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
@@ -52,7 +52,7 @@ def every_test(text: str) -> dict[str, TestResult]:
     program = check_file("p.soter", text)
     results = {}
     for name in program.tests:
-        told = command.TraceHeader("p.soter", {}, contract_use.replaced_in(program.tests[name]))
+        told = command.TraceHeader("p.soter", {}, assumptions.replaced_in(program.tests[name]))
         system = system_of_test(program, name)
         results[name] = command.explore_test(system, SearchOptions(minimise=0.0), told)
     return results

@@ -11,15 +11,15 @@ import pytest
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.search_options import SearchOptions
 from soter.explore.trace_view import view_of
-from soter.report.sequence.page import page
-from soter.report.sequence.text import does, explanation
-from soter.report.sequence.text import text as lines_of
+from soter.report.sequence_page import page
+from soter.report.sequence_view import does, explanation
+from soter.report.sequence_view import table_text as lines_of
 from unit.explore.explored_programs import FAULTS, QUEUED, TESTED
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
     from soter.explore.replay import Replayed
-    from soter.report.sequence.view import SequenceView
+    from soter.report.sequence_view import SequenceView
 
 DROPPING = QUEUED.replace("queue 2 fault", "queue 2")
 REPLACED = """soter 1;

@@ -11,8 +11,8 @@ from generators.vacuous_tests import OTHERS, RELATED, TAUTOLOGIES, TELLING, TIME
 from long_tests import some
 from soter.cli.main import main
 from soter.explore import constant_truth, vacuous_tests
+from soter.explore.assumptions import replaced_in
 from soter.explore.command import TraceHeader, explore_test
-from soter.explore.contract_use import replaced_in
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 

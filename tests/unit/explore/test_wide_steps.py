@@ -19,7 +19,7 @@ from soter.explore.search_options import CHOICES_MAX, THREADS_BFS, WORDS_MAX, Se
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
-    from soter.explore.engine.engine_exchange import EngineProgress
+    from soter.explore.engine.coverage import EngineProgress
     from soter.explore.results import TestResult
 
 TOLD = TraceHeader("wide.soter", {})

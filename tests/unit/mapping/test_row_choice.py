@@ -17,12 +17,12 @@ from mcap.writer import Writer as McapWriter
 from generators.robot_logs import CART, MS, T0
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.logs.files.log_columns import RowChoice
+from soter.monitor.log_files.log_columns import RowChoice
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.monitor.logs.result import LogJudgement
+    from soter.monitor.log_judgement import LogJudgement
 
 Cells = list[object]
 FIELDS = {"x": "x", "v": "v"}

@@ -24,8 +24,8 @@ from generators.autopilot_logs import (
 from soter.api import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.logs.files.log_columns import FileFacts, Wanted
-from soter.monitor.logs.files.message_log import messages_of
+from soter.monitor.log_files.log_columns import FileFacts, Wanted
+from soter.monitor.log_files.read_columns import messages_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

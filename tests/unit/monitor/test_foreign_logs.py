@@ -11,8 +11,8 @@ import pytest
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of
-from soter.monitor.logs.files.read_columns import read_columns
-from soter.monitor.logs.typed_samples import samples_of
+from soter.monitor.log_files.read_columns import read_columns
+from soter.monitor.typed_samples import samples_of
 
 if TYPE_CHECKING:
     from pathlib import Path

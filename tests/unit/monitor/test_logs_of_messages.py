@@ -37,9 +37,9 @@ from soter.api import load
 from soter.cli.terminal.log_judgement import FOREIGN_LOG
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of
-from soter.monitor.logs.files import mcap_messages
-from soter.monitor.logs.files.read_columns import read_columns
-from soter.monitor.logs.typed_samples import samples_of
+from soter.monitor.log_files import mcap_messages
+from soter.monitor.log_files.read_columns import read_columns
+from soter.monitor.typed_samples import samples_of
 from tables import all_rows
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from soter.diagnostics.diagnostic import SoterError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.monitor.logs.result import LogJudgement
+    from soter.monitor.log_judgement import LogJudgement
 
 PROMISE = {"every": "10ms", "delayed": "5ms"}
 SOURCES: list[dict[str, Any]] = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soter.monitor.logs.derived_signals import ahead_errors, quantiles, slope_errors, slopes
+from soter.monitor.derived_signals import ahead_errors, quantiles, slope_errors, slopes
 from tables import all_rows
 
 

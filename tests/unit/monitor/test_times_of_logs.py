@@ -21,7 +21,7 @@ from tables import all_rows
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.monitor.logs.result import LogJudgement
+    from soter.monitor.log_judgement import LogJudgement
 
 ALL = list(WRITERS)
 FIRST = sorted(

@@ -17,7 +17,7 @@ from mcap_protobuf.writer import Writer
 from generators.robot_logs import CART, MS, T0
 from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.logs.files.message_log import NoPartError, part_of
+from soter.monitor.log_files.read_columns import NoPartError, part_of
 
 if TYPE_CHECKING:
     from pathlib import Path

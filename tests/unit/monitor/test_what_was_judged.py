@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from soter.monitor.logs.result import LogJudgement, ModuleOfLog
+    from soter.monitor.log_judgement import LogJudgement, ModuleOfLog
 
 SECOND = 1000 * MS
 OTHER = "/elsewhere"

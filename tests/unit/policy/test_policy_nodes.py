@@ -17,8 +17,8 @@ from soter.core.layout import decode_from, encode_into
 from soter.diagnostics.diagnostic import SoterError
 from soter.policy.network import answering
 from soter.policy.sb3_file import read_sb3
-from soter.simulate.externs.extern_server import ExternServer, write_spec
-from soter.workers.exchange_layout import exchange_of
+from soter.simulate.externs.extern_process import ExternServer, write_spec
+from soter.workers.exchange import exchange_of
 
 if TYPE_CHECKING:
     from pathlib import Path

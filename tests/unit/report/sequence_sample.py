@@ -6,7 +6,7 @@ Non-goals: being right about anything; the numbers are made up.
 
 from __future__ import annotations
 
-from soter.report.sequence.view import (
+from soter.report.sequence_view import (
     Lane,
     Mode,
     ModeSwitch,

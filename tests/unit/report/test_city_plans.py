@@ -13,7 +13,7 @@ from city_scene import PLAN_GROUP, REFUSED_GROUP, plans_group
 from city_solid import city_solid
 
 from soter.report.html import html_document
-from soter.report.run.figure_elements import arm_group
+from soter.report.run.figure_parts import arm_group
 from soter.report.run.record import ReportPage, Way
 
 if TYPE_CHECKING:

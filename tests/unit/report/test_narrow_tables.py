@@ -7,7 +7,7 @@ import io
 import pytest
 
 from soter.cli.terminal.console import PLAIN, Console, plainly
-from soter.report.terminal_tables import Styled, display_width, table
+from soter.report.tables import Styled, display_width, table
 
 HEAD = ("property", "verdict", "time", "how")
 ROWS = [

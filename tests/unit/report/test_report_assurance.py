@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 import browser
-from soter.report.assurance.safety_case import (
+from soter.report.safety_case import (
     CaseNode,
     Definition,
     ExpandedPredicate,
@@ -20,7 +20,7 @@ from soter.report.assurance.safety_case import (
     TracedItem,
     TracedProperty,
 )
-from soter.report.assurance.safety_case_page import BOX, LEGEND, body, pictures, write_case
+from soter.report.safety_case_page import BOX, LEGEND, body, pictures, write_case
 
 if TYPE_CHECKING:
     from pathlib import Path

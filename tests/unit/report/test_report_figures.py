@@ -14,12 +14,11 @@ from city_map import city_map, dash_of
 from city_scene import TUBE_GROUP, Scene
 from city_solid import city_solid
 
-from soter.report.run.figure_elements import arm_group, decision_hover
-from soter.report.run.packed_json import numbers
+from soter.report.run.figure_parts import DENSE_STEPS, arm_group, decision_hover
 from soter.report.run.page import body
 from soter.report.run.record import Decision, ModeBand, Series, Threshold, Violation
-from soter.report.run.signals_for_drawing import DENSE_STEPS
 from soter.report.run.timeline import BAND_OPACITY, chart_timeline, flight_timeline
+from soter.report.templates import numbers
 
 if TYPE_CHECKING:
     from soter.report.run.record import Figure, Flight, ReportPage

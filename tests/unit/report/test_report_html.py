@@ -17,8 +17,9 @@ from city_view import CityView
 import processes
 from soter.report.atomic_write import ReportError, ReportUnavailableError
 from soter.report.html import BESIDE, POLICY, html_document, write_html
+from soter.report.run.page import headline, value_text
 from soter.report.run.record import Decision, ReportPage, Violation
-from soter.report.run.result_wording import headline, prose, value_text
+from soter.report.wording import prose
 
 if TYPE_CHECKING:
     from city_scene import Scene

@@ -11,8 +11,7 @@ import pytest
 
 import soter
 from soter.campaign.page import write_page
-from soter.report.proof.page import write_proof
-from soter.report.proof.record import (
+from soter.report.proof_page import (
     R1,
     R4,
     ModuleProof,
@@ -20,6 +19,7 @@ from soter.report.proof.record import (
     PropertyRow,
     RegionFigure,
     RegionSlice,
+    write_proof,
 )
 
 if TYPE_CHECKING:

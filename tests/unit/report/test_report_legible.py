@@ -14,13 +14,22 @@ import pytest
 import browser
 import legibility
 import soter
-from soter.report.assurance.safety_case_page import write_case
 from soter.report.html import write_document, write_html
-from soter.report.plain_page import PageSection, sections_main
-from soter.report.proof.advice import AdvicePage, Line, advice_main
-from soter.report.proof.page import write_proof
-from soter.report.proof.record import R2, R4, R5, ModuleProof, ProofPage, RegionFigure
-from soter.report.sequence.page import write_page as write_sequence
+from soter.report.proof_page import (
+    R2,
+    R4,
+    R5,
+    AdvicePage,
+    Line,
+    ModuleProof,
+    ProofPage,
+    RegionFigure,
+    advice_main,
+    write_proof,
+)
+from soter.report.safety_case_page import write_case
+from soter.report.sequence_page import write_page as write_sequence
+from soter.report.templates import PageSection, sections_main
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

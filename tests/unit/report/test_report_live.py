@@ -13,7 +13,7 @@ import pytest
 
 import soter
 from soter.report.run.live_diagram import Live, Values, live_json
-from soter.report.run.packed_json import packed
+from soter.report.templates import packed
 
 if TYPE_CHECKING:
     import browser

@@ -16,12 +16,10 @@ import pytest
 import processes
 from soter.report.atomic_write import ReportError
 from soter.report.html import POLICY
-from soter.report.printable_text import visible
-from soter.report.sequence.drawing import plan
-from soter.report.sequence.page import page, write_page
-from soter.report.sequence.text import HEADERS, clipped, explanation, rows, text
-from soter.report.sequence.trace_to_mcap import STEPS_TOPIC, write_log
-from soter.report.sequence.view import (
+from soter.report.sequence_drawing import plan
+from soter.report.sequence_page import page, write_page
+from soter.report.sequence_view import (
+    HEADERS,
     Lane,
     ModeSwitch,
     ModuleModes,
@@ -30,10 +28,16 @@ from soter.report.sequence.view import (
     SequenceStep,
     SequenceView,
     TopicFlow,
+    clipped,
     duration_text,
+    explanation,
     late_ns,
     reached,
+    rows,
+    table_text,
 )
+from soter.report.trace_log import STEPS_TOPIC, write_log
+from soter.report.wording import visible
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -280,13 +284,13 @@ def test_the_script_is_valid_javascript(tmp_path: Path) -> None:
 
 def test_the_table_has_a_line_a_step_and_the_reason() -> None:
     view = sample.small()
-    lines = text(view)
+    lines = table_text(view)
     assert len(lines) == 2 + len(view.steps) + 2
     assert lines[-1] == explanation(view)
     assert "✕ violated" in lines[2 + 13]
     assert "12 ms late" in lines[2 + 7]
     assert "\x1b" not in "".join(lines)
-    assert "\x1b" in "".join(text(view, color=True))
+    assert "\x1b" in "".join(table_text(view, color=True))
 
 
 def test_the_time_stands_where_it_changes() -> None:
@@ -300,7 +304,7 @@ def test_a_terminal_gets_no_control_characters_and_no_endless_lines() -> None:
         hostile(),
         steps=(SequenceStep(0, 0, HOSTILE, published=(Published(HOSTILE, "x" * 500),)),),
     )
-    joined = "\n".join(text(view))
+    joined = "\n".join(table_text(view))
     assert "\x1b" not in joined
     assert "\u202e" not in joined
     assert max(map(len, joined.splitlines())) < 220
@@ -373,10 +377,12 @@ def test_the_same_view_gives_the_same_log(tmp_path: Path) -> None:
 
 def test_steps_that_do_not_matter_are_told_and_pale() -> None:
     view = sample.small()
-    assert "matter" not in "\n".join(text(view))
+    assert "matter" not in "\n".join(table_text(view))
     steps = tuple(dataclasses.replace(s, matters=s.number in {5, 7, 13}) for s in view.steps)
     told = dataclasses.replace(view, steps=steps)
-    assert "3 of 14 steps matter (5, 7, 13): whatever the others choose" in "\n".join(text(told))
+    assert "3 of 14 steps matter (5, 7, 13): whatever the others choose" in "\n".join(
+        table_text(told)
+    )
     written = page(told)
     assert "3 of 14 steps matter" in written
     assert written.count(" aside") > written.count("row violates")
@@ -388,7 +394,7 @@ def test_steps_that_do_not_matter_are_told_and_pale() -> None:
     many = dataclasses.replace(
         view, steps=tuple(dataclasses.replace(s, matters=s.number == 13) for s in view.steps)
     )
-    assert "1 of 14 steps matters (13):" in "\n".join(text(many))
+    assert "1 of 14 steps matters (13):" in "\n".join(table_text(many))
 
 
 def test_steps_that_matter_are_marked_where_others_do_not() -> None:
@@ -409,10 +415,10 @@ def test_steps_that_matter_are_marked_where_others_do_not() -> None:
 
 def test_of_very_many_steps_the_first_and_the_last_are_told() -> None:
     view = sample.large(5, 60)
-    whole, cut = text(view), text(view, most=20)
+    whole, cut = table_text(view), table_text(view, most=20)
     assert len(whole) - len(cut) == len(view.steps) - 20 - 1
     assert any(f"... {len(view.steps) - 20} steps left out" in line for line in cut)
     told = [int(line.split()[0]) for line in cut if line.split() and line.split()[0].isdigit()]
     numbers = [s.number for s in view.steps]
     assert told == numbers[:5] + numbers[-15:]
-    assert text(view, most=len(view.steps)) == whole
+    assert table_text(view, most=len(view.steps)) == whole

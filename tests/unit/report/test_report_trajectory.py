@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soter.report.run.record import Decision, Violation
-from soter.report.run.signals_for_drawing import (
+from soter.report.run.figure_parts import (
     POINTS_MAX,
     by_controller,
     flight_indices,
@@ -22,6 +21,7 @@ from soter.report.run.signals_for_drawing import (
     runs,
     thin,
 )
+from soter.report.run.record import Decision, Violation
 
 if TYPE_CHECKING:
     from soter.report.run.record import Flight

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soter.report.terminal_tables import Styled, display_width, mode_timeline, table
+from soter.report.tables import Styled, display_width, mode_timeline, table
 
 HEADERS = ("arm", "lap", "violations", "φ_safer")
 ROWS = (

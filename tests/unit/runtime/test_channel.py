@@ -16,7 +16,7 @@ from generators.posix_packages import FAST as AC
 from generators.posix_packages import FORGIVING, cart_with_extern
 from soter.native.compiler import find
 from soter.native.shared_library import RUNTIME
-from soter.workers import shared_memory_channel as channel_of_python
+from soter.workers import exchange as channel_of_python
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from soter.language.front_end import check_file, system_of
-from soter.simulate.outputs.result_assumptions import of_environment, unproved
+from soter.simulate.result_assumptions import of_environment, unproved
 
 PROGRAM = """soter 1;
 input topic a: int in [0, 9] = 0;

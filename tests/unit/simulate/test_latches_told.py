@@ -6,8 +6,8 @@ import pytest
 
 from soter.language.front_end import check_file, system_of
 from soter.simulate.decisions import latched, steps
-from soter.simulate.outputs.to_report import run_chart
 from soter.simulate.run import NativeProgram, run_interpreted
+from soter.simulate.run_report import run_chart
 
 CART = """soter 1;
 topic pos: float in [-50.0, 50.0] max_age 20ms;

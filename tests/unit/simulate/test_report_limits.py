@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import soter
 from soter.language.evaluate.topic_ranges import limits
 from soter.language.front_end import check_file, system_of
-from soter.report.run.result_wording import headline
-from soter.simulate.outputs import to_report
-from soter.simulate.outputs.to_report import report_page
+from soter.report.run.page import headline
+from soter.simulate import run_report
+from soter.simulate.run_report import report_page
 from tables import all_rows
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def test_elements_of_short_arrays_are_drawn_each_with_its_estimate_and_limits(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "p.soter"
-    for size, drawn in ((2, True), (to_report.ELEMENTS_MAX + 1, False)):
+    for size, drawn in ((2, True), (run_report.ELEMENTS_MAX + 1, False)):
         path.write_text(ARM.format(size=size, rates=[1.0] * size))
         (chart,) = report_page(soter.load(path).simulate(), "", {}).charts
         panels: dict[str, list[str]] = {}
@@ -131,7 +131,7 @@ def test_the_headline_of_a_run_claims_no_more_than_that_run(tmp_path: Path) -> N
 def test_signals_that_are_not_drawn_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     run = soter.load(CART).simulate(until="1s")
     assert not any("signals" in note for note in report_page(run, "cart", {}).notes)
-    monkeypatch.setattr(to_report, "SERIES_MAX", 4)
+    monkeypatch.setattr(run_report, "SERIES_MAX", 4)
     page = report_page(run, "cart", {})
     assert len(page.charts[0].series) == 4
     assert any(note.startswith("of 6 signals 4 are drawn over time") for note in page.notes)

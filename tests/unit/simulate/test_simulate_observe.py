@@ -16,8 +16,8 @@ from soter.simulate import run_observer
 from soter.simulate.decisions import PredicateValues, changes, reason, steps
 from soter.simulate.explain_decision import Explainer
 from soter.simulate.interrupt import StopRequest, stoppable
-from soter.simulate.outputs.run_fields import DOCUMENT, final_values, scalars
 from soter.simulate.run import NativeProgram, run_interpreted
+from soter.simulate.run_fields import DOCUMENT, final_values, scalars
 
 if TYPE_CHECKING:
     from collections.abc import Callable

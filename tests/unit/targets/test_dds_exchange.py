@@ -27,8 +27,8 @@ from generators.dds_programs import PROGRAM, mapping, package
 from soter.api import load
 from soter.language.front_end import check_file, system_of
 from soter.mapping.read_mapping import mapping_of
-from soter.monitor.logs.files.read_columns import read_columns
-from soter.monitor.logs.typed_samples import samples_of
+from soter.monitor.log_files.read_columns import read_columns
+from soter.monitor.typed_samples import samples_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

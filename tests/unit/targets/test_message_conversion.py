@@ -24,8 +24,8 @@ from soter.codegen.unit import generate
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of
-from soter.monitor.logs.files.read_columns import read_columns
-from soter.monitor.logs.typed_samples import samples_of
+from soter.monitor.log_files.read_columns import read_columns
+from soter.monitor.typed_samples import samples_of
 from soter.native.compiler import MEANING
 from soter.targets.message_conversion import CPP, MessageConverter, text_literal
 

@@ -21,7 +21,7 @@ from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of
 from soter.mapping.topic_mapping import NearestSource
-from soter.monitor.logs.files.read_columns import read_columns
+from soter.monitor.log_files.read_columns import read_columns
 from soter.native.shared_library import RUNTIME
 from soter.targets.message_conversion import CPP, MessageConverter
 

@@ -23,8 +23,8 @@ from generators.message_headers import write_headers
 from generators.robot_logs import WRITERS, Recorded, odometry
 from soter.api import load
 from soter.mapping.read_mapping import mapping_of
-from soter.monitor.logs.files.read_columns import read_columns
-from soter.monitor.logs.typed_samples import samples_of
+from soter.monitor.log_files.read_columns import read_columns
+from soter.monitor.typed_samples import samples_of
 from soter.native.shared_library import CHECK_FAILED
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from soter.api.assurance.certificate_check import file_hash
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import mistake, reason
 from soter.language.load.named_files import read_bytes, read_json_text
-from soter.report.assurance.safety_case import CaseNode
+from soter.report.safety_case import CaseNode
 from soter.version import other_format
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from soter.campaign.store import FlightOutcome
     from soter.explore.results import ExploreReport, TestResult
     from soter.language.model.system import System
-    from soter.report.assurance.safety_case import SafetyCase
+    from soter.report.safety_case import SafetyCase
 
 
 class AssuredProgram(Protocol):

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source, Span, mistake, reason
 from soter.diagnostics.similar_names import did_you_mean
 from soter.language.load.named_files import read_bytes
-from soter.report.assurance.safety_case import (
+from soter.report.safety_case import (
     SUPPORTED,
     UNDEVELOPED,
     OpenItem,
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.codes import Code
     from soter.language.model.system import System
-    from soter.report.assurance.safety_case import CaseNode, SafetyCase
+    from soter.report.safety_case import CaseNode, SafetyCase
 
 
 CODE: Code = "D021"

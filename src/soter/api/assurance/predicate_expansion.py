@@ -25,7 +25,7 @@ from soter.language.model.types import (
 )
 from soter.language.model.values import to_json
 from soter.language.syntax.parsing.expression_elements import PRECEDENCE
-from soter.report.assurance.safety_case import Definition, ExpandedPredicate
+from soter.report.safety_case import Definition, ExpandedPredicate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

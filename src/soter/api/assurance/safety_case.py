@@ -8,8 +8,9 @@ fail-safe law holds once the trusted part has stopped, and that the compiled dec
 one that was proved. `compiled_as_proved`: the check of `soter verify`, row DM, once more; where
 `ttf` and `safer` are computed with the tables of the certificate, which the re-checker has
 confirmed.
-Non-goals: the pages (`report/assurance/`); proving; the certificate (`certificate_check.py`); the
-check of the DM (`verify/deploy/dm_check.py`): what it does not try supports nothing.
+Non-goals: the pages (`report/safety_case_page.py`); proving; the certificate
+(`certificate_check.py`); the check of the DM (`verify/deploy/dm_check.py`): what it does not try
+supports nothing.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.model import typed
 from soter.language.model.system import claims_nothing, modules_above
 from soter.language.model.tree_walk import nodes
-from soter.report.assurance.safety_case import SUPPORTED, CaseNode, SafetyCase
 from soter.report.atomic_write import ReportError, own_place
+from soter.report.safety_case import SUPPORTED, CaseNode, SafetyCase
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -461,9 +462,9 @@ def _equations(plant: PlantSymbol) -> tuple[str, ...]:
 
 def _written(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
     """The three files; SoterError D006 where one cannot be written."""
-    from soter.report.assurance.safety_case_page import write_case  # noqa: PLC0415 - only then
-    from soter.report.assurance.strictdoc import sdoc  # noqa: PLC0415 - only then
     from soter.report.html import write_text  # noqa: PLC0415 - only then
+    from soter.report.safety_case import sdoc  # noqa: PLC0415 - only then
+    from soter.report.safety_case_page import write_case  # noqa: PLC0415 - only then
 
     try:
         page, data, document = (own_place(folder, name) for name in FILES)

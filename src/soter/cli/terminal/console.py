@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from typing import NoReturn
 
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.report.terminal_tables import Entry
+    from soter.report.tables import Entry
 
 
 DASHES = "\u2500\u2501\u2504\u2505\u254c\u254d\u2010\u2011\u2013\u2014\u2015\u2212"
@@ -243,7 +243,7 @@ class Console:
 
     def table(self, headers: Sequence[str], rows: Iterable[Sequence[Entry]]) -> str:
         """A table, in colour and no wider than the terminal where it can be."""
-        from soter.report.terminal_tables import table  # noqa: PLC0415 - needs NumPy
+        from soter.report.tables import table  # noqa: PLC0415 - needs NumPy
 
         return table(headers, rows, color=self.color_out, width=self.width)
 

@@ -1,7 +1,7 @@
 """What each module says to a log of somebody else, for people and as JSON.
 
 Purpose: when it would have switched, how near it came, what is missing, what is taken for granted.
-Non-goals: the judgement (`monitor/logs/`), the command (`cli/monitor.py`).
+Non-goals: the judgement (`monitor/`), the command (`cli/monitor.py`).
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.command_records import JsonObject, one_of
 from soter.diagnostics.diagnostic import Diagnostic, Severity
-from soter.report.plain_page import PageSection
+from soter.report.templates import PageSection
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.cli.terminal.console import Console
-    from soter.monitor.logs.result import LogJudgement, ModuleOfLog, NearestMargin
-    from soter.monitor.logs.typed_samples import DerivedValue
+    from soter.monitor.log_judgement import LogJudgement, ModuleOfLog, NearestMargin
+    from soter.monitor.typed_samples import DerivedValue
 
 WIDTH = 100
 CHANGES_SHOWN = 12
@@ -302,12 +302,12 @@ def _distance(n: NearestMargin) -> float | None:
     return n.distance if isfinite(n.distance) else None
 
 
-RESULT = "soter.monitor.logs.result"
+RESULT = "soter.monitor.log_judgement"
 LOST = JsonObject(LostSamples, "samples first", named="samples_lost")
 LEFT_OUT = JsonObject(
     LeftOutSamples, "samples first reasons", named="samples_left_out", reasons=LOST
 )
-DAMAGE = JsonObject("soter.monitor.logs.files.log_columns.Damage", "told share", named="damage")
+DAMAGE = JsonObject("soter.monitor.log_files.log_columns.Damage", "told share", named="damage")
 NEAREST = JsonObject(
     f"{RESULT}.NearestMargin", "distance time_s bound", {"distance": _distance}, named="nearest"
 )
@@ -317,12 +317,10 @@ FOREIGN_LOG = JsonObject(
     "notes assumptions modules",
     {"left_out": _left_out, "refused": _refused, "modules": _modules},
     named="foreign_log",
-    derived=JsonObject("soter.monitor.logs.typed_samples.DerivedValue", "name how error"),
+    derived=JsonObject("soter.monitor.typed_samples.DerivedValue", "name how error"),
     left_out=LEFT_OUT,
     refused=LOST,
-    far_stamps=JsonObject(
-        "soter.monitor.logs.typed_samples.FarStamps", "samples offset_s length_s"
-    ),
+    far_stamps=JsonObject("soter.monitor.typed_samples.FarStamps", "samples offset_s length_s"),
     modules=JsonObject(
         f"{RESULT}.ModuleOfLog",
         "decided judged judged_share missing safe_missing=blind press_missing=unheard waiting "

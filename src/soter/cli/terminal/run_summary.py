@@ -3,7 +3,7 @@
 Purpose: verdict first; then what went wrong, who was in control when, and what all of it rests
 on; of a run in real time how late it was, what was missed, how workers fared, who took over and
 why.
-Non-goals: figures for programs (`simulate/outputs/run_fields.py`); finding those of real time
+Non-goals: figures for programs (`simulate/run_fields.py`); finding those of real time
 (`runtime/posix/soter_posix_report.c`).
 """
 
@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.language.load.named_files import CLIP, binding_of
-from soter.report.parameter_text import changed
-from soter.report.printable_text import visible
-from soter.report.terminal_tables import Entry, Styled, display_width, mode_timeline
+from soter.report.tables import Entry, Styled, display_width, mode_timeline
+from soter.report.wording import changed_parameters, visible
 from soter.semantics.faults import begins
-from soter.simulate.outputs.result_assumptions import of_run
-from soter.simulate.outputs.run_fields import component_faults
 from soter.simulate.result import silence_of
+from soter.simulate.result_assumptions import of_run
+from soter.simulate.run_fields import component_faults
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -148,7 +147,7 @@ def _headline(run: Run, path: str, console: Console) -> str:
 
 def _params(run: Run, console: Console) -> Iterator[str]:
     """What is not at its default."""
-    changes = changed(run.system)
+    changes = changed_parameters(run.system)
     if changes:
         texts = [
             f"{name} = {value} (default {default})" for name, (value, default) in changes.items()

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from soter.cli.terminal.console import Console
-    from soter.report.terminal_tables import Styled
+    from soter.report.tables import Styled
 
 NAME = "proof-outcome"
 FILE = "outcome.json"
@@ -75,7 +75,7 @@ class Printout:
             if isinstance(part, str):
                 console.say(part if console.color_out else PAINT.sub("", part))
             else:
-                from soter.report.terminal_tables import Styled  # noqa: PLC0415 - needs NumPy
+                from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy
 
                 rows = [[c if isinstance(c, str) else Styled(**c) for c in row] for row in part[1]]
                 console.say(console.table(part[0], rows))

@@ -1,22 +1,33 @@
-"""What a search has seen of a program, and by name what it has not.
+"""What a search has seen of a program, and by name what it has not; how far it is, how it ended.
 
-Purpose: actors that stepped, modes, switches, branches of step functions and classes of topic
-values: reached, out of how many, and the unreached ones as a person would call them.
-Non-goals: collecting (the engine does), judging: what is unreached may be unreachable.
+Purpose: plain data and arrays for `soter_explore_progress` and `soter_explore_coverage`: what all
+searches have seen, what a search of a part keeps of the ends of instants, how far its thread is;
+and that in the words of the program: branches, values, modes, actors.
+Non-goals: running the engine (`explorer_library.py`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from soter.language.model.types import ArrayType, BoolType, EnumType, IntType, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    import numpy.typing as npt
+
+    from soter.core.layout import Bytes, Words
+    from soter.explore.model.explorer_model import ExplorerModel
+    from soter.language.model.system import System
     from soter.language.model.types import Type
+
+    WantedWords = npt.NDArray[np.uint64]
+
 
 EACH_VALUE_MAX = 64
 """An int with at most so many values has a class for each of them."""
@@ -194,3 +205,101 @@ def modules_parts(
 def branches_part(names: Sequence[str], bits: Sequence[int]) -> CoverageKind:
     """`names`: one a branch; `bits`: words of 64, branch b is bit b % 64 of word b // 64."""
     return part_of((name, bool(bits[b // 64] >> (b % 64) & 1)) for b, name in enumerate(names))
+
+
+@dataclass(frozen=True)
+class EngineProgress:
+    """How far a search is. `tracing`: something is violated, a way to it is looked for.
+
+    `bytes` of tables, frontiers and remembered steps; `answers` of the one step that is tried,
+    where they are very many. What is observed before `covered_ns` was judged (breadth first).
+    """
+
+    states: int
+    transitions: int
+    depth: int
+    seconds: float
+    tracing: bool = False
+    bytes: int = 0
+    answers: int = 0
+    covered_ns: int = 0
+
+
+def progress_of(p: Any, seconds: float) -> EngineProgress:  # noqa: ANN401 - cdata
+    """From what the explorer writes while it searches (`soter_explore_progress`)."""
+    return EngineProgress(
+        states=int(p.states),
+        transitions=int(p.transitions),
+        depth=int(p.depth),
+        seconds=seconds,
+        tracing=bool(p.tracing),
+        bytes=int(p.bytes),
+        answers=int(p.answers),
+        covered_ns=max(int(p.covered_ns), 0),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Which bits a search notes at ends of instants, (words,), and perhaps what it looks for.
+
+    `goal`, (words,): an end with these bits violates property `sought`. `memory`: bytes.
+    """
+
+    mask: WantedWords
+    memory: int
+    goal: WantedWords | None = None
+    sought: int = 0
+
+    def options(self, ffi: Any) -> dict[str, object]:  # noqa: ANN401 - cffi has no types
+        """Fields of `soter_explore_options`; the arrays live as long as this."""
+        null = ffi.NULL
+        return {
+            "noted_bytes": self.memory,
+            "noted": ffi.cast("uint64_t *", self.mask.ctypes.data),
+            "goal": null if self.goal is None else ffi.cast("uint64_t *", self.goal.ctypes.data),
+            "sought": {"what": 0, "index": self.sought},
+        }
+
+
+@dataclass(frozen=True)
+class CoverageCounters:
+    """Coverage, added up over all searches of an engine; see `soter_explore_coverage`.
+
+    `branches`: one word for 64 branches; `classes`: (leaves, 256); `modes` and `switches`:
+    (modules, 2), SC first; `fired`: (actors,); `judged`: (properties and timed ones,); `nearest`:
+    (guides,), the least robustness that `falsify` met, infinity where it did not look.
+    """
+
+    branches: Words
+    classes: Bytes
+    modes: Bytes
+    switches: Bytes
+    fired: Bytes
+    judged: Bytes
+    nearest: npt.NDArray[np.float64]
+
+
+def empty_counters(system: System, model: ExplorerModel) -> CoverageCounters:
+    """Of a test that was flattened, before its first search."""
+    assert system.test is not None
+    modules, judged = len(system.modules), len(system.properties) + len(system.test.timed) + 1
+    return CoverageCounters(
+        np.zeros(-(-len(model.unit.branches) // 64) or 1, dtype=np.uint64),
+        np.zeros((len(model.leaves), 256), dtype=np.uint8),
+        np.zeros((modules, 2), dtype=np.uint8),
+        np.zeros((modules, 2), dtype=np.uint8),
+        np.zeros(len(model.plan.actors), dtype=np.uint8),
+        np.zeros(judged, dtype=np.uint8),
+        np.full(len(model.aims), math.inf),
+    )
+
+
+def coverage_of(seen: CoverageCounters, ffi: Any) -> Any:  # noqa: ANN401 - cdata
+    """`soter_explore_coverage`: what is seen is added to `seen`."""
+    kinds = {"branches": "uint64_t *", "nearest": "double *"}
+    places = {
+        name: ffi.cast(kinds.get(name, "uint8_t *"), array.ctypes.data)
+        for name, array in vars(seen).items()
+    }
+    return ffi.new("soter_explore_coverage *", places)

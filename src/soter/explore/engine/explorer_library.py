@@ -18,15 +18,10 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 
 from soter.core.steps import lower
-from soter.explore.engine.engine_exchange import (
-    SymmetricInstances,
-    coverage_of,
-    empty_counters,
-    progress_of,
-)
-from soter.explore.model.actors import plan_of
+from soter.explore.engine.coverage import coverage_of, empty_counters, progress_of
+from soter.explore.model.exploration_plan import IndependentPart, loose_parts_of, parts_of, plan_of
 from soter.explore.model.explorer_model import generate_model
-from soter.explore.model.independent_parts import IndependentPart, loose_parts_of, parts_of
+from soter.explore.model.symmetric_blocks import SymmetricInstances
 from soter.explore.search_options import (
     STATUSES,
     STEPS_MAX,
@@ -46,7 +41,7 @@ if TYPE_CHECKING:
     from soter.core.core import CoreSystem
     from soter.core.layout import Bytes, Words
     from soter.explore.checkpoints import Saver
-    from soter.explore.engine.engine_exchange import EngineProgress, Observations
+    from soter.explore.engine.coverage import EngineProgress, Observations
     from soter.explore.model.symmetric_blocks import Family
     from soter.language.model.system import System
 

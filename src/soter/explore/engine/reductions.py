@@ -5,7 +5,7 @@ such a property is judged on all combinations of what was noted at one time (doc
 "Joined parts"). Of two reductions, `all` is the one that came further after as many steps: a search
 may store ends of instants only and combine what groups of actors do, or store what lies between
 with ample sets. No clock is asked, so that a search is the same wherever it runs.
-Non-goals: which parts there are (`model/independent_parts.py`); verdicts, which are the same either
+Non-goals: which parts there are (`model/exploration_plan.py`); verdicts, which are the same either
 way.
 """
 
@@ -18,18 +18,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.explore.engine.engine_exchange import Observations
+from soter.explore.engine.coverage import Observations
 from soter.explore.engine.explorer_library import EngineSettings
-from soter.explore.model.independent_parts import IndependentPart
+from soter.explore.model.exploration_plan import IndependentPart
 from soter.explore.search_options import PARTS, STATUSES, STORAGES, STRATEGIES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from soter.core.layout import Words
-    from soter.explore.engine.engine_exchange import EngineProgress
+    from soter.explore.engine.coverage import EngineProgress
     from soter.explore.engine.explorer_library import Engine, RawStep, Searched
-    from soter.explore.model.independent_parts import SharedProperty
+    from soter.explore.model.exploration_plan import SharedProperty
 
 
 BIRTH = 4

@@ -13,11 +13,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.explore.allowed_steps import INPUT, plan_of
 from soter.explore.checkpoints import COUNTS, no_checkpoint
 from soter.explore.engine.coverage import (
     Coverage,
     CoveredLeaf,
+    EngineProgress,
     branches_part,
     class_of,
     leaf_value,
@@ -25,7 +25,6 @@ from soter.explore.engine.coverage import (
     part_of,
     values_part,
 )
-from soter.explore.engine.engine_exchange import EngineProgress
 from soter.explore.engine.explorer_library import (
     Engine,
     EngineSettings,
@@ -36,6 +35,7 @@ from soter.explore.engine.explorer_library import (
 from soter.explore.engine.reductions import ComposedSearch, explored
 from soter.explore.engine.shrink import Guided, Shrinker, array_of, steps_of
 from soter.explore.engine.trace_slice import Slicer
+from soter.explore.judge import INPUT, plan_of
 from soter.explore.results import Robustness
 from soter.explore.search_options import EXHAUSTIVE, FALSIFY, PARTS, SearchProgress
 from soter.explore.trace import ENDING, STEP_KINDS, Choice, Step
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from soter.codegen.body import StepBranch
     from soter.explore.checkpoints import Checkpoint, Saver
     from soter.explore.engine.explorer_library import Searched
-    from soter.explore.model.independent_parts import IndependentPart
+    from soter.explore.model.exploration_plan import IndependentPart
     from soter.explore.replay import Replayed
     from soter.explore.search_options import SearchOptions
     from soter.language.model.system import System

@@ -1,7 +1,7 @@
 """Which steps of a trace matter to its violation: a slice (docs/testing.md, "The slice").
 
 Purpose: from what the property reads back to the steps that may have changed it, by what steps of
-each actor read and write (`explore/model/actors.py`) and by what they did change. Whatever the
+each actor read and write (`explore/model/footprints.py`) and by what they did change. Whatever the
 choices of the other steps: it is violated all the same, unless something else is violated before.
 Non-goals: a smallest such set; finding traces.
 """
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.core.steps import lower
-from soter.explore.model.actors import Footprints
+from soter.explore.model.footprints import Footprints
 from soter.explore.trace import BEGIN, EFFECT, LOST, PROPERTY, START, TIMED, VIOLATION_KINDS
 
 if TYPE_CHECKING:
@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.explore.engine.explorer_library import Engine, RawStep
-    from soter.explore.model.exploration_plan import Label, PlannedActor
+    from soter.explore.model.exploration_plan import PlannedActor
+    from soter.explore.model.footprints import Label
     from soter.explore.replay import ReplayedStep
 
 CALENDAR = ("time", "done", "lost")

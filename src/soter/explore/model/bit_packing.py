@@ -32,7 +32,7 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
-    from soter.explore.model.exploration_plan import Label
+    from soter.explore.model.footprints import Label
     from soter.language.model.system import Bound
     from soter.language.model.types import Type, Value
 

@@ -1,20 +1,33 @@
-"""The plan of exploring a tested system: its actors, and what of a configuration can matter.
+"""The plan of exploring a tested system: its actors and their calendars, parts that share nothing.
 
-Purpose: plain data between who plans (`explore/model/actors.py`) and who generates the model
-(`explore/model/explorer_model.py`).
-Non-goals: computing it, C.
+Purpose: from a system that was flattened for a test, and its Core: windows, faults, dependence,
+visibility, what of a configuration can matter. Actors that depend on each other, directly or
+through what one property reads, are one part. An execution of the system is one of every part,
+interleaved, and a property sees one part only: the system violates it iff that part does
+(docs/testing.md, "Parts"). All parts share one thing: time. Where a property has a deadline or
+reads the time there is one part only. Where nothing is late, a property may read several parts and
+they are explored alone all the same (`IndependentParts`, docs/testing.md, "Joined parts").
+Non-goals: which steps depend on each other (`footprints.py`), C (`explorer_model.py`).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from soter.diagnostics.diagnostic import Span
+from soter.explore.model.footprints import TIME, Footprints, is_sampled, may_fault
+from soter.language.elaborate.time_grid import quantum_of, times_read
 
-    Label = tuple[str, int] | tuple[str, int, str]
-    """A piece of a configuration: kind, index, name; see `explore/model/actors.py`."""
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from soter.core import core
+    from soter.core.core import CoreSystem
+    from soter.diagnostics.diagnostic import Span
+    from soter.explore.model.footprints import Effects, Label
+    from soter.language.elaborate.time_grid import TimesRead
+    from soter.language.model.system import System, TestPlan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,8 +35,8 @@ class PlannedActor:
     """A component or an input of a tested system; docs/testing.md. Times in ns.
 
     Exactly one of `component` and `input` is set. `dependent`: bit i is set iff steps of actor i
-    may not commute with its own; `outputs`: topics, in the order of the step's outputs. `reads`
-    and `writes` are resources (`explore/model/actors.py`), here what a step's result depends on and
+    may not commute with its own; `outputs`: topics, in the order of the step's outputs. `reads` and
+    `writes` are resources (`explore/model/footprints.py`), here what a step's result depends on and
     what it may change.
     """
 
@@ -90,3 +103,250 @@ class ExplorationPlan:
             if not a.visible and not any(a.writes & b.reads for b in self.actors if b is not a)
         ]
         return frozenset(alone)
+
+
+@dataclass
+class _Calendar:
+    component: int | None
+    input: int | None
+    name: str
+    period_ns: int
+    phase_ns: int
+    window_ns: int = 0
+    overrun_ns: int = 0
+    least_ns: int = 0
+    skips: int = 0
+
+
+def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
+    """The plan of exploring a system; inputs come first, then components in deployed order."""
+    assert system.test is not None
+    footprints = Footprints(system, lowered)
+    calendars = list(_calendars(system, system.test))
+    effects = [footprints.of_actor(x.component, x.input) for x in calendars]
+    seen = footprints.read_by_properties()
+    actors = tuple(
+        PlannedActor(
+            **vars(x),
+            dependent=_dependent(i, effects),
+            visible=bool(own.writes & seen),
+            outputs=footprints.outputs(x.component, x.input),
+            reads=frozenset(own.reads | (own.writes if own.keeps else set()) | _clock(i, own)),
+            writes=frozenset(own.writes),
+        )
+        for i, (x, own) in enumerate(zip(calendars, effects, strict=True))
+    )
+    times = times_read(system)
+    quantum, tick = _grid(system, system.test, calendars, quantum_of(system, times))
+    overrun = any(x.overrun_ns for x in calendars)
+    spread = overrun or any(x.window_ns for x in calendars)
+    timely = overrun or (spread and footprints.time_matters())
+    return ExplorationPlan(
+        actors=actors,
+        timely=timely,
+        sampled=is_sampled(system, lowered),
+        repeats=_repeats(system, footprints),
+        tick_ns=tick,
+        quantum_ns=quantum,
+        times=_times(system.test, quantum, times) if timely else None,
+        horizon_ns=system.test.horizon_ns,
+        read=_topics_read(system, seen.union(*(e.reads for e in effects))),
+        aged=frozenset(footprints.aged()),
+        limited=frozenset(footprints.limited()),
+        may_fault=frozenset(
+            i for i in range(len(system.components)) if may_fault(system, lowered, i)
+        ),
+        observed=frozenset(seen),
+    )
+
+
+def _dependent(actor: int, effects: Sequence[Effects]) -> int:
+    own = effects[actor]
+    return sum(1 << j for j, e in enumerate(effects) if j == actor or own.conflicts(e))
+
+
+def _topics_read(system: System, read: Iterable[Label]) -> frozenset[int]:
+    queues = {t.index for t in system.topics if t.queue_of is not None}
+    return frozenset(queues | {r[1] for r in read if r[0] == "topic"})
+
+
+def _repeats(system: System, footprints: Footprints) -> bool:
+    return not any(f.fact == "time" for f in footprints.facts) and not any(
+        d.hold_ns for c in system.components for d in c.disturbances
+    )
+
+
+def _times(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
+    """The grid, and what it does no justice to; who declares one takes it for granted."""
+    return (
+        TimeChoices(quantum, (), ())
+        if test.quantum_ns
+        else TimeChoices(quantum, read.open, read.crowded)
+    )
+
+
+def _clock(actor: int, own: Effects) -> set[Label]:
+    """What the time of a step follows from, where it reads the time."""
+    return {TIME, ("done", actor)} if own.timed else set()
+
+
+def _calendars(system: System, test: TestPlan) -> Iterator[_Calendar]:
+    for i, drive in enumerate(system.inputs):
+        name = f"input.{system.topics[drive.topic].name}"
+        yield _Calendar(None, i, name, drive.every_ns, 0)
+    for x in system.components:
+        calendar = _Calendar(x.index, None, x.name, x.period_ns, x.phase_ns)
+        late = 0
+        for fault in test.faults:
+            if fault.component != x.index:
+                continue
+            if fault.kind == "late":
+                late = max(late, fault.by_ns)
+            elif fault.kind == "overrun":
+                calendar.overrun_ns = max(calendar.overrun_ns, fault.by_ns)
+                calendar.least_ns = max(calendar.least_ns, fault.least_ns)
+            else:
+                calendar.skips = max(calendar.skips, fault.at_most)
+        if x.plant is None:
+            calendar.window_ns = test.skew_ns + late
+        yield calendar
+
+
+def _grid(
+    system: System, test: TestPlan, calendars: list[_Calendar], quantum: int
+) -> tuple[int, int]:
+    """(quantum, tick): where times are chosen, and what every time is a multiple of."""
+    times = [test.skew_ns, *(t for f in test.faults for t in (f.by_ns, f.least_ns))]
+    for x in calendars:
+        times += [x.period_ns, x.phase_ns]
+    spans = [t.within_ns for t in test.timed]
+    spans += [2 * system.modules[t.module].period_ns for t in test.timed if t.module is not None]
+    return quantum, math.gcd(quantum, *times, *spans)
+
+
+WIDTH = 64
+"""Actors, properties and timed properties that a mask can name."""
+
+
+@dataclass(frozen=True)
+class IndependentPart:
+    """Bit masks: who moves, and which properties and timed properties are judged."""
+
+    actors: int
+    properties: int
+    timeds: int
+
+
+@dataclass(frozen=True)
+class SharedProperty:
+    """A property of the end of an instant that reads several parts: their numbers, two or more."""
+
+    property: int
+    parts: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class IndependentParts:
+    """Parts that share no resource; `joints`: what is judged on several of them."""
+
+    parts: tuple[IndependentPart, ...]
+    joints: tuple[SharedProperty, ...]
+
+
+def loose_parts_of(
+    system: System, lowered: CoreSystem, plan: ExplorationPlan
+) -> IndependentParts | None:
+    """The parts that only properties join; None where none does, or windows are no points."""
+    properties = _reads_of_properties(system, lowered, plan)
+    if properties is None or any(a.window_ns or a.overrun_ns for a in plan.actors):
+        return None
+    groups = _depending(plan)
+    roots = groups.roots()
+    homes = [sorted({groups.of(i) for i in _movers(plan, reads)}) for reads in properties]
+    joined = {p: home for p, home in enumerate(homes) if len(home) > 1}
+    if not joined or any(system.properties[p].component is not None for p in joined):
+        return None
+    own = {p: (*home, roots[0])[0] for p, home in enumerate(homes) if p not in joined}
+    shared = [SharedProperty(p, tuple(map(roots.index, home))) for p, home in joined.items()]
+    return IndependentParts(groups.parts(own), tuple(shared))
+
+
+def parts_of(
+    system: System, lowered: CoreSystem, plan: ExplorationPlan
+) -> tuple[IndependentPart, ...]:
+    """The parts, in the order of their first actors; a single one where masks are too narrow."""
+    properties = _reads_of_properties(system, lowered, plan)
+    if properties is None or (  # a step may happen when another part's did, off the grid
+        plan.timely
+        and any(t % plan.quantum_ns for a in plan.actors for t in (a.period_ns, a.phase_ns))
+    ):
+        return (IndependentPart(0, 0, 0),)
+    groups = _depending(plan)
+    movers = [_movers(plan, reads) for reads in properties]
+    for some in movers:
+        groups.join(some)
+    return groups.parts({p: groups.of(some[0] if some else 0) for p, some in enumerate(movers)})
+
+
+def _reads_of_properties(
+    system: System, lowered: CoreSystem, plan: ExplorationPlan
+) -> list[set[Label]] | None:
+    """What each property reads; None where one reads the time, or masks are too narrow."""
+    assert system.test is not None
+    footprints = Footprints(system, lowered)
+    if system.test.timed or TIME in footprints.read_by_properties():
+        return None
+    properties = [footprints.read_by(p) for p in range(len(system.properties))]
+    return None if max(len(plan.actors), len(properties)) > WIDTH else properties
+
+
+def _depending(plan: ExplorationPlan) -> _Groups:
+    """Actors that depend on each other, directly or through others."""
+    groups = _Groups(len(plan.actors))
+    for i, actor in enumerate(plan.actors):
+        groups.join([i, *(j for j in range(len(plan.actors)) if actor.dependent >> j & 1)])
+    return groups
+
+
+def _movers(plan: ExplorationPlan, reads: set[Label]) -> list[int]:
+    """Actors whose steps may change what is read."""
+    return [i for i, actor in enumerate(plan.actors) if actor.writes & reads]
+
+
+def _mask(bits: Iterable[int]) -> int:
+    return sum(1 << b for b in bits)
+
+
+class _Groups:
+    """Sets that are joined; a set is known by its least member."""
+
+    def __init__(self, count: int) -> None:
+        self._root = list(range(count))
+
+    def of(self, i: int) -> int:
+        """The least member of the set of i."""
+        while self._root[i] != i:
+            i = self._root[i]
+        return i
+
+    def join(self, members: list[int]) -> None:
+        """Make one set of the sets of all members."""
+        roots = sorted({self.of(i) for i in members})
+        for r in roots[1:]:
+            self._root[r] = roots[0]
+
+    def roots(self) -> list[int]:
+        """The least members of all sets."""
+        return [i for i, root in enumerate(self._root) if i == root]
+
+    def parts(self, judged_by: Mapping[int, int]) -> tuple[IndependentPart, ...]:
+        """A part for each set of actors; `judged_by`: property -> the least member of its set."""
+        members = range(len(self._root))
+        return tuple(
+            IndependentPart(
+                _mask(i for i in members if self.of(i) == root),
+                _mask(p for p, own in judged_by.items() if own == root),
+                0,
+            )
+            for root in self.roots()
+        )

@@ -1,8 +1,8 @@
 """The model of a system that the explorer runs: one more table after the generated program.
 
-Purpose: `<prefix>_model` (soter_explore.h): actors, timed properties, leaves for coverage, and
-how a configuration is packed.
-Non-goals: what the actors are (`explore/model/actors.py` says), searching
+Purpose: `<prefix>_model` (soter_explore.h): actors, timed properties, leaves for coverage, and how
+a configuration is packed.
+Non-goals: what the actors are (`footprints.py` says), searching
 (`explore/engine/c/soter_explore*.c`).
 """
 
@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.explore.model.bit_packing import Packing
-    from soter.explore.model.exploration_plan import ExplorationPlan, Label, PlannedActor
+    from soter.explore.model.exploration_plan import ExplorationPlan, PlannedActor
+    from soter.explore.model.footprints import Label
     from soter.explore.model.packed_configuration import AgeingField
     from soter.explore.model.robustness import Aim
     from soter.language.model.system import Bound, System, Topic

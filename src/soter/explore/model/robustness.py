@@ -301,11 +301,9 @@ class _Body(Body):
         holds = plain(of)
         if of.op == "!=":
             holds = c.Unary("!", holds)
-        margin = c.CallExpr(function, (holds, left, right, self._scale(e)))
+        scale = c.Binary("+", SCALE, c.Number(str(e.site)))
+        margin = c.CallExpr(function, (holds, left, right, scale))
         return c.Unary("-", margin) if of.op == "!=" else margin
-
-    def _scale(self, e: Margin) -> c.CExpr:
-        return c.Binary("+", SCALE, c.Number(str(e.site)))
 
     def statement(self, s: core.Stmt, used: set[str]) -> list[c.CStmt]:
         """One statement; what gives a margin is told the scales."""

@@ -27,7 +27,8 @@ from soter.explore.model.symbolic_terms import (
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterable, Iterator
 
-    from soter.explore.model.exploration_plan import ExplorationPlan, Label, PlannedActor
+    from soter.explore.model.exploration_plan import ExplorationPlan, PlannedActor
+    from soter.explore.model.footprints import Label
     from soter.explore.model.symbolic_terms import Computed
     from soter.language.model.system import Component, Module, System, Topic
 
@@ -80,7 +81,7 @@ class Renaming:
         return what.kind, self.component(what.owner), self.local(what.owner, what.name)
 
     def label(self, label: Label) -> Label:
-        """What stands for a piece of a configuration (`actors.py`)."""
+        """What stands for a piece of a configuration (`footprints.py`)."""
         kind, index = label[0], label[1]
         if kind == "cell":
             return kind, self.components.get(index, index), self.local(index, label[-1])  # type: ignore[arg-type]

@@ -5,7 +5,7 @@ modules saw. `LedPicture` shows where SC would lead from each look of a decision
 states, rounded outwards and joined where there are many. All of it becomes JSON, as small as a
 screen allows. Times are seconds.
 Non-goals: the diagram, the scripts (`assets/replay.js`, `assets/led.js`), reading runs and logs,
-the boxes (`simulate/outputs/led_looks.py`).
+the boxes (`simulate/led_looks.py`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.report.run.packed_json import numbers, packed
+from soter.report.templates import numbers, packed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

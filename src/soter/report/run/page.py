@@ -1,10 +1,10 @@
 """The report's HTML, section by section, in the order people read: result, evidence, grounds.
 
-Purpose: records in, HTML text out of the templates beside. The program is shown by its diagram with
-a player: strips of who was in control, a slider with its buttons, and the SVG, whose boxes the
-page's script fills with values and lights up.
-Non-goals: drawing (`timeline`, a `SceneView`, `soter.diagram`), what is shown of a run
-(`live_diagram.py`), style and behaviour (`assets/`).
+Purpose: records in, HTML text out of the templates beside, with headline, verdict and figures in
+words. The program is shown by its diagram with a player: strips of who was in control, a slider
+with its buttons, and the SVG, whose boxes the page's script fills with values and lights up.
+Non-goals: judging: the counts come from the caller; drawing (`timeline`, a `SceneView`,
+`soter.diagram`), what is shown of a run (`live_diagram.py`), style and behaviour (`assets/`).
 """
 
 from __future__ import annotations
@@ -13,25 +13,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.report.run.figure_elements import (
+from soter.report.run.figure_parts import (
     change_text,
     figure_place,
+    mode_bar,
+    place,
     predicates_text,
     signals_drawn,
 )
 from soter.report.run.live_diagram import led_json, live_json
-from soter.report.run.packed_json import script_json
-from soter.report.run.result_wording import (
-    count_text,
-    figures,
-    headline,
-    longest_s,
-    value_text,
-    violation_count,
-)
-from soter.report.run.signals_for_drawing import mode_bar, place
 from soter.report.run.timeline import chart_timeline, flight_timeline
-from soter.report.templates import filled
+from soter.report.templates import filled, script_json
+from soter.report.wording import count_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -45,10 +38,97 @@ if TYPE_CHECKING:
         ModeBand,
         Picture,
         ReportPage,
+        Summary,
         Violation,
     )
 
     Bar = tuple[ModeBand | None, str]
+
+
+KNOWN = ("lap_s", "violations", "ac_share", "switches_to_sc", "switches_to_ac", "min_clearance_m")
+CAPTIONS = {
+    "lap_s": "a lap",
+    "ac_share": "AC in control",
+    "switches_to_sc": "SC took over",
+    "switches_to_ac": "AC was given control",
+    "min_clearance_m": "closest approach",
+}
+UNITS = {"_s": "s", "_m": "m", "_km": "km", "_ns": "ns"}
+
+
+def violation_count(arm: Flight | Chart) -> int:
+    """Return how often the properties failed: as summarized, else as listed."""
+    told = arm.summary.get("violations")
+    return int(told) if isinstance(told, (int, float)) else len(arm.violations)
+
+
+def headline(page: ReportPage) -> list[str]:
+    """Return the result in a sentence or two: the protected arm first, then those that failed."""
+    if page.headline:
+        return [page.headline]
+    arms: list[Flight | Chart] = [*page.flights, *page.charts]
+    if not arms:
+        return [page.title]
+    protected = [arm for arm in arms if _is_mixed(arm.summary)]
+    subject = protected[0] if protected else arms[0]
+    rest = [arm for arm in arms if arm is not subject and violation_count(arm) > 0]
+    return [_sentence(arm) for arm in (subject, *rest)]
+
+
+def figures(summary: Summary) -> list[tuple[str, str]]:
+    """Return caption and value of each figure but the lap and the violations, known ones first."""
+    known = [key for key in KNOWN if key in summary and key not in ("lap_s", "violations")]
+    others = [key for key in summary if key not in KNOWN]
+    return [(_caption(key), value_text(key, summary[key])) for key in (*known, *others)]
+
+
+def value_text(key: str, value: float | str) -> str:
+    """Write one figure of a summary with its unit, which its key tells."""
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if key.endswith("share"):
+        return f"{100 * value:.1f} %"
+    if key.startswith("switches"):
+        return f"{int(value)} \N{MULTIPLICATION SIGN}"
+    unit = next((text for suffix, text in UNITS.items() if key.endswith(suffix)), "")
+    number = f"{value:d}" if isinstance(value, int) else f"{value:.3g}"
+    if key.endswith("_s") and not isinstance(value, int):
+        number = f"{value:.1f}"
+    if key == "min_clearance_m":
+        number = f"{value:.2f}"
+    return f"{number} {unit}".rstrip().replace("-", "\N{MINUS SIGN}")
+
+
+def _caption(key: str) -> str:
+    """Name a figure: known ones in words, others by their key without the unit."""
+    if key in CAPTIONS:
+        return CAPTIONS[key]
+    for suffix in UNITS:
+        if key.endswith(suffix):
+            return key[: -len(suffix)].replace("_", " ")
+    return key.replace("_", " ")
+
+
+def _is_mixed(summary: Summary) -> bool:
+    """Tell whether both controllers had their turn."""
+    share = summary.get("ac_share")
+    return isinstance(share, (int, float)) and 0 < share < 1
+
+
+def _sentence(arm: Flight | Chart) -> str:
+    """Say one arm's lap and violations."""
+    violations = count_text(violation_count(arm), "violation")
+    lap = arm.summary.get("lap_s")
+    if lap is None:
+        return f"{arm.title}: {violations}."
+    return f"{arm.title}: {violations}, {value_text('lap_s', lap)} a lap."
+
+
+def longest_s(arms: Sequence[Flight | Chart]) -> float:
+    """Return the end of the longest time axis in s."""
+    return max((float(arm.time_s[-1]) for arm in arms), default=0.0)
 
 
 def program_section(

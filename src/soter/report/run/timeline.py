@@ -12,42 +12,41 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.report.run.figure_elements import (
+from soter.report.run.figure_parts import (
     AC_COLOUR,
+    POINTS_MAX,
     SC_COLOUR,
+    Curves,
     axis,
+    by_controller,
     crowded,
     decision_hover,
-    digits_of,
-    giveback_dot,
-    layout,
-    line,
-    takeover_dot,
-    violation_cross,
-    violation_hover,
-)
-from soter.report.run.packed_json import numbers
-from soter.report.run.record import Figure, Json
-from soter.report.run.result_wording import quantity, violations_title
-from soter.report.run.signals_for_drawing import (
-    POINTS_MAX,
-    Curves,
-    by_controller,
     dense,
     density_title,
+    digits_of,
     flight_indices,
+    giveback_dot,
     givebacks,
+    layout,
     level_names,
     levels_of,
     levels_range,
+    line,
     lowest,
     mode_edges,
     nearest_indices,
     runs,
     takeover_density,
+    takeover_dot,
     takeovers,
     thin,
+    violation_cross,
+    violation_hover,
+    violations_title,
 )
+from soter.report.run.record import Figure, Json
+from soter.report.templates import numbers
+from soter.report.wording import quantity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -136,7 +135,10 @@ def flight_timeline(
         notes.append(_panel_name(stack, 3, density_title(flight.decisions, end_s)))
     else:
         data += _decision_marks(stack, 0, flight.decisions)
-    data += _violation_marks(stack, 1, flight.violations, flight.time_s, flight.clearance_m)
+    if flight.violations:
+        at = nearest_indices(flight.time_s, [violation.time_s for violation in flight.violations])
+        y = numbers(flight.clearance_m[at], 4)
+        data.append({**_crosses(stack, 1, flight.violations), "y": y})
     return Figure(
         key,
         f"{flight.title}: mode, clearance and speed over time",
@@ -149,7 +151,9 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
     """Draw a band for each module and a panel for each group of signals."""
     panels = _panels(chart.series)
     bands = len(chart.modes)
-    mine = [_own(chart.decisions, band.module, bands) for band in chart.modes]
+    mine = [  # where there is one band, all
+        [d for d in chart.decisions if bands == 1 or d.module == m.module] for m in chart.modes
+    ]
     dense = [k for k, decisions in enumerate(mine) if len(decisions) > MARKS_MAX]
     marked = bool(chart.violations)
     first = bands + len(dense) + marked
@@ -172,7 +176,7 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         notes.append(_panel_name(stack, row, density_title(mine[k], end_s, chart.modes[k].module)))
     if chart.violations:
         row = first - 1
-        data.append(_violation_row(stack, row, chart.violations))
+        data.append(_crosses(stack, row, chart.violations))
         stack.add_axis(row, visible=False, range=[0, 1], fixedrange=True)
         shapes += [_instant(violation.time_s) for violation in chart.violations]
         notes.append(_panel_name(stack, row, violations_title(chart.violations)))
@@ -424,25 +428,10 @@ def _decision_marks(stack: _Stack, row: int, decisions: Sequence[Decision]) -> l
         (takeovers(decisions), takeover_dot(size)),
     )
     return [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "x": [round(decision.time_s, 4) for decision in chosen],
-            "y": [0.5] * len(chosen),
-            "yaxis": stack.name(row),
-            "text": [decision_hover(decision) for decision in chosen],
-            "hovertemplate": "%{text}<extra></extra>",
-            "marker": marker,
-            "cliponaxis": False,
-        }
+        _markers(stack, row, marker, [(d.time_s, decision_hover(d)) for d in chosen])
         for chosen, marker in kinds
         if chosen
     ]
-
-
-def _own(decisions: Sequence[Decision], module: str, bands: int) -> list[Decision]:
-    """The decisions of one module; where there is one band, all."""
-    return [d for d in decisions if bands == 1 or d.module == module]
 
 
 def _instant(time_s: float) -> Json:
@@ -459,42 +448,22 @@ def _instant(time_s: float) -> Json:
     }
 
 
-def _violation_row(stack: _Stack, row: int, violations: Sequence[Violation]) -> Json:
-    """Cross out the violations in a row of their own: a property is of no one signal."""
+def _crosses(stack: _Stack, row: int, violations: Sequence[Violation]) -> Json:
+    """Cross out violations in a row of their own: a property is of no one signal."""
+    told = [(violation.time_s, violation_hover(violation)) for violation in violations]
+    return _markers(stack, row, violation_cross(10), told)
+
+
+def _markers(stack: _Stack, row: int, marker: Json, told: Sequence[tuple[float, str]]) -> Json:
+    """Marks on the middle of a row, `told`: times in s, and texts for whoever points at them."""
     return {
         "type": "scatter",
         "mode": "markers",
-        "x": [round(violation.time_s, 4) for violation in violations],
-        "y": [0.5] * len(violations),
+        "x": [round(time_s, 4) for time_s, _ in told],
+        "y": [0.5] * len(told),
         "yaxis": stack.name(row),
-        "text": [violation_hover(violation) for violation in violations],
+        "text": [text for _, text in told],
         "hovertemplate": "%{text}<extra></extra>",
-        "marker": violation_cross(10),
+        "marker": marker,
         "cliponaxis": False,
     }
-
-
-def _violation_marks(
-    stack: _Stack,
-    row: int,
-    violations: Sequence[Violation],
-    time_s: NDArray[np.float64],
-    values: NDArray[np.float64],
-) -> list[Json]:
-    """Cross out the violations on a signal."""
-    if not violations:
-        return []
-    indices = nearest_indices(time_s, [violation.time_s for violation in violations])
-    return [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "x": [round(violation.time_s, 4) for violation in violations],
-            "y": numbers(values[indices], 4),
-            "yaxis": stack.name(row),
-            "text": [violation_hover(violation) for violation in violations],
-            "hovertemplate": "%{text}<extra></extra>",
-            "marker": violation_cross(10),
-            "cliponaxis": False,
-        }
-    ]

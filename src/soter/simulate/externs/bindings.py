@@ -367,7 +367,7 @@ def _python(system: System, extern: Extern, stop: StopRequest, *, apart: bool) -
     if not apart or node is None:
         shapes = () if node is None else node.answers
         return PythonExtern(extern.name, _target(system, extern), stop, shapes)
-    from soter.simulate.externs.isolated_extern import ProcessExtern  # noqa: PLC0415 - POSIX only
+    from soter.simulate.externs.extern_process import ProcessExtern  # noqa: PLC0415 - POSIX only
 
     load = partial(_target, system, extern)
     binding = binding_of(extern.bound) if isinstance(extern.bound, str) else None

@@ -18,7 +18,7 @@ from soter.core.layout import arrange, decode_from, image_of_members
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.model.values import ValueShapeError, inputs_to_python
 from soter.native.cache import SOTER
-from soter.report.printable_text import visible
+from soter.report.wording import visible
 from soter.semantics.externs import Converted, Stop, converted, message_of, step_of, visible_error
 from soter.semantics.publication_gate import check_of, messages, to_ends
 

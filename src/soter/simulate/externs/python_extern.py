@@ -5,18 +5,24 @@ and whose file, name and construction errors are diagnostics (X002, X003). `hint
 has taken the extern for something else (another number of parameters, `inputs["motion"]`, a name
 that is not there) the error as Python says it, and what this extern is called with and asked for,
 with types. With `clip`, as in `soter.remote`, what is too large becomes the largest that the topic
-takes, and no step fault; what is no finite number is refused as ever.
+takes, and no step fault; what is no finite number is refused as ever. What a call changes of the
+process is put back: the current folder and the depth of recursion are the externs' own, who find
+them again in the next call; how the processor rounds; a copy that an extern forks ends where the
+call ends, as there is one run.
 Non-goals: which extern it answers (`bindings.py`), what its answers mean
-(`language/model/values.py`), crashes of the process, code that never returns (`workers/`); mistakes
-inside of the extern, which Python's own words and line tell best.
+(`language/model/values.py`), crashes of the process, code that never returns (`workers/`); threads,
+signals and files that an extern leaves behind; mistakes inside of the extern, which Python's own
+words and line tell best.
 """
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
+import os
 import sys
 import traceback
+from contextlib import suppress
 from pathlib import Path
 from types import FunctionType, SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
@@ -26,16 +32,15 @@ import numpy as np
 from soter.addons import by_name
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, reason
 from soter.diagnostics.similar_names import closest
+from soter.language.evaluate.floating_point_mode import put_back
 from soter.language.load.named_files import read_bytes
 from soter.language.model.values import widened
 from soter.semantics.externs import Converted, Stop, converted, step_of
 from soter.semantics.publication_gate import clipped
-from soter.simulate.externs import process_state_guard
-from soter.simulate.externs.process_state_guard import outside
 from soter.simulate.externs.python_answers import MisuseError, PlainError, described
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from types import ModuleType
 
     from soter.diagnostics.codes import Code
@@ -48,6 +53,54 @@ if TYPE_CHECKING:
     Shapes = Sequence[tuple[str, Type]]
 
 __all__ = ["PythonExtern", "instantiated", "load_python"]
+
+
+class _ExternChanges:
+    """What externs set: all of them share it, as all share the process."""
+
+    folder = ""
+    depth = 0
+
+
+def outside(call: Callable[..., object], *arguments: object) -> object:
+    """`call(*arguments)` in the externs' surroundings; raises what it raises."""
+    home, depth, process = _folder(), sys.getrecursionlimit(), os.getpid()
+    if _ExternChanges.folder:
+        _go(_ExternChanges.folder)
+    if _ExternChanges.depth > depth:
+        sys.setrecursionlimit(_ExternChanges.depth)
+    try:
+        return call(*arguments)
+    finally:
+        end_copy(process)
+        put_back()
+        _ExternChanges.depth = sys.getrecursionlimit()
+        sys.setrecursionlimit(depth)
+        there = _folder()
+        _ExternChanges.folder = there if there != home else ""
+        if there != home:
+            _go(home)
+
+
+def end_copy(process: int) -> None:
+    """End this process at once unless it is `process`: then it is a copy that an extern made."""
+    if os.getpid() != process:
+        with suppress(OSError):
+            os.write(2, b"soter: an extern forked the process: the copy ends with the call\n")
+        os._exit(1)
+
+
+def _folder() -> str:
+    """The current folder; empty where it is gone."""
+    try:
+        return os.getcwd()  # noqa: PTH109 - twice a step
+    except OSError:
+        return ""
+
+
+def _go(folder: str) -> None:
+    with suppress(OSError):
+        os.chdir(folder)
 
 
 DEPTH = 3
@@ -101,7 +154,7 @@ def hint(error: Exception, step: object, arguments: Sequence[Any], shapes: Shape
 def _not_entered(error: Exception) -> bool:
     """Whether the call itself failed: the last frame is the one that calls externs."""
     frames = list(traceback.walk_tb(error.__traceback__))
-    return bool(frames) and frames[-1][0].f_code.co_filename == process_state_guard.__file__
+    return bool(frames) and frames[-1][0].f_code is outside.__code__
 
 
 def _called(step: object, arguments: Sequence[Any]) -> str:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from soter.report.proof.record import RegionFigure
+    from soter.report.proof_page import RegionFigure
     from soter.verify.polytope.extract_group import ExtractedGroup
     from soter.verify.polytope.half_spaces import Polytope
     from soter.verify.polytope.proofs import PolytopeSets
@@ -461,7 +461,7 @@ class VerifyReport:
         return self.verdict if proved.issuperset(promised) or self.verdict != PROVED else ASSUMED
 
     def _repr_html_(self) -> str:
-        from soter.report.notebook import framed, shown  # noqa: PLC0415 - in notebooks only
+        from soter.report.tables import framed, notebook_table  # noqa: PLC0415 - in notebooks only
 
         rows = [
             (m.name, name, f.verdict, f.text)
@@ -470,7 +470,7 @@ class VerifyReport:
         ]
         count = sum(len(m.assumptions) for m in self.modules)
         head = f"{self.path} {self.system}: {self.verdict} under {count} assumptions"
-        told = shown(head, ("module", "property", "verdict", "how"), rows)
+        told = notebook_table(head, ("module", "property", "verdict", "how"), rows)
         return told if self.page is None else told + framed(self.page(self))
 
     @property

@@ -3,7 +3,7 @@
 Purpose: `regions`, `figure`: from the sets of a group to one number a cell, the first two axes as a
 figure, and slices through the third one. `shares`: how much the sets say, for people and for
 `verify/diagnosis/vacuity.py`; states drawn from K; a state deep in C.
-Non-goals: anything that a proof rests on; drawing (`report/proof/page.py`).
+Non-goals: anything that a proof rests on; drawing (`report/proof_page.py`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.report.proof.record import R1, R2, R3, R4, R5, RegionFigure, RegionSlice
+from soter.report.proof_page import R1, R2, R3, R4, R5, RegionFigure, RegionSlice
 from soter.verify.claims.cells import drawn_edges, share
 
 if TYPE_CHECKING:

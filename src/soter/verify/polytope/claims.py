@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.folder import Certificate
     from soter.core.layout import Floats
-    from soter.report.proof.record import RegionFigure
+    from soter.report.proof_page import RegionFigure
     from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
     from soter.verify.deploy.level_table import LevelTable

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.report.proof.record import R1, R2, R3, R4, R5, RegionFigure
+from soter.report.proof_page import R1, R2, R3, R4, R5, RegionFigure
 from soter.verify.claims.product_sets import candidates
 from soter.verify.claims.results import Region
 from soter.verify.polytope.half_spaces import LinearProgram, inner_point

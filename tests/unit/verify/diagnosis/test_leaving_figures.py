@@ -6,8 +6,7 @@ import re
 
 import numpy as np
 
-from soter.report.proof.page import region_svg
-from soter.report.proof.record import R1, R2
+from soter.report.proof_page import R1, R2, region_svg
 from soter.verify.claims.results import LeavingRun
 from soter.verify.proof_report import leaving_figures
 from unit.verify.diagnosis.tank_modules import changed, explained

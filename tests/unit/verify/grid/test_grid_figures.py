@@ -10,8 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from soter.report.proof.page import LEFT, WIDTH, proof_body, region_svg
-from soter.report.proof.record import R1, R2, R3, R4, R5, ModuleProof, ProofPage, RegionFigure
+from soter.report.proof_page import (
+    LEFT,
+    R1,
+    R2,
+    R3,
+    R4,
+    R5,
+    WIDTH,
+    ModuleProof,
+    ProofPage,
+    RegionFigure,
+    proof_body,
+    region_svg,
+)
 from soter.verify.grid.set_figures import SLICES_MAX, figure, fullest
 from soter.verify.problem.problem import Axis, Group
 

@@ -19,7 +19,7 @@ from soter.diagnostics.current_phase import listening_to_phases
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.language.model.tree_walk import MAX_OPERATIONS
-from soter.simulate.outputs.to_report import report_page
+from soter.simulate.run_report import report_page
 from soter.verify.problem.extract import extract
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.problem import TubeProblem

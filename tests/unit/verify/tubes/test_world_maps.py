@@ -14,7 +14,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import AgeRead
-from soter.simulate.outputs.to_report import report_page
+from soter.simulate.run_report import report_page
 from soter.verify.deploy.missing_predicates import complete
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval

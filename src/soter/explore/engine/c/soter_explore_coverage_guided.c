@@ -90,19 +90,11 @@ static void end(soter_walk* w, uint64_t run) {
 }
 
 void soter_search_coverage(soter_search* s) {
-  soter_walk w;
+  const soter_sampling by_coverage = {.decide = decide, .begin = begin, .end = end};
   corpus* const own = calloc(1U, sizeof *own);
-  if (own != NULL && soter_walk_open(&w, s)) {
-    w.decide = decide;
-    w.own = own;
-    soter_walk_all(&w, begin, end);
-  } else {
-    s->result->status = SOTER_NO_MEMORY;
-    (void)memset(&w, 0, sizeof w);
-  }
+  soter_walk_all(s, &by_coverage, own, own != NULL);
   for (uint32_t i = 0; own != NULL && i < own->count; i++) {
     free(own->kept[i].decision);
   }
   free(own);
-  soter_walk_close(&w);
 }

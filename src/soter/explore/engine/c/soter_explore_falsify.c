@@ -498,18 +498,9 @@ static bool open(falsifier* f, const soter_search* s) {
 }
 
 void soter_search_falsify(soter_search* s) {
-  soter_walk w;
+  const soter_sampling by_margins = {decide, who, observe, begin, end};
   falsifier* const own = calloc(1U, sizeof *own);
-  (void)memset(&w, 0, sizeof w);
-  if (own != NULL && open(own, s) && soter_walk_open(&w, s)) {
-    w.decide = decide;
-    w.who = who;
-    w.observe = observe;
-    w.own = own;
-    soter_walk_all(&w, begin, end);
-  } else {
-    s->result->status = SOTER_NO_MEMORY;
-  }
+  soter_walk_all(s, &by_margins, own, own != NULL && open(own, s));
   if (own != NULL) {
     free(own->scale);
     free(own->least);
@@ -517,5 +508,4 @@ void soter_search_falsify(soter_search* s) {
     free(own->pool);
   }
   free(own);
-  soter_walk_close(&w);
 }

@@ -151,6 +151,21 @@ bool soter_closed_look(layered* all) {
   return c->closed_ns != 0;
 }
 
+/* A worker's part of a layer that is to be expanded from its beginning. */
+static void begin(worker* w) {
+  const soter_closing* const c = &w->all->closing;
+  if (c->compare) {
+    w->same = soter_store_same(&w->before, &w->anchor, c->calendar);
+  } else if (c->at) {
+    w->digest = soter_store_digest(&w->before, c->calendar);
+  }
+}
+
+static void close_anchor(worker* w) {
+  soter_store_close(&w->anchor);
+  (void)memset(&w->anchor, 0, sizeof w->anchor);
+}
+
 /* A worker, when `w->before` is what is expanded next and `w->store` what was expanded last.
  * Whether the latter was taken: there is none then. */
 bool soter_closed_turn(worker* w) {
@@ -164,12 +179,9 @@ bool soter_closed_turn(worker* w) {
     w->store.segment = NULL;
     w->store.own = NULL;
   }
+  begin(w);
   if (c->compare) {
-    w->same = soter_store_same(&w->before, &w->anchor, c->calendar);
-    soter_store_close(&w->anchor);
-    (void)memset(&w->anchor, 0, sizeof w->anchor);
-  } else if (c->at) {
-    w->digest = soter_store_digest(&w->before, c->calendar);
+    close_anchor(w);
   }
   return c->take;
 }
@@ -210,16 +222,6 @@ soter_turn* soter_closed_room(layered* all, uint64_t turns) {
   return c->turn;
 }
 
-/* A worker's part of a layer that is still to be expanded from its beginning. */
-static void begin_again(worker* w) {
-  const soter_closing* const c = &w->all->closing;
-  if (c->compare) {
-    w->same = soter_store_same(&w->before, &w->anchor, c->calendar);
-  } else if (c->at) {
-    w->digest = soter_store_digest(&w->before, c->calendar);
-  }
-}
-
 void soter_closed_resume(layered* all, const soter_closing_kept* kept) {
   soter_closing* const c = &all->closing;
   if (!c->on) {
@@ -237,13 +239,12 @@ void soter_closed_resume(layered* all, const soter_closing_kept* kept) {
     w->digest = k == 0U ? kept->digest : 0U;
     w->same = kept->same != 0U;
     if (kept->whole != 0U) {
-      begin_again(w);
+      begin(w);
     } else {
       c->more -= w->layer; /* what was expanded of it */
     }
     if (c->compare) {
-      soter_store_close(&w->anchor);
-      (void)memset(&w->anchor, 0, sizeof w->anchor);
+      close_anchor(w);
     }
   }
 }

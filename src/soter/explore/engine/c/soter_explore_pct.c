@@ -16,13 +16,6 @@ typedef struct {
   int64_t lowest;
 } pct;
 
-static uint32_t decide(soter_walk* w, uint32_t kind, uint32_t count) {
-  const uint32_t chosen = soter_walk_random(w, count);
-  (void)kind;
-  SOTER_CHECK(count >= 1U && chosen < count);
-  return chosen;
-}
-
 static uint32_t highest(const pct* p, uint64_t enabled) {
   uint32_t best = SOTER_ACTORS;
   for (uint32_t i = 0; i < SOTER_ACTORS; i++) {
@@ -61,16 +54,8 @@ static void begin(soter_walk* w, uint64_t run) {
 }
 
 void soter_search_pct(soter_search* s) {
-  soter_walk w;
+  const soter_sampling by_priority = {.who = who, .begin = begin};
   pct own;
   (void)memset(&own, 0, sizeof own);
-  if (soter_walk_open(&w, s)) {
-    w.decide = decide;
-    w.who = who;
-    w.own = &own;
-    soter_walk_all(&w, begin, NULL);
-  } else {
-    s->result->status = SOTER_NO_MEMORY;
-  }
-  soter_walk_close(&w);
+  soter_walk_all(s, &by_priority, &own, true);
 }

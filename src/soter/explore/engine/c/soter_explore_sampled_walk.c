@@ -8,8 +8,7 @@
 
 #define SHARE 2U /* of the memory: for counting configurations */
 
-bool soter_walk_open(soter_walk* w, soter_search* s) {
-  (void)memset(w, 0, sizeof *w);
+static bool walk_open(soter_walk* w, soter_search* s) {
   w->s = s;
   w->random = soter_mix(s->o->seed + UINT64_C(0x5851f42d4c957f2d));
   w->counting = true;
@@ -20,9 +19,11 @@ bool soter_walk_open(soter_walk* w, soter_search* s) {
   return fine;
 }
 
-void soter_walk_close(soter_walk* w) {
-  soter_store_close(&w->seen);
-  soter_place_close(&w->x);
+static uint32_t decide(soter_walk* w, uint32_t kind, uint32_t count) {
+  const uint32_t chosen =
+      w->by->decide != NULL ? w->by->decide(w, kind, count) : soter_walk_random(w, count);
+  SOTER_CHECK(count == 0U || chosen < count);
+  return chosen;
 }
 
 /* Runs `make` until every choice that it asks for has been decided. */
@@ -40,7 +41,7 @@ static bool decided(soter_walk* w, const soter_move* move, soter_broken* broken,
       return true;
     }
     soter_choice* const next = &x->choice[x->given];
-    next->pick = w->decide(w, 2U, next->count);
+    next->pick = decide(w, 2U, next->count);
     SOTER_CHECK(next->pick < next->count);
     x->given++;
   }
@@ -67,7 +68,7 @@ static void meet(soter_walk* w) {
 }
 
 static uint32_t one_of(soter_walk* w, uint64_t enabled) {
-  uint32_t k = w->decide(w, 0U, (uint32_t)__builtin_popcountll(enabled));
+  uint32_t k = decide(w, 0U, (uint32_t)__builtin_popcountll(enabled));
   for (uint32_t i = 0; i < SOTER_ACTORS; i++) {
     if ((enabled >> i & 1U) != 0U && k-- == 0U) {
       return i;
@@ -84,16 +85,17 @@ static bool next_move(soter_walk* w, soter_move* move) {
     return false;
   }
 
-  const uint32_t actor = w->who != NULL ? w->who(w, enabled) : one_of(w, enabled);
+  const uint32_t actor = w->by->who != NULL ? w->by->who(w, enabled) : one_of(w, enabled);
   uint32_t times = 0U;
   soter_move unused;
   while (times < 64U && soter_move_of(x, actor, times, &unused)) {
     times++;
   }
-  return soter_move_of(x, actor, w->decide(w, 1U, times), move);
+  return soter_move_of(x, actor, decide(w, 1U, times), move);
 }
 
-bool soter_walk_once(soter_walk* w) {
+/* One execution to the horizon, or to a violation: `true`, and the trace is written. */
+static bool walk_once(soter_walk* w) {
   static const soter_move birth = {SOTER_NOTHING, SOTER_BIRTH, -1, -1};
   soter_place* const x = &w->x;
   soter_broken* const broken = &w->s->result->broken;
@@ -112,8 +114,8 @@ bool soter_walk_once(soter_walk* w) {
     }
     meet(w);
     const bool violates = soter_violates(x, broken);
-    if (w->observe != NULL) {
-      w->observe(w);
+    if (w->by->observe != NULL) {
+      w->by->observe(w);
     }
     if (violates) {
       return !soter_is_known(x, broken);
@@ -127,14 +129,13 @@ bool soter_walk_once(soter_walk* w) {
   return false;
 }
 
-void soter_walk_all(soter_walk* w, void (*begin)(soter_walk* w, uint64_t run),
-                    void (*end)(soter_walk* w, uint64_t run)) {
+static void walk_all(soter_walk* w) {
   soter_search* const s = w->s;
   soter_explore_result* const r = s->result;
   r->status = SOTER_RUNS;
   for (uint64_t run = 0; run < s->o->runs; run++) {
-    begin(w, run);
-    const bool broke = soter_walk_once(w);
+    w->by->begin(w, run);
+    const bool broke = walk_once(w);
     r->runs = run + 1U;
     s->progress->states = w->states;
     s->progress->transitions = w->transitions;
@@ -153,12 +154,26 @@ void soter_walk_all(soter_walk* w, void (*begin)(soter_walk* w, uint64_t run),
       r->status = SOTER_STATES;
       break;
     }
-    if (end != NULL) {
-      end(w, run);
+    if (w->by->end != NULL) {
+      w->by->end(w, run);
     }
   }
   r->states = w->states;
   r->transitions = w->transitions;
   r->depth = w->longest;
   r->table_bytes = soter_store_bytes(&w->seen);
+}
+
+void soter_walk_all(soter_search* s, const soter_sampling* by, void* own, bool fine) {
+  soter_walk w;
+  (void)memset(&w, 0, sizeof w);
+  w.by = by;
+  w.own = own;
+  if (fine && walk_open(&w, s)) {
+    walk_all(&w);
+  } else {
+    s->result->status = SOTER_NO_MEMORY;
+  }
+  soter_store_close(&w.seen);
+  soter_place_close(&w.x);
 }

@@ -15,28 +15,30 @@ typedef struct soter_walk {
   uint32_t longest;
   uint64_t transitions, states;
   uint64_t random; /* state of the generator */
-  void* own;       /* of the strategy */
-  /* Which of `count` alternatives. `kind`: who moves (0), when (1), a choice of the step (2). */
-  uint32_t (*decide)(struct soter_walk* w, uint32_t kind, uint32_t count);
-  /* Which actor of a set moves next; NULL: decide. */
-  uint32_t (*who)(struct soter_walk* w, uint64_t enabled);
-  /* Told of every configuration, in x.there, with the one before in x.here; NULL: nobody asks. */
-  void (*observe)(struct soter_walk* w);
+  const struct soter_sampling* by;
+  void* own; /* of the strategy */
 } soter_walk;
+
+/* What a strategy decides and is told; every function but `begin` may be NULL. */
+typedef struct soter_sampling {
+  /* Which of `count` alternatives. `kind`: who moves (0), when (1), a choice of the step (2); NULL:
+   * by chance. */
+  uint32_t (*decide)(soter_walk* w, uint32_t kind, uint32_t count);
+  /* Which actor of a set moves next; NULL: decide. */
+  uint32_t (*who)(soter_walk* w, uint64_t enabled);
+  /* Told of every configuration, in x.there, with the one before in x.here. */
+  void (*observe)(soter_walk* w);
+  void (*begin)(soter_walk* w, uint64_t run); /* before each execution */
+  void (*end)(soter_walk* w, uint64_t run);   /* and after it, where the search goes on */
+} soter_sampling;
 
 SOTER_INLINE uint32_t soter_walk_random(soter_walk* w, uint32_t count) {
   w->random += UINT64_C(0x9e3779b97f4a7c15);
   return count <= 1U ? 0U : (uint32_t)(soter_mix(w->random) % count);
 }
 
-bool soter_walk_open(soter_walk* w, soter_search* s);
-void soter_walk_close(soter_walk* w);
-
-/* One execution to the horizon, or to a violation: `true`, and the trace is written. */
-bool soter_walk_once(soter_walk* w);
-
-/* Executions until a violation, a bound or a person stops them; `begin` is told before each. */
-void soter_walk_all(soter_walk* w, void (*begin)(soter_walk* w, uint64_t run),
-                    void (*end)(soter_walk* w, uint64_t run));
+/* Executions until a violation, a bound or a person stops them; not `fine`: the strategy had no
+ * memory for its own. */
+void soter_walk_all(soter_search* s, const soter_sampling* by, void* own, bool fine);
 
 #endif

@@ -1,0 +1,155 @@
+"""Names and what they mean, place by place: what every question about a name is answered from.
+
+Purpose: definitions, their uses in all files of a program, which locals are in reach where, and the
+shape of what a name stands for, so far as the text says it.
+Non-goals: finding them out (`name_resolution.py`); whether the program is right
+(`language/check/`).
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.editor.protocol_conversions import path_of_span
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.diagnostics.diagnostic import Source, Span
+    from soter.language.load.loader import LoadedFile
+    from soter.language.syntax import tree
+
+
+@dataclass(frozen=True)
+class PlantTruth:
+    """`plant.truth`: the states of a plant as fields."""
+
+    plant: tree.PlantDecl
+
+
+@dataclass(frozen=True)
+class UndeclaredRecord:
+    """A record that is written where no type is asked for: name and shape of each field."""
+
+    fields: tuple[tuple[tree.Name, Shape | None], ...]
+
+
+@dataclass(frozen=True)
+class UndeclaredArray:
+    """An array that is written where no type is asked for: the shape of an element, how many."""
+
+    element: Shape
+    length: int
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What may stand behind a dot of it.
+
+    `of` is a type expression; the name of a builtin type; a declaration, for a name that means one
+    or an instance of one; `PlantTruth`; `UndeclaredRecord`; `UndeclaredArray`; or a file, for the
+    name of an import.
+    """
+
+    of: (
+        tree.TypeExpr
+        | tree.Decl
+        | PlantTruth
+        | UndeclaredRecord
+        | UndeclaredArray
+        | LoadedFile
+        | str
+    )
+    file: LoadedFile
+    """Where the names in `of` are looked up."""
+
+
+@dataclass(eq=False)
+class Definition:
+    """One thing that has a name. `node` is the syntax that declares it."""
+
+    name: str
+    kind: str
+    span: Span
+    """Of the name."""
+    node: object
+    file: LoadedFile
+    shape: Shape | None = None
+    owner: Definition | None = None
+    """The declaration it stands in."""
+
+    @property
+    def key(self) -> tuple[Path, int]:
+        """The same for the same thing in two readings of the same text."""
+        return path_of_span(self.span), self.span.start
+
+
+@dataclass(frozen=True)
+class Use:
+    """A name where it is written; also where it is declared."""
+
+    span: Span
+    definition: Definition
+
+    @property
+    def declares(self) -> bool:
+        """Whether this is the declaration."""
+        return self.span == self.definition.span
+
+
+@dataclass(eq=False)
+class NameIndex:
+    """All names of a program. `top`: by file what it declares; `reach`: where locals are seen."""
+
+    files: tuple[LoadedFile, ...]
+    top: dict[int, dict[str, Definition]] = field(default_factory=dict)
+    instances: dict[int, dict[str, tuple[Definition, Definition | None]]] = field(
+        default_factory=dict
+    )
+    """By system declaration: each instance, and what it is one of."""
+    reach: dict[int, list[tuple[int, int, Definition]]] = field(default_factory=dict)
+    """By source: from where to where a local is seen."""
+    _uses: dict[int, dict[tuple[int, int], Use]] = field(default_factory=dict)
+    _starts: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
+
+    def note(self, span: Span, definition: Definition) -> None:
+        """A name means this; the first meaning that is noted of a place stays."""
+        self._uses.setdefault(id(span.source), {}).setdefault(
+            (span.start, span.end), Use(span, definition)
+        )
+
+    def uses_in(self, source: Source) -> list[Use]:
+        """All names of a file, in order."""
+        use_by_place = self._uses.get(id(source), {})
+        return [use_by_place[place] for place in sorted(use_by_place)]
+
+    def at(self, source: Source, offset: int) -> Use | None:
+        """The name at an offset, or that ends there."""
+        use_by_place = self._uses.get(id(source), {})
+        places = self._starts.get(id(source))
+        if places is None:
+            places = self._starts[id(source)] = sorted(use_by_place)
+        i = bisect_right(places, (offset, len(source.text) + 1)) - 1
+        if i >= 0 and places[i][0] <= offset <= places[i][1]:
+            return use_by_place[places[i]]
+        return None
+
+    def uses_of(self, key: tuple[Path, int]) -> list[Use]:
+        """Every place at which a definition is named, the declaration included."""
+        return [
+            use
+            for file in self.files
+            for use in self.uses_in(file.source)
+            if use.definition.key == key
+        ]
+
+    def locals_at(self, source: Source, offset: int) -> dict[str, Definition]:
+        """The locals that are seen at an offset, the innermost of each name."""
+        seen = [r for r in self.reach.get(id(source), []) if r[0] <= offset <= r[1]]
+        return {d.name: d for _, _, d in sorted(seen, key=lambda r: r[0])}
+
+    def declared_in(self, file: LoadedFile) -> dict[str, Definition]:
+        """What a file declares and imports, by name."""
+        return self.top.get(id(file), {})

@@ -1,1 +1,0 @@
-"""Names of programs: what they mean, wherever they are written, finished or not."""

@@ -1,0 +1,318 @@
+"""What the steps of a tested system may read and write, and so which of them may not be swapped.
+
+Purpose: `Footprints`: the resources of every actor's step and of every property; what may be a step
+fault, what stands for a continuum.
+Non-goals: calendars and the plan (`exploration_plan.py`).
+
+Dependence is a question of footprints. A step reads and writes *resources*: topics, stamps, queues
+(publishing pushes: a write; their subscriber reads and empties them), node locals, plant states,
+the latch and `had_control` of a component, and of every module its mode (with OE of AC and SC) and
+its gate (`gate_fault`, `clean_needed`).
+Two steps are dependent iff one of them may write what the other may read or write. All of it
+is what *may* happen: a gated controller counts as writing its outputs, a fail-safe value as
+published, a read on a branch that is never taken as read. Time is no resource: where it matters
+(`Plan.timely`) a search must not swap steps across a change of time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.core import core
+from soter.core.core_walks import walk
+from soter.language.model.system import modules_above
+from soter.language.model.types import FloatType, IntType, leaves
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.language.model.system import Component, InputDrive, Property, System
+
+    Label = tuple[str, int] | tuple[str, int, str]
+    """A piece of a configuration: kind, index, name."""
+
+
+TIME: Label = ("time", 0)
+"""The clock: no step writes it alone, and every step may move it."""
+
+
+@dataclass
+class Effects:
+    """Resources that a step may read and write; `timed`: whether it reads the time.
+
+    `keeps`: it may leave what it writes as it was, so that its result depends on that.
+    """
+
+    reads: set[Label] = field(default_factory=set)
+    writes: set[Label] = field(default_factory=set)
+    timed: bool = False
+    keeps: bool = False
+
+    def conflicts(self, other: Effects) -> bool:
+        """Whether a step with these effects may not be swapped with one with the others."""
+        return bool(
+            self.writes & (other.reads | other.writes) or other.writes & (self.reads | self.writes)
+        )
+
+
+# ---------------------------------------------------------------- calendars and the grid
+
+
+# ---------------------------------------------------------------- footprints
+
+
+class Footprints:
+    """Effects of every step of a system."""
+
+    def __init__(self, system: System, lowered: core.CoreSystem) -> None:
+        self.system = system
+        self.core = lowered
+        self.facts = [n for root in _texts(lowered) for n in walk(root) if isinstance(n, core.Fact)]
+        """Every fact of the run that something reads."""
+
+    def outputs(self, component: int | None, drive: int | None) -> tuple[int, ...]:
+        """Topics that an actor publishes, in the order of its step's outputs."""
+        if drive is not None:
+            return (self.system.inputs[drive].topic,)
+        assert component is not None
+        step = self.core.nodes.get(component) or self.core.plants.get(component)
+        return tuple(o.topic for o in step.outputs) if step else ()
+
+    def of_actor(self, component: int | None, drive: int | None) -> Effects:
+        """What its steps may read and write."""
+        effects = Effects()
+        outputs = set(self.outputs(component, drive))
+        if component is not None:
+            x = self.system.components[component]
+            outputs |= set(x.failsafe)
+            self._step(x, effects)
+        for t in outputs:
+            effects.writes |= {("topic", t), ("stamp", t)}
+            for q in self.system.topics[t].queues:
+                effects.reads |= {("topic", q), ("stamp", q)}
+                effects.writes |= {("topic", q), ("stamp", q)}
+        return effects
+
+    def _controlled(self, role: str, module: int, effects: Effects) -> None:
+        above = [m.index for m in modules_above(self.system, module)]
+        effects.reads |= {("mode", m) for m in (module, *above)}
+        if role == "ac":
+            effects.reads.add(("gate", module))
+            effects.writes.add(("gate", module))
+
+    def _step(self, x: Component, effects: Effects) -> None:
+        if x.role == "dm":
+            assert x.module is not None
+            self._decision(x.module, effects)
+        step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
+        if step is not None:
+            self._read(step.footprint, effects)
+            effects.writes |= set(map(_resource, step.footprint.writes))
+            effects.timed |= _reads_time(_body(step))
+            effects.reads |= {("latched", x.index), ("control", x.index)}
+            effects.writes |= {("latched", x.index), ("control", x.index)}
+        effects.keeps |= x.node is not None
+        if isinstance(step, core.PlantStep):
+            effects.timed |= _holds_draws(step)
+        if x.plant is not None:
+            effects.reads |= {("topic", x.scope.topics[t]) for t in x.plant.reads}
+        if x.role in {"ac", "sc"} and x.module is not None:
+            self._controlled(x.role, x.module, effects)
+        for t in self.system.topics:
+            if t.queue_of is not None and _takes(x, t.name):
+                effects.reads |= {("topic", t.index), ("stamp", t.index)}
+                effects.writes |= {("topic", t.index), ("stamp", t.index)}
+        for p, predicate in zip(self.system.properties, self.core.properties, strict=True):
+            if p.component == x.index:
+                self._predicate(predicate, effects)
+
+    def _predicate(self, predicate: core.Predicate, effects: Effects) -> None:
+        self._read(predicate.footprint, effects)
+        effects.timed |= _reads_time((*predicate.body, predicate.value))
+
+    def _read(self, footprint: core.Footprint, effects: Effects) -> None:
+        effects.reads |= {_resource(c) for c in footprint.reads}
+        effects.reads |= {("mode", m) for m in footprint.modes}
+        effects.reads |= {("stamp", t) for t in footprint.stamps}
+
+    def _decision(self, module: int, effects: Effects) -> None:
+        """A DM reads its topics and may change mode, OE of both controllers, and the gate."""
+        decision, m = self.core.decisions[module], self.system.modules[module]
+        effects.keeps = True
+        self._predicate(decision.ttf, effects)
+        self._predicate(decision.safer, effects)
+        effects.reads |= {("topic", t) for t in m.inputs}
+        effects.reads |= {("stamp", t) for t in m.inputs if self._max_age(t) is not None}
+        for kind in ("mode", "gate"):
+            effects.reads.add((kind, module))
+            effects.writes.add((kind, module))
+        if m.looked is not None:
+            effects.writes |= {("topic", m.looked), ("stamp", m.looked)}
+        for t in (m.latch, m.acknowledgement):
+            if t is not None:
+                effects.reads |= {("topic", t), ("stamp", t)}
+        if m.latch is not None:
+            effects.writes |= {("topic", m.latch), ("stamp", m.latch)}
+
+    def _max_age(self, topic: int) -> int | None:
+        return self.system.topics[topic].max_age_ns
+
+    # ------------------------------------------------------------ properties
+
+    def read_by(self, index: int) -> set[Label]:
+        """What a system property reads; of a contract nothing: it is part of its node's step."""
+        if is_contract(self.system.properties[index]):
+            return set()
+        effects = Effects()
+        self._predicate(self.core.properties[index], effects)
+        return effects.reads | ({TIME} if effects.timed else set())
+
+    def read_by_timed(self, index: int) -> set[Label]:
+        """What a timed property reads; of an invariant also what moves it on."""
+        assert self.system.test is not None
+        effects = Effects()
+        timed = self.core.timed[index]
+        for predicate in (timed.premise, timed.condition):
+            if predicate is not None:
+                self._predicate(predicate, effects)
+        if effects.timed:
+            effects.reads.add(TIME)
+        module = self.system.test.timed[index].module
+        if module is not None:
+            effects.reads |= {("mode", module), ("gate", module)}
+            for topic in self.outputs(self.system.modules[module].sc, None):
+                effects.reads.add(("stamp", topic))
+        return effects.reads
+
+    def read_by_properties(self) -> set[Label]:
+        """What any property of configurations reads."""
+        assert self.system.test is not None
+        labels: set[Label] = set()
+        for p in range(len(self.system.properties)):
+            labels |= self.read_by(p)
+        for t in range(len(self.system.test.timed)):
+            labels |= self.read_by_timed(t)
+        return labels
+
+    # ------------------------------------------------------------ time
+
+    def time_matters(self) -> bool:
+        """Whether anything that a test can see depends on when a step happens."""
+        assert self.system.test is not None
+        return (
+            any(f.fact == "time" for f in self.facts)
+            or bool(self.aged())
+            or any(self._max_age(t) is not None for m in self.system.modules for t in m.inputs)
+            or bool(self.system.test.timed)
+        )
+
+    def aged(self) -> set[int]:
+        """Topics of which every age matters: those that are read, and those of latches."""
+        latched = [m for m in self.system.modules if m.acknowledgement is not None]
+        latches = {t for m in latched for t in (m.latch, m.acknowledgement) if t is not None}
+        return latches | {f.index for f in self.facts if f.fact == "age"}
+
+    def limited(self) -> set[int]:
+        """Module inputs whose age decides a switch, by their `max_age`."""
+        inputs = {t for m in self.system.modules if m.forced is None for t in m.inputs}
+        return {t for t in inputs if self._max_age(t) is not None}
+
+
+def _texts(lowered: core.CoreSystem) -> Iterator[object]:
+    """All Core that runs, functions aside, which are pure."""
+    yield from (_body(step) for step in lowered.nodes.values())
+    yield from (_body(step) for step in lowered.plants.values())
+    predicates = list(lowered.properties)
+    for d in lowered.decisions:
+        predicates += [d.ttf, d.safer]
+    for t in lowered.timed:
+        predicates += [t.condition] if t.premise is None else [t.premise, t.condition]
+    for p in predicates:
+        yield (*p.body, p.value)
+
+
+def _body(step: core.NodeStep | core.PlantStep) -> tuple[core.Stmt, ...]:
+    if isinstance(step, core.NodeStep):
+        return (*step.takeover, *step.body, *(step.shield.body if step.shield else ()))
+    return (*step.choose, *step.integrate, *step.publish)
+
+
+def _reads_time(root: object) -> bool:
+    return any(isinstance(n, core.Fact) and n.fact in {"time", "age"} for n in walk(root))
+
+
+def _holds_draws(step: core.PlantStep) -> bool:
+    return any(d.hold_ns > 0 for _, _, some in step.disturbances for d in some)
+
+
+def _resource(cell: core.Cell) -> Label:
+    return ("topic", cell.owner) if cell.kind == "topic" else ("cell", cell.owner, cell.name)
+
+
+def _takes(x: Component, queue: str) -> bool:
+    """Whether a queue is one of the component's; `a.b` may be taken for one of `a`'s."""
+    return queue.startswith(f"{x.name}.")
+
+
+def is_contract(p: Property) -> bool:
+    """Whether a property is judged as a node steps."""
+    return p.component is not None
+
+
+# ---------------------------------------------------------------- faults
+
+
+def may_fault(system: System, lowered: core.CoreSystem, index: int) -> bool:
+    """Whether a step of the component can be a step fault."""
+    x = system.components[index]
+    step = lowered.nodes.get(index) or lowered.plants.get(index)
+    if step is None:
+        return False
+    if x.extern or any(t.policy == "fault" and _takes(x, t.name) for t in system.topics):
+        return True
+    faulty = {f.name for f in lowered.functions if f.can_fault}
+    return _has_faults(_body(step), faulty) or any(
+        isinstance(leaf, FloatType) or (isinstance(leaf, IntType) and bound is not None)
+        for o in step.outputs
+        for (_, leaf), bound in zip(leaves(o.type), o.bounds, strict=True)
+    )
+
+
+def _has_faults(bodies: tuple[core.Stmt, ...], faulty: set[str]) -> bool:
+    return any(
+        isinstance(n, (core.Checked, core.Guard, core.Push))
+        or (isinstance(n, core.Call) and n.function in faulty)
+        or (isinstance(n, core.Publish) and n.limit is not None)
+        for n in walk(bodies)
+    )
+
+
+# ---------------------------------------------------------------- continua
+
+
+def is_sampled(system: System, lowered: core.CoreSystem) -> bool:
+    """Whether some choice stands for a continuum, or is left to chance."""
+    return (
+        any(_samples_input(system, d) for d in system.inputs)
+        or any(_samples_draws(step) for step in lowered.plants.values())
+        or any(i is not None and i[0] < i[1] for x in system.components for i in x.initial_range)
+    )
+
+
+def _samples_input(system: System, drive: InputDrive) -> bool:
+    topic = system.topics[drive.topic]
+    if drive.values:
+        return False
+    return any(
+        isinstance(leaf, FloatType) and (bound is None or bound.low < bound.high)
+        for (_, leaf), bound in zip(leaves(topic.type), topic.bounds, strict=True)
+    )
+
+
+def _samples_draws(step: core.PlantStep) -> bool:
+    """Disturbances that the step uses, and measurement errors."""
+    used = {n.name for n in walk(_body(step)) if isinstance(n, core.Var)}
+    draws = [d for name, _, some in step.disturbances if name in used for d in some]
+    draws += [d for _, _, d in step.noise]
+    return any(d.low < d.high for d in draws)

@@ -1,0 +1,299 @@
+"""Where an environment leaves what a proof speaks of: steps that nothing explains, and warnings.
+
+Purpose: `PlantModel`: a plant of a program, compiled alone with its disturbances as states, which
+says of a step which disturbances explain it; `SessionPlant`: that, in front of one session.
+`SafetyWarning`, for agents that never get control, environments that are not the plant of the
+proof, starts that the decision module does not vouch for, states that nobody observes, and wrappers
+that change the numbers of observations or actions.
+Non-goals: who asks (`guard.py`, `plant_conformance.py`); mistakes, which are errors
+(`outside_roles.py`).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from soter.codegen.unit import generate
+from soter.gym.compiled_system import built, driver, kept
+from soter.gym.outside_roles import LeafBuffer, chosen_plant, places, wrong_choice
+from soter.language.elaborate.derived_systems import faultless, undriven, with_components
+from soter.language.model.tree_walk import chosen_lets
+from soter.language.model.types import default_value, leaf_count, leaves
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    import soter.api
+    from soter.gym.compiled_system import CompiledEnvironment
+    from soter.language.model.system import Component, System, Topic
+
+    Array = npt.NDArray[np.float64]
+
+
+ABSOLUTE = 1e-9
+SINGLE = 2.0 * float(np.finfo(np.float32).eps)
+DOUBLE = 1e-12
+"""What a state may be off by: at least; relative to it, where float32 rounded it; else relative."""
+
+
+class PlantModel:
+    """A plant of a system, by itself; only for plants for which `why_not` gives None."""
+
+    def __init__(self, system: System, plant: Component) -> None:
+        assert plant.plant is not None
+        self.names = [
+            ".".join((v.name, *path)) for v in plant.plant.states for path, _ in leaves(v.type)
+        ]
+        self.sizes = [leaf_count(v.type) for v in plant.plant.states]
+        self.drawn = [s for d in plant.disturbances for s in d.streams]
+        self.low = np.array([d.low for d in plant.disturbances for _ in d.streams])
+        self.high = np.array([d.high for d in plant.disturbances for _ in d.streams])
+        alone = _alone(system, plant)
+        unit = generate(alone)
+        self.layout, (component,) = unit.layout, alone.components
+        self.ffi, self.lib, self.program = driver(built(unit), unit.prefix)
+        members = [self.layout.member(0, i) for i in range(len(component.plant.states))]  # type: ignore[union-attr]
+        both = [leaf for offset, t in members for leaf in places(t, offset)]
+        self.states = LeafBuffer(self.ffi, both[: len(self.names)])
+        self.disturbances = LeafBuffer(self.ffi, both[len(self.names) :])
+
+
+def why_not(plant: Component) -> str | None:
+    """Why the plant of a program cannot be asked; None where it can."""
+    assert plant.plant is not None
+    if plant.plant.extern:
+        return f"plant `{plant.name}` is extern in the program"
+    if chosen_lets(plant.plant):
+        return f"plant `{plant.name}` chooses"
+    return None
+
+
+def modelled(
+    program: soter.api.Program,
+    system: str | None,
+    plant: str | None,
+    params: Mapping[str, object] | None,
+) -> PlantModel | None:
+    """The program's own plant, to be asked; None where it cannot be."""
+
+    def make() -> PlantModel | str:
+        flat = program.declared(system, params)
+        body = chosen_plant(flat, plant)
+        return why_not(body) or PlantModel(flat, body)
+
+    model = kept(program, ("model", system, plant, repr(sorted((params or {}).items()))), make)
+    return None if isinstance(model, str) else model
+
+
+class SessionPlant:
+    """A model with memory of its own, in front of the states of one session."""
+
+    def __init__(
+        self, model: PlantModel, made: CompiledEnvironment, tolerance: Array, relative: float
+    ) -> None:
+        """`tolerance`: absolute, (states,); infinite where a state is not compared."""
+        self.model = model
+        states, drawn = len(model.names), len(model.drawn)
+        self.state = np.zeros(-(-model.layout.size // 8), dtype=np.int64)
+        self.tolerance = np.ascontiguousarray(tolerance, dtype=np.float64)
+        self._own = self.tolerance.copy()
+        self.observed = np.ones(states, dtype=bool)
+        """Which numbers of the states the environment gave in the last step, (states,)."""
+        self.origin, self.residual, self.undisturbed = (np.zeros(states) for _ in range(3))
+        self.chosen = np.zeros(drawn)
+        self._work = np.zeros(states * (drawn + 1))
+        ffi = model.ffi
+        m = self.pointer = ffi.new("soter_model *")
+        here, there = model.layout.groups[0], made.layout.groups[0]
+        assert here.struct.size == there.struct.size
+        m.program, m.world, m.relative = model.program, made.program, relative
+        m.topics_size, m.topics_from, m.topics_at = here.struct.size, there.offset, here.offset
+        m.states, m.drawn = model.states.fields, model.disturbances.fields
+        m.state = ffi.cast("uint8_t *", self.state.ctypes.data)
+        model.lib.soter_start(model.program, m.state, 0)
+        m.low, m.high = self._at(model.low), self._at(model.high)
+        m.tolerance, m.chosen = self._at(self.tolerance), self._at(self.chosen)
+        m.origin = self._at(self.origin)
+        m.residual, m.undisturbed = self._at(self.residual), self._at(self.undisturbed)
+        m.work = self._at(self._work)
+
+    @property
+    def explained(self) -> bool:
+        """Whether disturbances within their bounds explain the last step that was judged."""
+        return bool(self.pointer.explained)
+
+    def compare(self, wanted: Sequence[bool]) -> None:
+        """Compare only these states of the plant."""
+        self.observed = np.repeat(wanted, self.model.sizes)
+        self.tolerance[:] = np.where(self.observed, self._own, np.inf)
+
+    def _at(self, array: Array) -> Any:  # noqa: ANN401 - cdata
+        """Where an array (n,) lies."""
+        return self.model.ffi.cast("double *", array.ctypes.data)
+
+
+def tolerances(
+    model: PlantModel,
+    observed: np.dtype[Any] | None,
+    given: float | Mapping[str, float] | None = None,
+) -> tuple[Array, float]:
+    """Absolute tolerances (states,), given ones by name, and the relative one of a dtype.
+
+    What is `given` stands alone: there is no relative one then. SoterError U001.
+    """
+    absolute_tolerances = np.full(len(model.names), ABSOLUTE)
+    named = given if isinstance(given, Mapping) else dict.fromkeys(model.names, given)
+    for name, value in named.items():
+        if name not in model.names:
+            there = ", ".join(f"`{n}`" for n in model.names)
+            raise wrong_choice(f"the plant has no state `{name}`", f"there are {there}")
+        if value is not None:
+            if not value >= 0.0:
+                raise wrong_choice(f"a tolerance cannot be {value!r}", "0 or more")
+            absolute_tolerances[model.names.index(name)] = value
+    if given is not None:
+        return absolute_tolerances, 0.0
+    single = observed is not None and np.issubdtype(observed, np.floating) and observed.itemsize < 8
+    return absolute_tolerances, SINGLE if single else DOUBLE
+
+
+def _alone(system: System, plant: Component) -> System:
+    """The plant without errors and faults, its disturbances as states that nothing changes."""
+    symbol = plant.plant
+    assert symbol is not None
+    drawn = tuple(d.variable for d in plant.disturbances)
+    nothing = (None,) * len(drawn)
+    states = replace(
+        symbol,
+        states=(*symbol.states, *drawn),
+        initial=(*symbol.initial, *nothing),
+        initial_range=(*symbol.initial_range, *nothing),
+        disturbances=(),
+        measured=(),
+    )
+    changed = replace(
+        plant,
+        plant=states,
+        initial=(*plant.initial, *(default_value(v.type) for v in drawn)),
+        initial_range=(*plant.initial_range, *nothing),
+        disturbances=(),
+        measured=(),
+    )
+    return faultless(undriven(with_components(system, (changed,)), [plant.index]))
+
+
+CHANGED = {
+    "NormalizeObservation": "observations",
+    "RescaleObservation": "observations",
+    "TransformObservation": "observations",
+    "FrameStackObservation": "observations",
+    "DelayObservation": "observations",
+    "RescaleAction": "actions",
+    "TransformAction": "actions",
+    "StickyAction": "actions",
+}
+"""Wrappers inside of which the plant has other numbers than outside."""
+LEVEL = 4
+"""Frames between a warning and the line of the caller's own."""
+
+
+class SafetyWarning(UserWarning):
+    """Something that runs, but of which a proof says nothing."""
+
+
+def warn_of_wrappers(env: gymnasium.Env[Any, Any]) -> None:
+    """Warn of wrappers around an environment that change its numbers."""
+    while isinstance(env, gymnasium.Wrapper):
+        name = type(env).__name__
+        if name in CHANGED:
+            warnings.warn(
+                f"`{name}` changes the {CHANGED[name]} of the environment that the module sees: "
+                "put it around the module, not inside, or give the functions that undo it",
+                SafetyWarning,
+                stacklevel=LEVEL,
+            )
+        env = env.env
+
+
+def warn_of_no_control(made: CompiledEnvironment, stacklevel: int = LEVEL) -> None:
+    """Warn of a module of which `ttf` and `safer` could not be computed, with the reason."""
+    assert made.roles.module is not None
+    module = made.system.modules[made.roles.module]
+    if module.forced is None and module.symbol.ttf is None and module.symbol.safer is None:
+        why = next(note for note in made.notes if note.startswith(f"{module.name}: "))
+        warnings.warn(f"{why}: no action of the agent counts", SafetyWarning, stacklevel=stacklevel)
+
+
+def warn_of_sc_alone(steps: int) -> None:
+    """Warn of a measurement in which the agent drove in none of its steps."""
+    warnings.warn(
+        f"AC had control in none of its {steps:,} steps: what is measured is the safe controller "
+        "in this environment, not the agent",
+        SafetyWarning,
+        stacklevel=LEVEL - 1,
+    )
+
+
+def warn_of_narrow_space(space: spaces.Space[Any], reads: Sequence[Topic]) -> None:
+    """Warn of an environment that takes fewer actions than what its plant reads may hold.
+
+    `reads`: the topics whose numbers are actions of `space`, in order. A topic without a set, and
+    a space that is no `Box` of as many numbers, are not compared.
+    """
+    named = [(t.name, bound) for t in reads for bound in t.bounds]
+    if not isinstance(space, spaces.Box) or space.low.size != len(named):
+        return
+    told = []
+    for (name, bound), low, high in zip(named, space.low.flat, space.high.flat, strict=True):
+        if bound is None:
+            continue
+        least, most = np.array([bound.low, bound.high], low.dtype)
+        if least < low or most > high:
+            told.append(f"`{name}` in [{bound.low}, {bound.high}] but [{low!s}, {high!s}]")
+    if told:
+        warnings.warn(
+            f"the program commands {', '.join(dict.fromkeys(told))} is what the environment takes: "
+            "where it clips or refuses the rest, SC is weaker there than in the proof",
+            SafetyWarning,
+            stacklevel=LEVEL,
+        )
+
+
+def warn_off_model(plant: str) -> None:
+    """Warn of the first step that no declared disturbance of a plant explains."""
+    warnings.warn(
+        f"the environment did what plant `{plant}` of the program cannot: this step is outside of "
+        'the proof. Later ones are told by `info["off_model"]` alone; soter.gym.conformance '
+        "measures how many there are",
+        SafetyWarning,
+        stacklevel=LEVEL + 1,
+    )
+
+
+def warn_of_unseen(names: Sequence[str]) -> None:
+    """Warn of states of the plant that nobody observes."""
+    warnings.warn(
+        f"`observe` gives no {', '.join(f'`{n}`' for n in names)}: the module goes on with what "
+        "it was at the start, as if that had just been measured",
+        SafetyWarning,
+        stacklevel=LEVEL + 1,
+    )
+
+
+def warn_of_start(module: str) -> None:
+    """Warn of a start at which the decision module keeps the agent from control."""
+    warnings.warn(
+        f"the episode starts where `ttf` of module `{module}` holds: the proof "
+        "vouches for it only if the safe controller's own set contains it",
+        SafetyWarning,
+        stacklevel=LEVEL,
+    )

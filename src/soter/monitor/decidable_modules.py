@@ -1,0 +1,377 @@
+"""What can be said of a module by a log: topics that are unknown, silent or in doubt.
+
+Purpose: `decidable`: which nodes of the program can be run on the topics of a log, which modules
+then have all that their decision modules read, and what the others miss and why. `Hearing`: which
+topics fell silent: how old a read may be that counts as judged (`max_age`; of what is measured
+without one some of its own periods), asked of what a DM reads and of what the nodes read that ran
+for it. `doubts`: measured topics that repeat one value to their end, and samples so much more often
+or more rarely than the program's that the unit of their time is in doubt: told, and no error.
+Non-goals: running anything (`log_replay.py`); what a DM decides on old reads
+(`semantics/rules.py`); stamps against the log's clock (`typed_samples.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import inf
+from statistics import median
+from typing import TYPE_CHECKING
+
+from soter.language.elaborate.step_times import PUBLICATIONS, is_measured, least_age_ns
+from soter.language.model.tree_walk import calls_in, mode_reads, nodes, topic_reads
+from soter.language.model.typed import AgeRead
+from soter.language.model.types import show_ns
+from soter.monitor.model_membership import SILENT
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.typed import FunSymbol
+    from soter.monitor.typed_samples import TopicSamples
+    from soter.semantics.configuration import Configuration
+
+
+@dataclass(frozen=True)
+class Missing:
+    """A topic that the log does not give, and who would have: nobody can be run for it."""
+
+    topic: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.topic} ({self.why})"
+
+
+@dataclass(frozen=True)
+class Decidable:
+    """Nodes that run (component indices), modules that are decided, and what others miss.
+
+    `blind`: decided modules whose `safe` reads more than is known, and what. `unheard`: decided
+    modules that give control back after a press, of which nothing is known, and of what.
+    """
+
+    nodes: tuple[int, ...]
+    modules: tuple[int, ...]
+    missing: dict[int, tuple[Missing, ...]]
+    blind: dict[int, tuple[Missing, ...]]
+    unheard: dict[int, tuple[Missing, ...]]
+
+
+def decidable(system: System, mapped: Iterable[int]) -> Decidable:
+    """What follows from the topics of these indices: the largest set that hangs together."""
+    search = _Search(system, frozenset(mapped))
+    search.settle()
+    modules = tuple(m.index for m in system.modules if m.index in search.modules)
+    missing = {m.index: search.missing(m) for m in system.modules if m.index not in search.modules}
+    blind, unheard = {}, {}
+    for m in modules:
+        if lost := search.missing_of(topics_of_safe(system.modules[m])):
+            blind[m] = lost
+        if lost := search.missing_of(_reads_of_dm(system, system.modules[m])):
+            unheard[m] = lost
+    return Decidable(search.needed(), modules, missing, blind, unheard)
+
+
+def topics_of_safe(module: Module) -> set[int]:
+    """What `safe` reads."""
+    return {module.scope.topics[topic] for topic in topic_reads(module.symbol.safe)}
+
+
+def topics_behind(system: System, nodes: Iterable[int], topics: Iterable[int]) -> set[int]:
+    """These topics, and all that `nodes` read to publish them, directly or through one another."""
+    reads = {n: reads_of_node(system, system.components[n]) for n in nodes}
+    writes = {n: written_by_node(system.components[n]) for n in nodes}
+    behind = {_source(system, i) for i in topics}
+    while more := {i for n in reads if writes[n] & behind for i in reads[n]} - behind:
+        behind |= more
+    return behind
+
+
+class _Search:
+    """Begins with all nodes and modules and takes away those that miss something."""
+
+    def __init__(self, system: System, mapped: frozenset[int]) -> None:
+        self.system, self.mapped = system, mapped
+        self.reads = {
+            c.index: reads_of_node(system, c) for c in system.components if c.node is not None
+        }
+        self.writes = {c.index: written_by_node(c) for c in system.components if c.node is not None}
+        self.modules = {m.index for m in system.modules}
+        self.nodes = {c.index for c in system.components if c.role == "node" and not self._never(c)}
+
+    def settle(self) -> None:
+        """Take away until nothing changes."""
+        while True:
+            have = self._have()
+            nodes = {n for n in self.nodes if self.reads[n] <= have and self._modes_of_node(n)}
+            modules = {m for m in self.modules if not self._lost(self.system.modules[m], have)}
+            if nodes == self.nodes and modules == self.modules:
+                return
+            self.nodes, self.modules = nodes, modules
+
+    def needed(self) -> tuple[int, ...]:
+        """The nodes that decided modules hang on, directly or through others."""
+        decided = [self.system.modules[m] for m in self.modules]
+        wanted = {i for m in decided for i in (*_reads_of_dm(self.system, m), *topics_of_safe(m))}
+        nodes: set[int] = set()
+        while True:
+            new = {n for n in self.nodes - nodes if self.writes[n] & wanted}
+            if not new:
+                return tuple(sorted(nodes))
+            nodes |= new
+            wanted |= {i for n in new for i in self.reads[n]}
+
+    def missing(self, module: Module) -> tuple[Missing, ...]:
+        """The topics at the roots of why a module cannot be decided."""
+        missing_by_name: dict[str, Missing] = {}
+        have = self._have()
+        for name in self._functions(module):
+            missing_by_name[name] = Missing(name, "a function that is not Soter")
+        for other in _modes(module.scope.modules, module.symbol.predicates):
+            if other not in self.modules and other != module.index:
+                name = self.system.modules[other].name
+                missing_by_name[name] = Missing(name, "whose mode it reads")
+        self._roots(_inputs(self.system, module) - have, missing_by_name, set())
+        return tuple(missing_by_name.values())
+
+    def missing_of(self, topics: set[int]) -> tuple[Missing, ...]:
+        """The same of some topics, which a decided module reads beside the inputs of its DM."""
+        missing_by_name: dict[str, Missing] = {}
+        self._roots(topics - self._have(), missing_by_name, set())
+        return tuple(missing_by_name.values())
+
+    # ------------------------------------------------------------ what is there
+
+    def _have(self) -> set[int]:
+        """Topics that are known: of the log, of nodes that run, and what nobody ever changes."""
+        nobody = {t.index for t in self.system.topics if not t.driver and t.queue_of is None}
+        return {*self.mapped, *nobody}.union(*(self.writes[n] for n in self.nodes))
+
+    def _never(self, c: Component) -> str:
+        """Why a node cannot be run, if it cannot."""
+        if c.extern:
+            return "an extern"
+        if self.writes[c.index] & self.mapped:
+            return "of which the log has other topics"
+        if c.takes_ns is not None:
+            return "whose steps take a time that is drawn"
+        assert c.node is not None
+        return "which calls a function that is not Soter" if _externs(c.node.step) else ""
+
+    def _lost(self, module: Module, have: set[int]) -> bool:
+        modes = _modes(module.scope.modules, module.symbol.predicates)
+        others = modes - self.modules - {module.index}
+        return bool(_inputs(self.system, module) - have or others or self._functions(module))
+
+    def _functions(self, module: Module) -> list[str]:
+        return _externs(module.symbol.predicates)
+
+    def _modes_of_node(self, n: int) -> bool:
+        c = self.system.components[n]
+        assert c.node is not None
+        return _modes(c.scope.modules, (c.node.step,)) <= self.modules
+
+    # ------------------------------------------------------------ why not
+
+    def _roots(
+        self, topics: Iterable[int], missing_by_name: dict[str, Missing], asked: set[int]
+    ) -> None:
+        for i in sorted(topics):
+            if i in asked:
+                continue
+            asked.add(i)
+            topic = self.system.topics[i]
+            writers = [n for n, written in self.writes.items() if i in written]
+            nodes = [self.system.components[n] for n in writers]
+            if any(c.role in ("ac", "sc") for c in nodes):
+                why = f"which the controllers of {topic.driver} publish"
+            elif nodes and self._never(nodes[0]):
+                why = f"which `{nodes[0].name}` publishes, {self._never(nodes[0])}"
+            elif nodes:
+                lost = self.reads[nodes[0].index] - self._have()
+                self._roots(lost, missing_by_name, asked)
+                if lost:
+                    continue
+                why = f"which `{nodes[0].name}` publishes, for a module that is not decided"
+            else:
+                why = "an input" if topic.driver == "input" else f"which {topic.driver} drives"
+            missing_by_name[topic.name] = Missing(topic.name, why)
+
+
+def _source(system: System, index: int) -> int:
+    """The topic behind a queue."""
+    of = system.topics[index].queue_of
+    return index if of is None else of
+
+
+def _inputs(system: System, module: Module) -> set[int]:
+    return {_source(system, i) for i in module.inputs}
+
+
+def _reads_of_dm(system: System, module: Module) -> set[int]:
+    """Its inputs, and the topic after a press on which it gives control back."""
+    return {_source(system, i) for i in module.reads}
+
+
+def reads_of_node(system: System, c: Component) -> frozenset[int]:
+    """What a node subscribes to; behind a queue its topic."""
+    assert c.node is not None
+    return frozenset(_source(system, i) for i in c.reads)
+
+
+def written_by_node(c: Component) -> frozenset[int]:
+    """What a node publishes."""
+    assert c.node is not None
+    return frozenset(c.scope.topics[topic] for topic in c.node.publishes)
+
+
+def _modes(known: dict, code: tuple) -> set[int]:  # type: ignore[type-arg]
+    """Modules whose mode is read, by index."""
+    return {known[m] for m in mode_reads(*code) if m in known}
+
+
+def _externs(code: object) -> list[str]:
+    """Functions that are not Soter, called directly or by functions."""
+    names: dict[str, None] = {}
+    asked: set[FunSymbol] = set()
+    todo = [c.fun for c in calls_in(code)]
+    while todo:
+        fun = todo.pop()
+        if fun in asked:
+            continue
+        asked.add(fun)
+        if fun.extern:
+            names[fun.name] = None
+        todo += [c.fun for c in calls_in(fun.body or ())]
+    return list(names)
+
+
+@dataclass
+class Rest:
+    """What a step rests on: topics of the log that it reads, and nodes that ran for it."""
+
+    topics: set[int]
+    nodes: set[int]
+
+
+@dataclass
+class Hearing:
+    """Until when topics of the log were heard, and whether nodes had read what was young enough.
+
+    `most_ns`: by topic of the log the age up to which a read counts as judged; `silent_ns`: the age
+    from which on it is called silent. `sound`: by node, whether at its last step all was young
+    enough that it reads of the log itself.
+    """
+
+    system: System
+    plan: Decidable
+    most_ns: dict[int, float] = field(default_factory=dict)
+    silent_ns: dict[int, float] = field(default_factory=dict)
+    sound: dict[int, bool] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, system: System, samples: Iterable[TopicSamples], plan: Decidable) -> Hearing:
+        """Nothing was heard yet."""
+        made = cls(system, plan)
+        looked_at = _ages_read(system)
+        alone_ns = min((system.modules[m].period_ns for m in plan.modules), default=0)
+        for s in samples:
+            if s.always:
+                continue
+            topic, gaps = s.topic, [b - a for a, b in pairwise(s.times_ns) if b > a]
+            measured = is_measured(system, topic.index) and topic.index not in looked_at
+            silent_ns = SILENT * (median(gaps) if gaps else alone_ns if measured else inf)
+            age_ns = topic.max_age_ns
+            made.silent_ns[topic.index] = max(silent_ns, age_ns or 0)
+            made.most_ns[topic.index] = silent_ns if measured else inf
+            if age_ns is not None:
+                made.most_ns[topic.index] = age_ns
+        return made
+
+    def rest_of(self, topics: Iterable[int]) -> Rest:
+        """What lies behind the reads of a DM, or of its `safe`."""
+        topics = set(topics)
+        behind = topics_behind(self.system, self.plan.nodes, topics)
+        ran = {n for n in self.plan.nodes if written_by_node(self.system.components[n]) & behind}
+        return Rest(topics_behind(self.system, (), topics) & self.most_ns.keys(), ran)
+
+    def note_node(self, c: Configuration, node: int) -> None:
+        """A step of a node, before it publishes."""
+        reads = reads_of_node(self.system, self.system.components[node])
+        self.sound[node] = self._young(c, reads & self.most_ns.keys())
+
+    def rests(self, c: Configuration, on: Rest) -> bool:
+        """Whether all is young enough now; of nodes it counts what they read when they stepped."""
+        return self._young(c, on.topics) and all(self.sound.get(n, False) for n in on.nodes)
+
+    def fell_silent(self, c: Configuration, on: Rest) -> dict[str, int]:
+        """By topic behind a step that is silent now, its last stamp (ns)."""
+        read = on.topics.union(*(self._reads(n) for n in on.nodes))
+        return {
+            self.system.topics[i].name: c.stamps[i]
+            for i in sorted(read)
+            if c.ct - c.stamps[i] > self.silent_ns[i]
+        }
+
+    def _reads(self, node: int) -> set[int]:
+        reads = reads_of_node(self.system, self.system.components[node])
+        return set(reads & self.silent_ns.keys())
+
+    def _young(self, c: Configuration, topics: Iterable[int]) -> bool:
+        return all(c.ct - c.stamps[i] <= self.most_ns[i] for i in topics)
+
+
+def _ages_read(system: System) -> set[int]:
+    """Topics at whose age a predicate looks itself."""
+    return {
+        m.scope.topics[n.topic]
+        for m in system.modules
+        for n in nodes([e for e in m.symbol.predicates if e is not None])
+        if isinstance(n, AgeRead) and n.topic in m.scope.topics
+    }
+
+
+STUCK, STUCK_SHARE = 20, 0.1
+"""So many samples, and such a share of all, are one value before it is told."""
+ANOTHER_PACE = 300.0
+"""A pace that differs so many times: units of time differ 1,000 times, rates of logs do not."""
+
+
+def doubts(system: System, samples: Iterable[TopicSamples]) -> list[str]:
+    """What people are told, topic by topic."""
+    told = []
+    for s in samples:
+        if not s.always and is_measured(system, s.topic.index):
+            told += [text for text in (_stuck(s), _pace(system, s)) if text]
+    return told
+
+
+def _stuck(s: TopicSamples) -> str:
+    count, last = 0, s.values[-1]
+    for value in reversed(s.values):
+        if value != last:
+            break
+        count += 1
+    if count < max(STUCK, STUCK_SHARE * len(s.values)):
+        return ""
+    first_s = s.times_ns[-count] / 1e9
+    return (
+        f"the last {count:,} of {len(s.values):,} samples of `{s.topic.name}` are one value, from "
+        f"{first_s:.3f} s on: it stood still, or what measured it was stuck"
+    )
+
+
+def _pace(system: System, s: TopicSamples) -> str:
+    gaps = [b - a for a, b in pairwise(s.times_ns) if b > a]
+    least_ns = least_age_ns(system, s.topic.index)
+    if not gaps or least_ns is None:
+        return ""
+    here, there = median(gaps), least_ns / PUBLICATIONS
+    if 1.0 / ANOTHER_PACE < here / there < ANOTHER_PACE:
+        return ""
+    return (
+        f"samples of `{s.topic.name}` come every {show_ns(round(here))}, those of the program "
+        f"every {show_ns(round(there))}: is `unit` of `time` right?"
+    )

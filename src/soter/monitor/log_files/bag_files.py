@@ -1,0 +1,441 @@
+"""The files of bags of ROS: read within bounds, and whether their parts make a whole bag.
+
+Purpose: one file of ROS 1 and one SQLite file of ROS 2, read within bounds: records that point to
+one another in circles, chunks that unpack to gigabytes and databases that compute their rows end
+with an error. Whether a bag is whole: of ROS 1 its chunks against its index; of ROS 2 its databases
+against SQLite's own checks, what lies beside them, and the counts of metadata.
+Non-goals: values (neither kind has checksums, so one that was changed in its place is not seen);
+folders (`ros_bags.py`). Imports the extra `logs`.
+"""
+
+from __future__ import annotations
+
+import shlex
+import sqlite3
+from collections import Counter
+from functools import partial
+from io import BytesIO
+from typing import TYPE_CHECKING, Any, cast
+from urllib.parse import quote
+
+import apsw
+from rosbags.interfaces import ConnectionExtRosbag1, ConnectionExtRosbag2, MessageDefinitionFormat
+from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag1 import ReaderError
+from rosbags.rosbag1 import ReaderError as Reader1Error
+from rosbags.rosbag1.reader import Header, RecordType, decompressors, read_bytes, read_uint32
+from rosbags.rosbag2 import Reader as Reader2
+
+from soter.monitor.log_files.log_columns import REINDEX, Writers
+from soter.monitor.log_files.ros_messages import (
+    UndecodableError,
+    decoder,
+    decoder_made,
+    definitions_in,
+    known_definitions,
+    require_type,
+)
+from soter.report.bounded_unpack import CHUNK_MAX, BoundedUnpacking
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from pathlib import Path
+    from typing import BinaryIO
+
+    from rosbags.interfaces import Connection
+    from rosbags.rosbag1 import Reader
+    from rosbags.rosbag1.reader import IndexData
+    from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
+
+    from soter.monitor.log_files.log_columns import Arrived, FileFacts, Wanted
+    from soter.monitor.log_files.ros_messages import Format
+
+
+MAGIC1 = len(b"#ROSBAG V2.0\n")
+REMEDY1 = "`rosbag reindex FILE` makes its index anew, of what is there"
+RECOVER = "`sqlite3 FILE .recover` saves what can be read"
+OPENED = 'python3 -c "import sqlite3, sys; sqlite3.connect(sys.argv[1]).execute({}).fetchall()" {}'
+CHECKPOINT, ROLLBACK = "'PRAGMA wal_checkpoint(TRUNCATE)'", "'SELECT 1 FROM messages'"
+
+
+class ContradictionError(ValueError):
+    """A bag that is not as it says; the text says where and how, `remedy` what to do."""
+
+    def __init__(self, told: str, remedy: str) -> None:
+        super().__init__(told)
+        self.remedy = remedy
+
+
+def _wrong(told: str) -> ContradictionError:
+    return ContradictionError(told, REMEDY1)
+
+
+class WholeBag1:
+    """A bag of ROS 1 that is open; `unpack`: bounded, for each way to unpack that `rosbags` has."""
+
+    def __init__(
+        self, reader: Reader, unpack: Mapping[Callable[[bytes], bytes], Callable[[bytes], bytes]]
+    ) -> None:
+        self.reader, self.unpack = reader, unpack
+        self.sizes: dict[int, int] = {}
+        self.known: dict[int, tuple[dict[str, bytes], bytes]] = {}
+
+    def messages(self) -> Iterator[tuple[int, int, bytes]]:
+        """Connection, time and bytes of every message, in the order of the file.
+
+        ContradictionError where a chunk, the index or a connection says something else.
+        """
+        self._walk()
+        index: dict[int, Counter[tuple[int, int]]] = {}
+        for connection, entries in self.reader.indexes.items():
+            for entry in entries:
+                index.setdefault(entry.chunk_pos, Counter())[connection, entry.time] += 1
+        for info in sorted(self.reader.chunk_infos, key=lambda i: i.pos):
+            found: Counter[tuple[int, int]] = Counter()
+            for connection, time_ns, data in self._of_chunk(info.pos):
+                found[connection, time_ns] += 1
+                yield connection, time_ns, data
+            where = f"the chunk at byte {info.pos}"
+            if found != index.get(info.pos, Counter()):
+                raise _wrong(f"{where} has other messages than the index says")
+            counts: Counter[int] = Counter()
+            for (connection, _), n in found.items():
+                counts[connection] += n
+            said = {c: n for c, n in info.connection_counts.items() if n}
+            if said != dict(counts):
+                raise _wrong(f"{where} has another number of messages than it says")
+            times = [time_ns for _, time_ns in found]
+            if times and (min(times), max(times) + 1) != (info.start_time, info.end_time):
+                raise _wrong(f"{where} has messages of other times than it says")
+
+    def _walk(self) -> None:
+        """Every record of the file, one behind the other up to its end."""
+        file = self.reader.bio
+        assert file is not None
+        file.seek(0, 2)
+        end = file.tell()
+        file.seek(MAGIC1)
+        seen: Counter[int] = Counter()
+        while (at := file.tell()) < end:
+            try:
+                header = Header.read(file)
+                kind, size = header.get_uint8("op"), read_uint32(file)
+            except ReaderError as error:
+                raise _wrong(f"at byte {at} stands no record") from error
+            seen[kind] += 1
+            if kind == RecordType.CHUNK:
+                if at not in self.reader.chunks:
+                    raise _wrong(f"the index does not name the chunk at byte {at}")
+                self.sizes[at] = header.get_uint32("size")
+            if kind == RecordType.CONNECTION:
+                self._define(header, read_bytes(file, size), at)
+            else:
+                file.seek(size, 1)
+        if file.tell() > end:
+            raise _wrong("its end is missing")
+        said = len(self.reader.connections), len(self.reader.chunk_infos), len(self.reader.chunks)
+        kinds = RecordType.CONNECTION, RecordType.CHUNK_INFO, RecordType.CHUNK
+        if said != tuple(seen[kind] for kind in kinds):
+            raise _wrong("its head counts other connections or chunks than stand there")
+
+    def _define(self, header: Header, body: bytes, at: int) -> None:
+        number = header.get_uint32("conn")
+        before, _ = self.known.setdefault(number, (dict(header), body))
+        if self.known[number] != (dict(header), body):
+            topic = before["topic"].decode("utf-8", "replace")[:80]
+            told = f"connection {number} is `{topic}`, and another one at byte {at}"
+            raise _wrong(told)
+
+    def _of_chunk(self, place: int) -> Iterator[tuple[int, int, bytes]]:
+        chunk = self.reader.chunks[place]
+        file: BinaryIO | None = self.reader.bio
+        assert file is not None
+        file.seek(chunk.datapos)
+        packed = read_bytes(file, chunk.datasize)
+        data = self.unpack[chunk.decompressor](packed)
+        if len(data) != self.sizes[place]:
+            told = f"it says {self.sizes[place]:,} bytes and has {len(data):,}"
+            raise _wrong(f"the chunk at byte {place} is damaged: {told}")
+        inside = BytesIO(data)
+        while inside.tell() < len(data):
+            header = Header.read(inside)
+            body = read_bytes(inside, read_uint32(inside))
+            kind = header.get_uint8("op")
+            if kind == RecordType.CONNECTION:
+                self._define(header, body, place)
+            elif kind != RecordType.MSGDATA:
+                raise _wrong(f"a record of kind {kind} stands in the chunk at byte {place}")
+            elif header.get_uint32("conn") not in self.known:
+                raise _wrong(f"a message of the chunk at byte {place} is of no connection")
+            else:
+                yield header.get_uint32("conn"), header.get_time("time"), body
+
+
+# ---------------------------------------------------------------- ROS 2
+
+
+def require_no_journal(path: Path) -> None:
+    """ContradictionError where SQLite left a part of a database beside it, packed or not.
+
+    Of a link beside what it points to, too: there SQLite looks.
+    """
+    for each in dict.fromkeys((path, path.resolve())):
+        database = each.with_name(each.name.removesuffix(".zstd"))
+        wal, journal = (database.with_name(database.name + end) for end in ("-wal", "-journal"))
+        if wal.is_file() and wal.stat().st_size:
+            told = f"`{wal.name}` beside it holds messages that are not in it yet"
+            raise ContradictionError(
+                told, "put them into it: " + OPENED.format(CHECKPOINT, shlex.quote(str(database)))
+            )
+        if journal.is_file() and any(journal.read_bytes()[:8]):
+            told = f"`{journal.name}` beside it says that something was not written to its end"
+            raise ContradictionError(
+                told,
+                "let SQLite take it back: " + OPENED.format(ROLLBACK, shlex.quote(str(database))),
+            )
+
+
+def require_whole(database: apsw.Connection, counts: Mapping[str, int], path: Path) -> None:
+    """ContradictionError where a database is damaged, or has fewer messages than it says.
+
+    `counts`: its messages by topic. What it says of itself was written before its last messages.
+    """
+    size = path.stat().st_size
+    pages = next(iter(database.execute(SIZE)))[0]
+    if size != pages:
+        told = f"its database has {pages:,} bytes, and the file {size:,}"
+        raise ContradictionError(told, RECOVER)
+    try:
+        (told,) = next(iter(database.execute("PRAGMA integrity_check(1)")))
+    except apsw.InterruptError:
+        raise
+    except apsw.Error as error:
+        told = str(error)
+    if told != "ok":
+        raise ContradictionError(f"its database is damaged: {str(told)[:120]}", RECOVER)
+    (stored,) = next(iter(database.execute("SELECT count(*) FROM messages")))
+    if stored != sum(counts.values()):
+        lost = stored - sum(counts.values())
+        raise ContradictionError(f"{lost:,} of its messages are of no topic", REINDEX)
+    if not next(iter(database.execute(HAS_METADATA)), None):
+        return
+    row = next(iter(database.execute("SELECT metadata FROM metadata ORDER BY id DESC")), None)
+    said = counts_said(row[0], path.name) if row is not None else {}
+    for topic, n in sorted(said.items(), key=lambda each: each[0] is None):
+        if n > (stored if topic is None else counts.get(topic, 0)):
+            raise wrong_count(topic, n, stored if topic is None else counts.get(topic, 0))
+
+
+SIZE = "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size"
+HAS_METADATA = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'metadata'"
+
+
+def counts_said(text: Any, file: str) -> dict[str | None, int]:  # noqa: ANN401 - what a row has
+    """What metadata in a database say of its messages by topic, None: of all; {} of nothing."""
+    from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
+    from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
+
+    try:
+        given = YAML(typ="safe").load(text)
+        said = given.get("rosbag2_bagfile_information", given)
+        if len(said["relative_file_paths"]) == 1:
+            return counts_of(said)
+        counts = [int(f["message_count"]) for f in said["files"] if f["path"] == file]
+        return {None: counts[0]} if counts else {}
+    except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError):
+        return {}
+
+
+def counts_of(said: Any) -> dict[str | None, int]:  # noqa: ANN401 - what YAML has
+    """Messages by topic, None: of all; raises KeyError, TypeError, ValueError."""
+    counts: dict[str | None, int] = {None: int(said["message_count"])}
+    for each in said["topics_with_message_count"]:
+        name = str(each["topic_metadata"]["name"])
+        counts[name] = counts.get(name, 0) + int(each["message_count"])
+    return counts
+
+
+def require_counts(said: Mapping[str | None, int], there: Mapping[str, int]) -> None:
+    """ContradictionError where other messages were read than `metadata.yaml` says."""
+    read: dict[str | None, int] = {None: sum(there.values())}
+    read.update(there)
+    for topic in (*sorted(t for t in {*said, *read} if t is not None), None):
+        if said and said.get(topic, 0) != read.get(topic, 0):
+            raise wrong_count(topic, said.get(topic, 0), read.get(topic, 0))
+
+
+def wrong_count(topic: str | None, said: int, read: int) -> ContradictionError:
+    """Another number of messages than metadata say."""
+    of = "in all" if topic is None else f"of `{topic[:80]}`"
+    told = f"its metadata count {said:,} messages {of}, and {read:,} stand there"
+    return ContradictionError(told, REINDEX + ", of what is there")
+
+
+STEPS_PER_BYTE, STEPS_MIN = 100, 10_000_000
+"""Instructions that SQLite is given for a file: so many a byte, and so many at all."""
+STEPS_AT_ONCE = 1_000_000
+IN_ORDER = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
+"""As they were written: a clock that was set back is not hidden by sorting."""
+
+
+class _BoundedReader1(Reader1):
+    """A bag of ROS 1 whose index is no longer than its file."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path)
+        self.bytes_left = path.stat().st_size
+
+    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
+        """The entries at the place where the file is read."""
+        assert self.bio is not None
+        before = self.bio.tell()
+        super().read_index_data(pos, indexes)
+        self.bytes_left -= self.bio.tell() - before
+        if self.bytes_left < 0:
+            raise Reader1Error("its index is longer than the bag")
+
+
+def ros1_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
+    """Time of arrival, channel and content of each message; None for what nobody wants.
+
+    In the order of the file; ContradictionError where it is not as it says.
+    """
+    facts.unchecked = True
+    writers = Writers()
+    facts.size = path.stat().st_size
+    unpacking = BoundedUnpacking(facts.size)
+    bounded = {
+        decompressors["none"]: unpacking.plain,
+        decompressors["bz2"]: unpacking.bz2,
+        decompressors["lz4"]: unpacking.lz4,
+    }
+    with _BoundedReader1(path) as reader:
+        file = reader.bio
+        assert file is not None
+        chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
+        names = {c.id: c.topic for c in reader.connections}
+        decoders = _decoders_of(chosen, wanted, 1, facts)
+        nodes = {k: _node_of(c) for k, c in chosen.items()}
+        for connection, time_ns, data in WholeBag1(reader, bounded).messages():
+            facts.there[names[connection]] += 1
+            facts.at_byte = file.tell()
+            content = None
+            if connection in chosen:
+                content = decoders[connection](data)
+                writers.note(names[connection], nodes[connection])
+            yield time_ns, None, names[connection], content
+    facts.notes += writers.notes
+
+
+def _offered(connections: Iterable[Connection]) -> Writers:
+    writers = Writers()
+    for c in connections:
+        if isinstance(c.ext, ConnectionExtRosbag2):
+            writers.offer(c.topic, len(c.ext.offered_qos_profiles))
+    return writers
+
+
+def sqlite_messages(
+    path: Path, wanted: dict[str, Wanted], facts: FileFacts, *, packed: bool
+) -> Iterator[Arrived]:
+    """The same of one SQLite file of ROS 2; `packed`: its messages are, by zstd.
+
+    Raises UndecodableError where its database or its messages are none of a bag.
+    """
+    facts.unchecked = True
+    require_no_journal(path)
+    _require_tables(path)
+    size = path.stat().st_size
+    unpacking = BoundedUnpacking(size)
+    unpack = unpacking.zstd if packed else unpacking.plain
+    with Reader2(path) as reader:
+        database = cast("Sqlite3Reader", reader.storage).dbconn
+        assert database is not None
+        _limit(database, size)
+        require_whole(database, {c.topic: c.msgcount for c in reader.connections}, path)
+        chosen = {c.id: c for c in _chosen(reader.connections, wanted, facts)}
+        for c in reader.connections:
+            facts.there[c.topic] += 0 if c.id in chosen else c.msgcount
+        writers = _offered(chosen.values())
+        decoders = _decoders_of(chosen, wanted, 2, facts)
+        names = {c.id: c.topic for c in reader.connections}
+        for topic, time_ns, data in database.execute(IN_ORDER):
+            name = names[topic]
+            if topic not in chosen and isinstance(time_ns, int):
+                yield time_ns, None, name, None
+                continue
+            if not isinstance(data, bytes) or not isinstance(time_ns, int):
+                raise UndecodableError(f"a message of `{name}` is no bytes with a time")
+            facts.there[name] += 1
+            writers.note(name, f"topic {topic}")
+            yield time_ns, None, name, decoders[topic](unpack(data))
+    facts.notes += writers.notes
+
+
+def _chosen(
+    connections: list[Connection], wanted: dict[str, Wanted], facts: FileFacts
+) -> list[Connection]:
+    for connection in connections:
+        facts.there.setdefault(connection.topic, 0)
+    return [c for c in connections if c.topic in wanted]
+
+
+def _node_of(connection: Connection) -> str:
+    """Who published, where a bag of ROS 1 says so."""
+    ext = connection.ext
+    node = ext.callerid if isinstance(ext, ConnectionExtRosbag1) else None
+    return node or f"connection {connection.id}"
+
+
+def _decoders_of(
+    chosen: Mapping[int, Connection], wanted: dict[str, Wanted], ros: int, facts: FileFacts
+) -> dict[int, Callable[[bytes], Any]]:
+    return {
+        k: decoder_made(partial(_decoder_of, c, wanted[c.topic], ros), wanted[c.topic], facts)
+        for k, c in chosen.items()
+    }
+
+
+def _decoder_of(connection: Connection, wanted: Wanted, ros: int) -> Callable[[bytes], Any]:
+    name, definition = connection.msgtype, connection.msgdef
+    require_type(connection.topic, name, wanted.message)
+    ext = connection.ext
+    if isinstance(ext, ConnectionExtRosbag2) and ext.serialization_format != "cdr":
+        shown = f"`{ext.serialization_format[:40]}`, not cdr"
+        raise UndecodableError(f"messages of `{connection.topic}` are {shown}")
+    if definition.format == MessageDefinitionFormat.NONE:
+        definitions = known_definitions(wanted.message, ros)
+    else:
+        form: Format = "msg" if definition.format == MessageDefinitionFormat.MSG else "idl"
+        definitions = definitions_in(definition.data, name, form)
+    return decoder(name, definitions, "ros1" if ros == 1 else "cdr")
+
+
+def _require_tables(path: Path) -> None:
+    """That a database holds what it says, and computes nothing when it is read."""
+    address = f"file:{quote(str(path))}?mode=ro&immutable=1"
+    connection = sqlite3.connect(address, uri=True)
+    try:
+        rows = connection.execute("SELECT type, sql FROM sqlite_master LIMIT 1000").fetchall()
+    except sqlite3.Error as error:
+        raise UndecodableError("it is no SQLite file, or damaged") from error
+    finally:
+        connection.close()
+    for kind, sql in rows:
+        text = " ".join(str(sql or "").upper().split())
+        computed = "VIRTUAL TABLE" in text or "GENERATED" in text or " AS (" in text
+        if kind not in ("table", "index") or computed:
+            raise UndecodableError(f"its database has a `{kind}` that no bag has")
+
+
+def _limit(database: apsw.Connection, size: int) -> None:
+    """Let SQLite end: after so many steps, and with so much of a row."""
+    left = STEPS_MIN + STEPS_PER_BYTE * size
+
+    def is_too_long() -> bool:
+        nonlocal left
+        left -= STEPS_AT_ONCE
+        return left < 0
+
+    database.limit(apsw.SQLITE_LIMIT_LENGTH, CHUNK_MAX)
+    database.set_progress_handler(is_too_long, STEPS_AT_ONCE)

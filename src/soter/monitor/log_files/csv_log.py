@@ -1,0 +1,277 @@
+"""The columns of a CSV, packed by gzip or not.
+
+Purpose: rows within bounds: of a cell, a line and all that is unpacked. `BoundedGzip`: a file that
+says what Python's `gzip` reads of it, but neither unpacks without an end nor steps over gigabytes
+of zeros, byte by byte, behind its end.
+Non-goals: what the cells mean (`monitor/typed_samples.py`).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import zlib
+from fractions import Fraction
+from typing import IO, TYPE_CHECKING, BinaryIO
+
+from soter.diagnostics.diagnostic import reason
+from soter.diagnostics.similar_names import nearest_or_all
+from soter.language.load.named_files import opened
+from soter.monitor.log_files.log_columns import (
+    COMMAS,
+    FileFacts,
+    RowChoice,
+    add_row,
+    damaged,
+    moment,
+    remedies,
+    unusable,
+)
+
+if TYPE_CHECKING:
+    from _csv import Reader
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from soter.mapping.message_types import StampSource
+    from soter.mapping.topic_mapping import LogMap
+    from soter.monitor.log_files.log_columns import Columns, Wanted
+
+
+GZIP = 31
+"""What zlib calls the format."""
+PART = 1 << 16
+PADDING_MAX = 1 << 20
+"""Bytes of zeros that may stand behind what is packed."""
+UNPACKED_MAX = 4 << 30
+"""Bytes that are unpacked: a log has no more."""
+
+
+class BoundedGzip(io.RawIOBase):
+    """Reading raises zlib.error (no gzip, or too much) and EOFError (its end is missing)."""
+
+    def __init__(self, packed: BinaryIO) -> None:
+        self._packed = packed
+        self._member = zlib.decompressobj(GZIP)
+        self._left = b""
+        self._read = self._said = 0
+
+    def readable(self) -> bool:
+        """It is."""
+        return True
+
+    def readinto(self, into: memoryview) -> int:  # type: ignore[override]
+        """The next bytes; 0 at the end."""
+        found = self._next(len(into))
+        into[: len(found)] = found
+        return len(found)
+
+    def _next(self, most: int) -> bytes:
+        while True:
+            if self._member.eof and not self._another():
+                return b""
+            part = self._left or self._packed.read(PART)
+            self._read += len(part)
+            found = self._member.decompress(part, most)
+            self._left = self._member.unconsumed_tail
+            self._said += len(found)
+            if self._said > UNPACKED_MAX:
+                raise zlib.error(f"it unpacks to more than {UNPACKED_MAX >> 30} GiB")
+            if found:
+                return found
+            if not part and not self._member.eof:
+                if not self._read:
+                    return b""
+                raise EOFError("its end is missing")
+
+    def _another(self) -> bool:
+        """Whether another member follows."""
+        rest = self._member.unused_data.lstrip(b"\0")
+        rest = rest or self._packed.read(PADDING_MAX).lstrip(b"\0")
+        if not rest and self._packed.read(1):
+            raise zlib.error("much else stands behind its end")
+        if rest:
+            self._member, self._left = zlib.decompressobj(GZIP), rest
+        return bool(rest)
+
+
+SECOND_NS = 10**9
+OF_ROS = [Fraction(SECOND_NS), Fraction(1)]
+"""Units of the two columns of a ROS time, in ns."""
+SEVERAL = "`where` chooses the rows of one flight; `time` its column and unit"
+QUOTES = "is a quote not closed there? a text of several lines is not read: leave its column out"
+SEPARATED = (
+    "; `pandas.read_csv(FILE, sep={0!r}).to_csv(NEW, index=False)` in Python writes such a CSV, "
+    'with `decimal=","` beside `sep` where numbers have a comma'
+)
+COMMENTED = (
+    "its first line begins with `#`: if that is a comment, `grep -v '^#' FILE > NEW` takes such "
+    "lines off, so that the names of its columns come first"
+)
+CELL_MAX = 1 << 20
+"""Characters of a cell; a log has no longer ones."""
+LINE_MAX = 1 << 24
+"""Characters of a line."""
+
+
+def is_table(path: Path) -> bool:
+    """Whether a log is a CSV, by its name."""
+    return path.name.lower().endswith((".csv", ".csv.gz"))
+
+
+def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = False) -> Columns:
+    """The rows that count; `partial`: of a damaged file those before that. SoterError D016.
+
+    A ROS time is two columns, as other fields are one: `header.stamp.sec`, `header.stamp.nanosec`.
+    """
+    if mapping.time is None:
+        help_ = 'say it in the mapping: [time] from = "t", unit = "s"'
+        raise unusable(path, "nobody says which column is the time", help_)
+    columns = wanted.columns()
+    columns.unchecked = not path.name.lower().endswith(".gz")
+    of_stamps = [name for source in wanted.stamps for name in _stamp_columns(source)]
+    choice = RowChoice(mapping.where)
+    needed = dict.fromkeys([*mapping.where, *wanted.names, *of_stamps])
+    facts = FileFacts(notes=columns.notes)
+    for line, clock, row in facts.readable(
+        path, csv_rows(path, list(needed), mapping.time, facts), partial=partial
+    ):
+        if not choice.takes(row.__getitem__):
+            continue
+        where = f"line {line}"
+        now = _time(path, mapping, clock, where)
+        if not mapping.counts(now):
+            continue
+        cells = {n: row[n] for n in wanted.names}
+        stamps = {source: _stamp(path, row, source, where) for source in wanted.stamps}
+        add_row(path, columns, now, cells, stamps, where=where, remedies=(SEVERAL,))
+    if not columns.times_ns:
+        said = f"no row has {choice}" if mapping.where else "it has no rows"
+        raise unusable(path, said, *choice.helps)
+    columns.damage = facts.damage
+    return columns
+
+
+def _time(path: Path, mapping: LogMap, clock: list[str], where: str) -> int:
+    """When a row counts: of a number in its unit, or of seconds and nanoseconds."""
+    if len(clock) == 1:
+        return moment(path, clock[0], mapping.time_ns, where)
+    if mapping.time_ns != SECOND_NS:
+        raise unusable(path, f"`{mapping.time}` is a time of two columns: it has no `unit`")
+    return sum(moment(path, c, u, where) for c, u in zip(clock, OF_ROS, strict=True))
+
+
+def _stamp_columns(source: StampSource) -> list[str]:
+    if source.kind == "number":
+        return [source.path]
+    return [f"{source.path}.sec", f"{source.path}.nanosec"]
+
+
+def _stamp(path: Path, row: Mapping[str, str], source: StampSource, where: str) -> int | None:
+    """When a row was measured; None where its cells are empty."""
+    names = _stamp_columns(source)
+    if any(not row[n].strip() for n in names):
+        return None
+    units = [source.unit_ns] if source.kind == "number" else OF_ROS
+    return sum(moment(path, row[n], u, where) for n, u in zip(names, units, strict=True))
+
+
+def csv_head(path: Path) -> list[str]:
+    """What its columns are called; SoterError D016."""
+    try:
+        with opened(path) as data, _text(path, data) as file:
+            return [h.strip() for h in next(csv.reader(_lines(file, FileFacts())), [])]
+    except OSError as error:
+        raise unusable(path, reason(error)) from error
+    except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
+        raise damaged(path, f"it is no CSV: {error}", *remedies(path)) from error
+
+
+def csv_rows(
+    path: Path, needed: list[str], time: str, facts: FileFacts
+) -> Iterator[tuple[int, list[str], dict[str, str]]]:
+    """Line, the cells of its time and those that are needed of each row.
+
+    SoterError D016; DamagedLogError where rows before it were whole.
+    """
+    try:
+        with opened(path) as data, _text(path, data) as file:
+            facts.size = 0 if path.suffix.lower() == ".gz" else path.stat().st_size
+            reader = csv.reader(_lines(file, facts), strict=True)
+            rows = _of_a_line(path, reader)
+            head = [h.strip() for h in next(rows, [])]
+            if not head:
+                raise unusable(path, "it is empty")
+            places = {name: _place(path, head, name) for name in needed}
+            two = [f"{time}.sec", f"{time}.nanosec"]
+            of_time = two if time not in head and set(two) <= set(head) else [time]
+            clock = [_place(path, head, name) for name in of_time]
+            for row in rows:
+                if not row:
+                    continue
+                if len(row) != len(head):
+                    text = f"line {reader.line_num} has {len(row)} cells, the head {len(head)}"
+                    raise damaged(path, text)
+                cells = {name: row[at] for name, at in places.items()}
+                yield reader.line_num, [row[at] for at in clock], cells
+    except OSError as error:
+        raise unusable(path, reason(error)) from error
+    except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
+        raise damaged(path, f"it is no CSV: {error}", *remedies(path)) from error
+
+
+def _of_a_line(path: Path, reader: Reader) -> Iterator[list[str]]:
+    """Each row; D016 where one goes on in the next line: a stray quote hides rows so."""
+    before = 0
+    try:
+        for row in reader:
+            if reader.line_num > before + 1:
+                text = f"the row of line {before + 1} goes on to line {reader.line_num}"
+                raise damaged(path, text, QUOTES)
+            before = reader.line_num
+            yield row
+    except csv.Error as error:
+        raise csv.Error(f"the row of line {before + 1}: {error}") from error
+
+
+def _text(path: Path, data: BinaryIO) -> IO[str]:
+    """The text of a CSV file, packed by gzip or not; closing it may leave `data` open."""
+    csv.field_size_limit(CELL_MAX)
+    if path.name.lower().endswith(".gz"):
+        unpacked = io.BufferedReader(BoundedGzip(data))
+        return io.TextIOWrapper(unpacked, encoding="utf-8-sig", newline="")
+    return io.TextIOWrapper(data, encoding="utf-8-sig", newline="")
+
+
+def _lines(file: IO[str], facts: FileFacts) -> Iterator[str]:
+    """Its lines; csv.Error where one is longer than any can be."""
+    line = "\n"
+    while next_line := file.readline(LINE_MAX + 1):
+        facts.at_byte += len(line)
+        line = next_line
+        if len(line) > LINE_MAX:
+            raise csv.Error(f"a line has more than {LINE_MAX} letters")
+        yield line
+    if not line.endswith(("\n", "\r")):
+        facts.notes.append("its last line has no end: the file may be cut there")
+
+
+def _place(path: Path, head: list[str], name: str) -> int:
+    if head.count(name) == 1:
+        return head.index(name)
+    if name in head:
+        raise unusable(path, f"two columns are called `{name}`")
+    raise unusable(
+        path, f"it has no column `{name}`", *head_helps(head), nearest_or_all(name, head)
+    )
+
+
+def head_helps(head: list[str]) -> list[str]:
+    """Why its first line may not be the names of its columns, and what to do."""
+    helps = []
+    other = next((c for c in (";", "\t", "|") if len(head) == 1 and c in head[0]), None)
+    if other is not None:
+        helps.append(f"{COMMAS}, not by {other!r}{SEPARATED.format(other)}")
+    if head and head[0].startswith("#"):
+        helps.append(COMMENTED)
+    return helps

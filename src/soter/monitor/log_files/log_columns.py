@@ -1,0 +1,430 @@
+"""The columns of a log, whatever file they come from, and what is told of any such file.
+
+Purpose: times in ns and cells, row by row, of what a mapping asks for; whatever cannot be read is
+D016 and says where. `RowChoice`: whether a cell is what a `where` says, however its file writes it,
+and what stood there where none was. `remedies`: help for whoever has a file of MATLAB, or one under
+a wrong name. `FileFacts.readable`: what stands before a damage. `Writers`: where several nodes, or
+several channels of one name, give a topic its values, that is told with how many each gave, as they
+are read as one stream.
+Non-goals: the files (`csv_log.py`, `read_columns.py`), what the cells mean
+(`monitor/typed_samples.py`), a choice by time (`LogMap.counts`), sources of a mapping, of which
+each has a channel.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from decimal import Decimal, InvalidOperation
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.language.load.named_files import opened
+from soter.mapping.message_types import HEADER_FRAME
+
+Row = TypeVar("Row")
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from pathlib import Path
+
+    from soter.mapping.message_types import MessageType, StampSource
+    from soter.mapping.topic_mapping import LogMap
+
+
+Arrived = tuple[int, "int | None", str, Any]
+"""Log time, time of publishing where a file has it, channel and content of a message."""
+FIGURES_NS = 10**15
+"""Beyond, nine figures of a time in seconds are not all that matters of it."""
+
+READABLE = "with `--partial` what stands before it is read, which is no verdict (exit 4)"
+REINDEX = "`ros2 bag reindex FOLDER` writes `metadata.yaml` anew"
+"""What helps where a bag of ROS 2 and its metadata differ."""
+
+
+@dataclass
+class Columns:
+    """Rows of a CSV, or messages of a channel: `cells[name][i]` belongs to `times_ns[i]`.
+
+    A cell is a text, or what a message has; None where it is not there. `stamps_ns[source][i]`:
+    when it was measured, None where it does not say. `where[i]`: for people. `ends_ns`: when the
+    first and the last record of the log came, of whatever channel; None: these rows are all of it.
+    `equal`: how many have the time of the one before them. `notes`: what was found of the file
+    besides; `beyond_ns`: how long the file goes on behind the end of a choice; `unchecked`: whether
+    nothing in it tells that a value was changed; `damage`: what was read is a part of it.
+    """
+
+    times_ns: list[int] = field(default_factory=list)
+    cells: dict[str, list[Any]] = field(default_factory=dict)
+    stamps_ns: dict[StampSource, list[int | None]] = field(default_factory=dict)
+    where: list[str] = field(default_factory=list)
+    ends_ns: tuple[int, int] | None = None
+    beyond_ns: int = 0
+    equal: int = 0
+    first_equal: str = ""
+    notes: list[str] = field(default_factory=list)
+    unchecked: bool = False
+    damage: Damage | None = None
+
+    @property
+    def log_ns(self) -> tuple[int, int]:
+        """When the log begins and ends."""
+        return self.ends_ns or (self.times_ns[0], self.times_ns[-1])
+
+    @property
+    def remarks(self) -> list[str]:
+        """What was found that is no error."""
+        if not self.equal:
+            return self.notes
+        told = f"{self.equal:,} of {len(self.times_ns):,} have the time of the one before them"
+        return [
+            *self.notes,
+            f"{told} and count in the order of the file; the first: {self.first_equal}",
+        ]
+
+
+@dataclass
+class FileFacts:
+    """What is known of a file once its messages were read.
+
+    `there`: messages by channel; `unchecked`: whether some stood where no checksum covers them;
+    `notes`: what was found that is no error; `at_byte` of `size`: where it is being read;
+    `damage`: where only what stands before it was read.
+    """
+
+    there: dict[str, int] = field(default_factory=dict)
+    unchecked: bool = False
+    notes: list[str] = field(default_factory=list)
+    at_byte: int = 0
+    size: int = 0
+    damage: Damage | None = None
+
+    def size_of(self, file: BinaryIO) -> int:
+        """How long a file is, which is then read from its beginning."""
+        self.size = file.seek(0, 2)
+        file.seek(0)
+        return self.size
+
+    def readable(self, path: Path, rows: Iterable[Row], *, partial: bool) -> Iterator[Row]:
+        """What is given; with `partial` up to the first damage, which is then known here.
+
+        DamagedLogError where nothing stands before it, or nobody asked for a part.
+        """
+        given = False
+        try:
+            for row in rows:
+                given = True
+                yield row
+        except DamagedLogError as error:
+            if given and not partial:
+                (problem,) = error.diagnostics
+                helped = replace(problem, helps=(*problem.helps, READABLE))
+                raise DamagedLogError((helped,)) from error
+            if not given:
+                raise
+            share = min(0.999, self.at_byte / self.size) if self.size else None
+            told = error.diagnostics[0].message.partition("cannot be used: ")[2]
+            self.damage = Damage(f"`{path}`: {told}", share)
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Where a file is cut or damaged, and which share of its bytes stands before that, if known."""
+
+    told: str
+    share: float | None
+
+    def __str__(self) -> str:
+        before = (
+            "what stands before that" if self.share is None else f"{self.share:.1%} of its bytes"
+        )
+        return f"no verdict: the log is damaged, and {before} could be read"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a mapping asks of a channel.
+
+    `optional`: of `names`, those that go through a list that may be too short. `message`: the type
+    that its messages have to be of, None for any. `unnamed`: nobody asks for this channel in
+    particular: where its messages cannot be decoded that is told, and they are left out.
+    """
+
+    names: tuple[str, ...] = ()
+    stamps: tuple[StampSource, ...] = ()
+    optional: frozenset[str] = frozenset()
+    message: MessageType | None = None
+    unnamed: bool = False
+
+    def columns(self) -> Columns:
+        """None of its rows yet."""
+        return Columns(
+            cells={n: [] for n in self.names}, stamps_ns={source: [] for source in self.stamps}
+        )
+
+
+def unusable(path: Path, why: str, *helps: str) -> SoterError:
+    """D016."""
+    text = f"the log `{path}` cannot be used: {why}"
+    return SoterError((Diagnostic("D016", text, helps=tuple(h for h in helps if h)),))
+
+
+class DamagedLogError(SoterError):
+    """D016 of a file that is cut, or contradicts itself; what stood before it was given."""
+
+
+def damaged(path: Path, why: str, *helps: str) -> DamagedLogError:
+    """D016 of such a file."""
+    return DamagedLogError(unusable(path, why, *helps))
+
+
+def wanted_columns(path: Path, mapping: LogMap, *, table: bool) -> dict[str | None, Wanted]:
+    """What each channel of a mapping has to hold; a table is the channel None. SoterError D016."""
+    by_channel: dict[str | None, Wanted] = {}
+    for t in mapping.topics:
+        if not t.names:
+            continue
+        key = None if table else t.channel
+        before = by_channel.get(key, Wanted())
+        names = [*before.names, *t.names, *t.where, *([] if t.frame_id is None else [HEADER_FRAME])]
+        if None not in (before.message, t.message) and before.message != t.message and not table:
+            raise unusable(path, f"the mapping gives messages of `{key}` two types")
+        by_channel[key] = Wanted(
+            tuple(dict.fromkeys(names)),
+            tuple(dict.fromkeys([*before.stamps, *([] if t.stamp is None else [t.stamp])])),
+            before.optional | t.optional,
+            before.message or t.message,
+        )
+    if not by_channel:
+        raise unusable(path, "its mapping asks for no column of it: everything is constant")
+    return by_channel
+
+
+def add_row(
+    path: Path,
+    into: Columns,
+    time_ns: int,
+    cells: Mapping[str, Any],
+    stamps: Mapping[StampSource, int | None],
+    *,
+    where: str,
+    remedies: tuple[str, ...] = (),
+) -> None:
+    """A row, in the order of the file; D016 where time goes back.
+
+    A recorder's clock that does not move on between two rows is none that was set back.
+    """
+    last = into.times_ns[-1] if into.times_ns else time_ns
+    if time_ns < last:
+        told = f"from {seconds_text(last)} s to {seconds_text(time_ns)} s"
+        by = f"by {seconds_text(last - time_ns)} s"
+        step = last - into.times_ns[-2] if len(into.times_ns) > 1 else 0
+        if step:
+            by += (
+                f" ({seconds_text(last - time_ns + step)} s, had it come as soon as the one before)"
+            )
+        raise unusable(path, f"time goes back in {where}, {told}, {by}", *remedies)
+    if into.times_ns and time_ns == last:
+        into.equal += 1
+        into.first_equal = into.first_equal or where
+    into.times_ns.append(time_ns)
+    into.where.append(where)
+    for name, column in into.cells.items():
+        column.append(cells[name])
+    for source, stamp_column in into.stamps_ns.items():
+        stamp_column.append(stamps[source])
+
+
+def seconds_text(time_ns: int) -> str:
+    """A time in s; of one since 1970 every digit."""
+    if abs(time_ns) < FIGURES_NS:
+        return f"{time_ns / 1e9:.9g}"
+    return f"{time_ns // 10**9}.{time_ns % 10**9:09d}"
+
+
+def is_plain(number: str) -> bool:
+    """Whether a number is written as logs write it, not as Python reads it: `0_1`, other digits."""
+    return number.isascii() and "_" not in number
+
+
+def decimal_of(given: object) -> Decimal | None:
+    """A finite number, exactly as it is written; None for anything else."""
+    text = str(given).strip()
+    try:
+        number = Decimal(text if is_plain(text) else "")
+    except InvalidOperation:
+        return None
+    return None if isinstance(given, bool) or not number.is_finite() else number
+
+
+COMMAS = "numbers have a point, and cells are parted by commas"
+DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}")
+DATES = (
+    "a time is a number: of a date `(pandas.to_datetime(table[T], utc=True) - "
+    'pandas.Timestamp(0, tz="UTC")).dt.total_seconds()` in Python makes seconds since 1970'
+)
+
+
+def no_time(path: Path, given: object, where: str) -> SoterError:
+    """D016 of what should be a time."""
+    text = str(given).strip()
+    help_ = DATES if DATE.match(text) else COMMAS if "," in text else ""
+    return unusable(path, f"`{str(given)[:40]}` in {where} is no time", help_)
+
+
+def moment(path: Path, given: object, unit_ns: Fraction, where: str) -> int:
+    """A time in ns, exactly as it is written; SoterError D016."""
+    number = decimal_of(given)
+    if number is None or abs(number.adjusted()) > 40:
+        raise no_time(path, given, where)
+    return round(Fraction(number) * unit_ns)
+
+
+TRUTHS = {"true": True, "false": False}
+CODE = re.compile(r"[+-]?0[0-9]")
+"""What begins so is no number but a name that has figures."""
+SHOWN = 5
+
+
+class RowChoice:
+    """The rows in which each of these columns has this text; `where`: by column."""
+
+    def __init__(self, where: Mapping[str, str]) -> None:
+        self.where = where
+        self._seen: dict[str, dict[str, int]] = {name: {} for name in where}
+
+    def takes(self, cell_of: Callable[[str], Any]) -> bool:
+        """Whether a row is chosen; `cell_of`: what it has, by column."""
+        for name, wanted in self.where.items():
+            cell = cell_of(name)
+            if not _is(cell, wanted):
+                seen = self._seen[name]
+                shown = _shown(cell)
+                if shown in seen or len(seen) <= SHOWN:
+                    seen[shown] = seen.get(shown, 0) + 1
+                return False
+        return True
+
+    def __str__(self) -> str:
+        return " and ".join(f"{k} = {v}" for k, v in self.where.items())
+
+    @property
+    def helps(self) -> list[str]:
+        """Of columns that left rows out, what stood there instead."""
+        told = []
+        for name, seen in self._seen.items():
+            values = [f"{value} ({n:,} times)" for value, n in [*seen.items()][:SHOWN]]
+            more = ["others"] if len(seen) > SHOWN else []
+            if seen:
+                told.append(
+                    f"`{name}` is not `{self.where[name][:40]}` but {', '.join(values + more)}: "
+                    "say it in `where` as it stands there"
+                )
+        return told
+
+
+def _is(cell: object, wanted: str) -> bool:
+    """The same text, truth (`true`, `True`) or number (`1`, `1.0`)."""
+    text, wanted = "" if cell is None else str(cell).strip(), wanted.strip()
+    if text == wanted:
+        return True
+    if text.lower() in TRUTHS:
+        return text.lower() == wanted.lower()
+    if CODE.match(text) or CODE.match(wanted):
+        return False
+    number = decimal_of(text)
+    return number is not None and number == decimal_of(wanted)
+
+
+def _shown(cell: object) -> str:
+    if cell is None or cell == "":
+        return "empty"
+    kind = "a text" if isinstance(cell, str) else "a number"
+    kind = "a truth" if isinstance(cell, bool) else kind
+    text = str(cell).lower() if isinstance(cell, bool) else str(cell).strip()
+    return f"`{text[:40]}`, {kind if isinstance(cell, (str, bool, int, float)) else 'no text'}"
+
+
+READ = (
+    "read are `.csv`, `.csv.gz`, `.mcap`, `.bag` of ROS 1, folders or `.db3` of ROS 2, `.ulg`, "
+    "`.bin`, `.log` and `.tlog`, by what they are called: docs/real-logs.md"
+)
+IN_UTF_8 = "`iconv -f UTF-16 -t UTF-8 FILE` writes it in UTF-8, as a CSV is here"
+BY_MAGIC = (
+    (b"ULog\x01\x12\x35", "a ULog of PX4: its name ends in `.ulg`"),
+    (b"\xa3\x95", "a DataFlash log of ArduPilot: its name ends in `.bin`"),
+    (b"FMT,", "a DataFlash log of ArduPilot as text: its name ends in `.log`"),
+    (b"\x89MCAP0\r\n", "an MCAP: its name ends in `.mcap`"),
+    (b"#ROSBAG V2.0", "a bag of ROS 1: its name ends in `.bag`"),
+    (b"SQLite format 3\0", "a database: that of a bag of ROS 2 ends in `.db3`"),
+    (b"\x28\xb5\x2f\xfd", "packed by zstd: unpack it, or give the folder of the bag it is of"),
+    (b"\x1f\x8b", "packed by gzip: a CSV so packed ends in `.csv.gz`; unpack anything else"),
+    (b"PAR1", "Parquet: `pandas.read_parquet(FILE).to_csv(NEW)` in Python writes a CSV"),
+    (b"\x89HDF\r\n", "HDF5, as MATLAB writes it, too: its `writetable` writes a CSV"),
+    (b"MATLAB 5.0", "a MAT-file: MATLAB's `writetable` writes a CSV"),
+    (b"\xff\xfe", f"a text in UTF-16: {IN_UTF_8}"),
+    (b"\xfe\xff", f"a text in UTF-16: {IN_UTF_8}"),
+    (b"PK\x03\x04", "a ZIP, or a table of Excel: unpack it, or save the table as a CSV"),
+)
+
+
+def remedies(path: Path) -> tuple[str, ...]:
+    """What it seems to be, where that is known, and what is read."""
+    try:
+        with opened(path, pipes=False) as file:
+            head = file.read(64)
+    except OSError:
+        return (READ,)
+    told = next((text for magic, text in BY_MAGIC if head.startswith(magic)), None)
+    if told is None and b"," in head and head.isascii() and path.suffix.lower() != ".csv":
+        told = "a CSV, perhaps: its name ends in `.csv`"
+    return (READ,) if told is None else (f"it looks like {told}", READ)
+
+
+WRITERS_SHOWN = 8
+"""So many writers of a channel are named."""
+
+
+class Writers:
+    """What was met so far, channel by channel."""
+
+    def __init__(self) -> None:
+        self._messages: dict[str, Counter[str]] = {}
+        self._last: dict[str, str] = {}
+        self._changes: Counter[str] = Counter()
+        self._offered: dict[str, int] = {}
+
+    def note(self, channel: str, writer: str) -> None:
+        """A message; `writer`: a node, or what else tells its writers apart."""
+        self._messages.setdefault(channel, Counter())[writer] += 1
+        self._changes[channel] += self._last.setdefault(channel, writer) != writer
+        self._last[channel] = writer
+
+    def offer(self, channel: str, publishers: int) -> None:
+        """How many publishers a bag of ROS 2 lists for a channel; it does not name them."""
+        self._offered[channel] = max(publishers, self._offered.get(channel, 0))
+
+    @property
+    def notes(self) -> list[str]:
+        """What is told of channels with several writers."""
+        told = []
+        for channel, messages in self._messages.items():
+            if len(messages) < 2:
+                continue
+            first = [f"{name[:80]} ({n:,})" for name, n in messages.most_common(WRITERS_SHOWN)]
+            more = f" and {len(messages) - SHOWN:,} more" if len(messages) > WRITERS_SHOWN else ""
+            changes = self._changes[channel]
+            turns = f"{changes:,} change{'s'[: changes > 1]} from one to another"
+            told.append(
+                f"`{channel}` has {len(messages):,} writers, which are read as one stream: "
+                f"{', '.join(first)}{more}, {turns}; a `where` of the topic chooses messages"
+            )
+        told += [
+            f"{n:,} publishers offered `{channel}`, which are read as one stream: the bag does not "
+            "say whose each message is"
+            for channel, n in self._offered.items()
+            if n > 1 and len(self._messages.get(channel, ())) < 2
+        ]
+        return told

@@ -1,0 +1,410 @@
+"""What a log holds of what a mapping asks for: columns, whatever file it is.
+
+Purpose: the one way from a path, or several CSVs that are one log, to columns. Of a log of messages
+(an MCAP, a bag of ROS, a log of PX4, ArduPilot or MAVLink), of each message of a channel that
+counts, the parts that a mapping names, in the order of the file; times that go back in it are no
+other order, and are told. `part_of`: what stands at `pose.position.x` or `ranges.3` of a message in
+JSON, ROS or protobuf, as a plain number, truth or text; `time_ns_of`: what a time is in ns.
+Non-goals: the files (`csv_log.py`, `READERS`), decoding (`ros_messages.py`, the package
+`mcap-protobuf-support`).
+"""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+from keyword import iskeyword
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.similar_names import nearest_or_all
+from soter.mapping.topic_mapping import LOG_TIME, PUBLISH_TIME, NearestSource
+from soter.monitor.log_files.autopilot_logs import dataflash_messages, ulog_messages
+from soter.monitor.log_files.csv_log import is_table, read_csv
+from soter.monitor.log_files.log_columns import (
+    FileFacts,
+    RowChoice,
+    add_row,
+    moment,
+    seconds_text,
+    unusable,
+    wanted_columns,
+)
+from soter.monitor.log_files.mavlink_log import mavlink_messages
+from soter.monitor.log_files.mcap_messages import mcap_messages
+from soter.monitor.log_files.ros_bags import bag_messages, is_bag, require_no_split
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from soter.mapping.message_types import StampSource
+    from soter.mapping.topic_mapping import LogMap
+    from soter.monitor.log_files.log_columns import Arrived, Columns, Wanted
+
+
+SECONDS = (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs"), ("seconds", "nanos"))
+"""What the members of a time are called: in ROS 2, in ROS 1 (C++, Python) and in protobuf."""
+
+
+class NoPartError(Exception):
+    """A message has no such part; `beyond`: a list on the way is too short."""
+
+    def __init__(self, part: str, known: Iterable[str], *, beyond: bool = False) -> None:
+        super().__init__(part)
+        self.part, self.known, self.beyond = part, tuple(known), beyond
+
+
+class NoTimeError(Exception):
+    """Something is no time."""
+
+
+def part_of(message: Any, name: str) -> Any:  # noqa: ANN401 - what a message has
+    """What stands at a path, None where protobuf knows that nobody set it; raises NoPartError."""
+    current, is_set = message, True
+    for part in name.split("."):
+        is_set = is_set and _is_set(current, part)
+        try:
+            current = _member(current, part)
+        except NoPartError as error:
+            if error.beyond and not is_set:
+                return None
+            raise
+    if not is_set:
+        return None
+    return current.tolist() if hasattr(current, "dtype") else current  # of numpy, also one number
+
+
+def time_ns_of(given: Any) -> int:  # noqa: ANN401 - the same
+    """A time of seconds and nanoseconds, in ns; raises NoTimeError."""
+    for names in SECONDS:
+        try:
+            seconds, rest = (part_of(given, n) for n in names)
+        except NoPartError:
+            continue
+        if type(seconds) is int and type(rest) is int and 0 <= rest < 10**9:
+            return seconds * 10**9 + rest
+    raise NoTimeError
+
+
+def _member(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
+    if isinstance(current, dict):
+        if part not in current:
+            raise NoPartError(part, current)
+        return current[part]
+    if hasattr(current, "__msgtype__"):
+        return _attribute(current, part, list(type(current).__dataclass_fields__))
+    if hasattr(current, "DESCRIPTOR"):
+        return _of_protobuf(current, part)
+    if isinstance(current, (str, bytes)) or not hasattr(current, "__len__"):
+        raise NoPartError(part, ())
+    if not (part.isascii() and part.isdigit() and len(part) < 10):
+        raise NoPartError(part, ())
+    if int(part) >= len(current):
+        raise NoPartError(part, (), beyond=True)
+    return current[int(part)]
+
+
+def _attribute(current: Any, part: str, known: list[str]) -> Any:  # noqa: ANN401 - the same
+    name = f"{part}_" if iskeyword(part) else part
+    if name not in known:
+        raise NoPartError(part, known)
+    return getattr(current, name)
+
+
+def _is_set(current: Any, part: str) -> bool:  # noqa: ANN401 - the same
+    """False for a field of protobuf that has no value: it would be read as its default."""
+    fields = current.DESCRIPTOR.fields_by_name if hasattr(current, "DESCRIPTOR") else {}
+    return part not in fields or not fields[part].has_presence or current.HasField(part)
+
+
+def _of_protobuf(current: Any, part: str) -> Any:  # noqa: ANN401 - the same
+    """A field of a protobuf message; of an enum the name of its member."""
+    fields = current.DESCRIPTOR.fields_by_name
+    if part not in fields:
+        raise NoPartError(part, fields)
+    value = getattr(current, part)
+    enum = fields[part].enum_type
+    if enum is not None and isinstance(value, int):
+        member = enum.values_by_number.get(value)
+        return value if member is None else member.name
+    return value
+
+
+SECOND_NS = 10**9
+HOUR_NS = 3600 * SECOND_NS
+OF_ALL = (
+    "`[time] from` is asked of the messages of every channel that is mapped; without it their log "
+    "time counts"
+)
+CLOCK_SET = (
+    'was the clock of the recorder set? `[time] from = "header.stamp"` takes the time of the '
+    "messages; `since` and `until` choose what was recorded before or after"
+)
+UNSORTED = (
+    "if only the file is out of order: `mcap sort`, `ros2 bag convert` or `rosbag filter` write it "
+    "in order"
+)
+
+
+def read_messages(
+    path: Path, mapping: LogMap, wanted: dict[str | None, Wanted], *, partial: bool = False
+) -> dict[str | None, Columns]:
+    """What each channel holds; `partial`: of a damaged file up to there. SoterError D016."""
+    by_channel = _named(path, mapping, wanted)
+    columns_by_channel: dict[str | None, Columns] = {k: w.columns() for k, w in wanted.items()}
+    facts, order = FileFacts(), _Order()
+    choices = {k: RowChoice(mapping.where) for k in by_channel}
+    counted: list[tuple[int, int]] = []
+    others: list[tuple[int, str]] = []
+    for arrived in facts.readable(path, messages_of(path, by_channel, facts), partial=partial):
+        log_ns, _, channel, message = arrived
+        if channel not in by_channel:
+            if mapping.counts(log_ns):
+                others.append((log_ns, channel))
+            continue
+        where = f"message {facts.there[channel]} of `{channel}`"
+        if not mapping.counts(log_ns) or not choices[channel].takes(
+            lambda name: _part(path, message, name, where)  # noqa: B023 - called before the next
+        ):
+            continue
+        now = _time(path, mapping, arrived, where)
+        asked, into = by_channel[channel], columns_by_channel[channel]
+        cells = {n: _part(path, message, n, where, n in asked.optional) for n in asked.names}
+        stamps = {source: _stamp(path, message, source, where) for source in asked.stamps}
+        helps = (CLOCK_SET, UNSORTED)
+        add_row(path, into, now, cells, stamps, where=where, remedies=helps)
+        order.note(now, where)
+        counted.append((log_ns, now))
+    for name, choice in choices.items():
+        if not columns_by_channel[name].times_ns:
+            hints = choice.helps if name in facts.there else [nearest_or_all(name, facts.there)]
+            raise unusable(path, f"no message that counts stands on `{name}`", *hints)
+    ends, beyond_ns, notes = _ends_of_log(mapping, counted, others)
+    for columns in columns_by_channel.values():
+        columns.ends_ns, columns.beyond_ns = ends, beyond_ns
+        columns.unchecked, columns.damage = facts.unchecked, facts.damage
+        columns.notes += [*facts.notes, *order.notes, *notes]
+    return columns_by_channel
+
+
+def _ends_of_log(
+    mapping: LogMap, counted: list[tuple[int, int]], others: list[tuple[int, str]]
+) -> tuple[tuple[int, int], int, list[str]]:
+    """When the log begins and ends; how long other channels go on; what is to be told of it."""
+    near, notes = _near(counted, others)
+    whole = _ends(counted, near)
+    ends = _ends(counted, []) if mapping.where else whole
+    beyond_ns = whole[1] - ends[1]
+    if beyond_ns > 0:
+        told = f"other channels go on for {seconds_text(beyond_ns)} s"
+        notes.append(f"{told}; of a choice by `where` the log ends with the last row that counts")
+    return ends, beyond_ns, notes
+
+
+def _named(path: Path, mapping: LogMap, wanted: dict[str | None, Wanted]) -> dict[str, Wanted]:
+    """What is wanted of each channel; SoterError D016 where a topic names none."""
+    for t in mapping.topics:
+        if None in wanted and t.names and t.channel is None:
+            raise unusable(path, f"the mapping of `{t.topic.name}` names no `channel`")
+    return {str(k): w for k, w in wanted.items()}
+
+
+class _Order:
+    """Whether times go back from one channel to another, in the order of the file."""
+
+    def __init__(self) -> None:
+        self.latest_ns: int | None = None
+        self.times, self.most_ns, self.place = 0, 0, ""
+
+    def note(self, now: int, where: str) -> None:
+        """A message that counts."""
+        back = 0 if self.latest_ns is None else self.latest_ns - now
+        self.latest_ns = now if back <= 0 else self.latest_ns
+        self.times += back > 0
+        if back > self.most_ns:
+            self.most_ns, self.place = back, where
+
+    @property
+    def notes(self) -> list[str]:
+        """What is told of it."""
+        if not self.times:
+            return []
+        most = f"by at most {seconds_text(self.most_ns)} s, at {self.place}"
+        return [
+            f"in the order of the file time goes back {self.times:,} times between channels, {most}"
+        ]
+
+
+def _near(
+    counted: list[tuple[int, int]], others: list[tuple[int, str]]
+) -> tuple[list[int], list[str]]:
+    """Log times of other channels, and notes that name those whose clock cannot be the log's.
+
+    These lie further from the rest than it is long, and than an hour: a sensor that fell silent
+    does not end the log.
+    """
+    first, last = min(counted)[0], max(counted)[0]
+    near: list[int] = []
+    far: dict[str, list[int]] = {}
+    early = sorted((o for o in others if o[0] < first), reverse=True)
+    for ns, channel in [*sorted(o for o in others if o[0] >= first), *early]:
+        apart = max(first - ns, ns - last)
+        if apart > max(last - first, HOUR_NS):
+            far.setdefault(channel, []).append(max(first - ns, last - ns, key=abs))
+            continue
+        first, last = min(first, ns), max(last, ns)
+        near.append(ns)
+    notes = []
+    for channel, by in far.items():
+        side = "before" if by[-1] > 0 else "after"
+        told = f"{len(by):,} messages of `{channel}`, up to {max(map(abs, by)) / 1e9:,.0f} s {side}"
+        notes.append(f"{told} the rest, have another clock and do not count as its end")
+    return near, notes
+
+
+def _ends(counted: list[tuple[int, int]], others: list[int]) -> tuple[int, int]:
+    """When the log begins and ends, in the clock of the messages that count.
+
+    counted: log time and time of each; others: log times of what stands on other channels, in
+    whose clock a message that counts is as far off as the one next to the end is.
+    """
+    times = [now for _, now in counted]
+    (first, begin), (last, end) = min(counted), max(counted)
+    times += [ns - first + begin for ns in others if ns < first]
+    times += [ns - last + end for ns in others if ns > last]
+    return min(times), max(times)
+
+
+READERS = {
+    ".ulg": ulog_messages,
+    ".ulog": ulog_messages,
+    ".bin": dataflash_messages,
+    ".log": dataflash_messages,
+    ".tlog": mavlink_messages,
+    ".rlog": mavlink_messages,
+}
+"""Who reads what, by its name; anything else is a bag or an MCAP."""
+
+
+def messages_of(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
+    """Every message of the wanted channels; `facts` counts those of every channel."""
+    if is_bag(path):
+        return bag_messages(path, wanted, facts)
+    require_no_split(path)
+    return READERS.get(path.suffix.lower(), mcap_messages)(path, wanted, facts)
+
+
+def _time(path: Path, mapping: LogMap, arrived: Arrived, where: str) -> int:
+    """When a message counts: its log time, or what the mapping says."""
+    log_ns, publish_ns, _, message = arrived
+    name = mapping.time
+    if name in (None, LOG_TIME):
+        return log_ns
+    if name == PUBLISH_TIME:
+        if publish_ns is None:
+            raise unusable(path, f"`time` is `{name}`, which a bag has not: an MCAP has", OF_ALL)
+        return publish_ns
+    given = _part(path, message, str(name), where, False, OF_ALL)
+    if isinstance(given, (int, float, str)):
+        return moment(path, given, mapping.time_ns, where)
+    try:
+        now = time_ns_of(given)
+    except NoTimeError as error:
+        raise unusable(path, f"`{name}` in {where} is no time", OF_ALL) from error
+    if mapping.time_ns != SECOND_NS:
+        raise unusable(path, f"`{name}` in {where} is a time by itself: it has no `unit`")
+    return now
+
+
+def _part(
+    path: Path,
+    message: Any,  # noqa: ANN401 - what a message has
+    name: str,
+    where: str,
+    optional: bool = False,
+    *helps: str,
+) -> Any:  # noqa: ANN401 - the same
+    """A field of a message: `position.x`, `q.0`; None where it is too far into a list."""
+    try:
+        return part_of(message, name)
+    except NoPartError as error:
+        if optional and error.beyond:
+            return None
+        help_ = nearest_or_all(error.part, error.known)
+        raise unusable(path, f"{where} has no `{name}`", help_, *helps) from error
+
+
+def _stamp(path: Path, message: Any, source: StampSource, where: str) -> int | None:  # noqa: ANN401 - the same
+    given = _part(path, message, source.path, where)
+    if given is None:
+        return None
+    if source.kind == "number":
+        return moment(path, given, source.unit_ns, where)
+    try:
+        return time_ns_of(given)
+    except NoTimeError as error:
+        shown = f"`{source.path}` in {where}"
+        help_ = f'of a number the mapping says the unit: {{ from = "{source.path}", unit = "us" }}'
+        raise unusable(path, f"{shown} is no time of seconds and nanoseconds", help_) from error
+
+
+CLOCKS = "several CSVs are one log where their times are of one clock: `[time]` of the mapping"
+
+
+def read_columns(
+    log: Path | Sequence[Path], mapping: LogMap, *, partial: bool = False
+) -> dict[str | None, Columns]:
+    """What each channel of a mapping holds; a CSV is the channel None. SoterError D016, D007.
+
+    Of several CSVs a channel is the name of one, as the mapping writes it. `partial`: of a damaged
+    file what stands before the damage.
+    """
+    paths = [log] if isinstance(log, Path) else [*log]
+    path = paths[0]
+    for t in mapping.topics:
+        for leaf_path, leaf in t.leaves.items():
+            if isinstance(leaf, NearestSource):
+                what = "is what is nearest in a scan, which a robot can take and a log cannot give"
+                raise unusable(path, f"`{t.name_of(leaf_path)}` {what}")
+    table = len(paths) == 1 and is_table(path)
+    wanted = wanted_columns(path, mapping, table=table)
+    if table:
+        columns: dict[str | None, Columns] = {
+            None: read_csv(path, mapping, wanted[None], partial=partial)
+        }
+    elif len(paths) > 1:
+        columns = _of_several(paths, mapping, wanted, partial=partial)
+    else:
+        columns = read_messages(path, mapping, wanted, partial=partial)
+    times = [t for c in columns.values() for t in (c.times_ns[0], c.times_ns[-1])]
+    if min(times) == max(times) and any(c.equal for c in columns.values()):
+        said = f"time stands still: all that counts is of {seconds_text(times[0])} s"
+        raise unusable(path, said, "`[time] from` names another time: docs/mapping.md, Logs")
+    return columns
+
+
+def _of_several(
+    paths: Sequence[Path],
+    mapping: LogMap,
+    wanted: dict[str | None, Wanted],
+    *,
+    partial: bool,
+) -> dict[str | None, Columns]:
+    """What each of several CSVs holds, by the name under which the mapping knows it."""
+    other = next((p for p in paths if not is_table(p)), None)
+    if other is not None:
+        raise unusable(other, "of several files that are one log each is a CSV, and this is none")
+    columns: dict[str | None, Columns] = {}
+    for channel, asked in wanted.items():
+        meant = [p for p in paths if fnmatchcase(p.name, channel or "")]
+        if len(meant) != 1:
+            names = ", ".join(f"`{p.name}`" for p in paths)
+            told = f"a topic has the `channel` {channel}" if channel else "a topic has no `channel`"
+            help_ = "the `channel` of a topic is the name of one of them; `*` stands for any text"
+            raise unusable(paths[0], f"{told}, and {len(meant)} of {names} are called so", help_)
+        columns[channel] = read_csv(meant[0], mapping, asked, partial=partial)
+    begins, ends = zip(*(c.log_ns for c in columns.values()), strict=True)
+    if max(begins) > min(ends):
+        late = max(columns, key=lambda k: columns[k].log_ns[0])
+        told = f"`{late}` begins at {seconds_text(max(begins))} s, when another one has ended"
+        raise unusable(paths[0], f"{told}, at {seconds_text(min(ends))} s", CLOCKS)
+    return columns

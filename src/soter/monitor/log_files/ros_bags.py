@@ -1,0 +1,254 @@
+"""The messages of bags of ROS 1 (a file) and ROS 2 (a folder, or one of its files).
+
+Purpose: what kind of bag it is, and that its files are ordinary ones; a bag of ROS 2 is read file
+by file, its metadata only for what these are.
+Non-goals: the files (`bag_files.py`, `mcap_messages.py`).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import SoterError, reason
+from soter.language.load.named_files import opened, read_bytes
+from soter.mapping.message_types import require_ros_package
+from soter.monitor.log_files.log_columns import REINDEX, damaged, remedies, unusable
+from soter.monitor.log_files.mcap_messages import mcap_messages
+from soter.monitor.log_files.ros_messages import UndecodableError
+from soter.report.bounded_unpack import unpack_file
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from soter.monitor.log_files.log_columns import Arrived, FileFacts, Wanted
+
+
+METADATA = "metadata.yaml"
+METADATA_MAX = 4 << 20
+MARK = "rosbag2_bagfile_information"
+SPLIT = re.compile(r"(.+)_\d+\.(db3|mcap)(\.zstd)?")
+"""How ROS 2 calls the parts of a bag."""
+FILES_MAX = 10_000
+STORAGES = {"sqlite3": ".db3", "mcap": ".mcap"}
+ROS1_MAGIC = b"#ROSBAG V2.0\n"
+
+
+@dataclass(frozen=True)
+class _Bag2:
+    """What the metadata of a bag of ROS 2 says of its files; `packed`: "", "file" or "message".
+
+    `counts`: messages by topic, None: of all.
+    """
+
+    files: tuple[Path, ...]
+    storage: str
+    packed: str = ""
+    counts: Mapping[str | None, int] = field(default_factory=dict)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a log is a bag of ROS, by its name."""
+    if path.suffix.lower() in (".bag", ".db3") or path.is_dir():
+        return True
+    return any((each.parent / METADATA).is_file() and _says_mark(each) for each in _places(path))
+
+
+def _places(path: Path) -> Iterator[Path]:
+    """A file as it is called, and where it is if that is a link; of a circle a place within."""
+    yield from dict.fromkeys((path, Path(os.path.realpath(path))))
+
+
+def _says_mark(path: Path) -> bool:
+    """Whether the metadata beside a file are those of a bag, and not of something else."""
+    try:
+        return MARK.encode() in read_bytes(path.parent / METADATA, METADATA_MAX)
+    except OSError:
+        return True  # which is told when they are read
+
+
+def bag_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
+    """Time of arrival, channel and content of each message of the wanted channels.
+
+    Of other channels the times, without content. `facts` counts the messages of the wanted
+    channels, and knows the others. SoterError D016, D007.
+    """
+    require_ros_package()
+    from soter.monitor.log_files.bag_files import (  # noqa: PLC0415 - an extra
+        REMEDY1,
+        ContradictionError,
+        ros1_messages,
+    )
+
+    try:
+        if path.suffix.lower() == ".bag" and not path.is_dir():
+            _require_ros1(path)
+            yield from ros1_messages(path, wanted, facts)
+        elif path.is_dir():
+            yield from _of_folder(_bag2(path), wanted, facts)
+        else:
+            yield from _of_folder(_alone(path), wanted, facts)
+    except SoterError:
+        raise
+    except ContradictionError as error:
+        raise damaged(path, str(error), error.remedy) from error
+    except UndecodableError as error:
+        raise unusable(path, str(error)) from error
+    except OSError as error:
+        raise unusable(path, reason(error)) from error
+    except Exception as error:
+        said = str(error)[:200] if _says_why(error) else ""
+        help_ = REMEDY1 if path.suffix.lower() == ".bag" else ""
+        raise damaged(path, said or "it is no bag of ROS, or damaged", help_) from error
+
+
+def _alone(path: Path) -> _Bag2:
+    """A file of a bag, given alone: its counts are known where metadata name it beside it.
+
+    SoterError D016 where they name other files: it is a part, or none of theirs.
+    """
+    require_no_split(path)
+    storage = "mcap" if path.suffix.lower() == ".mcap" else "sqlite3"
+    for each in _places(path):
+        if not (each.parent / METADATA).is_file():
+            continue
+        bag = _bag2(each.parent)
+        if [file.name for file in bag.files] == [each.name]:
+            return bag
+        if bag.storage == storage:
+            others = [file.name for file in bag.files if file.name != each.name]
+            more = f" and {len(others) - 1:,} more" if len(others) > 1 else ""
+            raise unusable(path, f"its `{METADATA}` names `{others[0]}`{more}, too", _whole(each))
+    return _Bag2((path,), storage)
+
+
+def _whole(part: Path) -> str:
+    """What to do about a part of a bag."""
+    return f"give the folder, `{part.parent}` ({REINDEX}), or move the part to one of its own"
+
+
+def require_no_split(path: Path) -> None:
+    """SoterError D016 where other files of the same bag lie beside one that is given alone."""
+    for each in _places(path):
+        split = SPLIT.fullmatch(each.name)
+        if split is None:
+            continue
+        stem, kind = split[1], split[2]
+        beside = each.parent.resolve()
+        if kind == "mcap" and beside.name != stem and not (beside / METADATA).is_file():
+            continue  # whoever records without ROS may number logs that are none of one
+        others = [
+            other.name
+            for other in sorted(beside.glob(f"*.{kind}*"))
+            if other.name.removesuffix(".zstd") != each.name.removesuffix(".zstd")
+            and (m := SPLIT.fullmatch(other.name))
+            and m[1] == stem
+        ]
+        if others:
+            more = f" and {len(others) - 1} more" if len(others) > 1 else ""
+            why = f"it is a part of a bag: `{others[0]}`{more} beside it is another"
+            raise unusable(path, why, _whole(each))
+
+
+def _require_ros1(path: Path) -> None:
+    """SoterError D016 where it does not begin as a bag of ROS 1 does."""
+    with opened(path, pipes=False) as file:
+        if file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
+            raise unusable(path, "it is no bag of ROS 1, version 2.0", *remedies(path))
+
+
+def _says_why(error: Exception) -> bool:
+    """Whether the text of an error is meant for people."""
+    own = type(error).__module__.startswith(("rosbags.", "soter."))
+    return own and not isinstance(error, KeyError)
+
+
+def _of_folder(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
+    from soter.monitor.log_files.bag_files import (  # noqa: PLC0415 - an extra
+        require_counts,
+        require_no_journal,
+        sqlite_messages,
+    )
+
+    for file in bag.files:
+        with TemporaryDirectory() as folder:
+            plain = file
+            if bag.packed == "file":
+                require_no_journal(file)
+                plain = Path(folder) / f"unpacked.{'db3' if bag.storage == 'sqlite3' else 'mcap'}"
+                with opened(file, pipes=False) as packed, plain.open("wb") as into:
+                    unpack_file(packed, into, file.stat().st_size)
+            if bag.storage == "mcap":
+                yield from mcap_messages(plain, wanted, facts)
+            else:
+                opened(plain, pipes=False).close()
+                packed_messages = bag.packed == "message"
+                yield from sqlite_messages(plain, wanted, facts, packed=packed_messages)
+    require_counts(bag.counts, facts.there)
+
+
+def _bag2(path: Path) -> _Bag2:
+    """What the metadata says; SoterError D016."""
+    from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
+    from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
+
+    from soter.monitor.log_files.bag_files import counts_of  # noqa: PLC0415 - an extra
+
+    file = path / METADATA
+    try:
+        text = read_bytes(file, METADATA_MAX).decode("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        why = reason(error) if isinstance(error, OSError) else "it is not UTF-8"
+        raise unusable(path, f"its `{METADATA}` cannot be read: {why}", REINDEX) from error
+    try:
+        said = YAML(typ="safe").load(text)[MARK]
+        names, storage = said["relative_file_paths"], said["storage_identifier"]
+        mode = str(said.get("compression_mode") or "").lower()
+        form = str(said.get("compression_format") or "")
+        counts = counts_of(said)
+    except (YAMLError, KeyError, TypeError, AttributeError, ValueError, RecursionError) as error:
+        raise unusable(path, f"its `{METADATA}` is none of a bag", REINDEX) from error
+    packed = _packing(path, storage, mode, form)
+    if not isinstance(names, list) or not 0 < len(names) <= FILES_MAX:
+        raise unusable(path, f"its `{METADATA}` names no files")
+    if not all(isinstance(n, str) and _is_plain(PurePosixPath(n).name) for n in names):
+        raise unusable(path, f"its `{METADATA}` names a file that can be none of it")
+    files = tuple(path / PurePosixPath(n).name for n in names)
+    _require_named(path, files, STORAGES[storage])
+    return _Bag2(files, storage, packed, counts)
+
+
+def _packing(path: Path, storage: object, mode: str, form: str) -> str:
+    """What is packed of a bag, "file" or "message", "": nothing; D016 for what cannot be read."""
+    if storage not in STORAGES:
+        raise unusable(
+            path, f"it is stored as `{str(storage)[:40]}`: {', '.join(STORAGES)} are read"
+        )
+    packed = "" if mode in ("", "none") else mode
+    if packed not in ("", "file", "message") or (packed and form != "zstd"):
+        raise unusable(path, f"it is packed by `{form[:40]}`, mode `{mode[:40]}`: zstd is read")
+    if (storage, packed) == ("mcap", "message"):
+        text = "its messages are packed one by one, which is read of sqlite3 only"
+        raise unusable(path, text, "`ros2 bag convert` writes one that is not")
+    return packed
+
+
+def _require_named(path: Path, files: tuple[Path, ...], kind: str) -> None:
+    """SoterError D016 where the folder has files of messages that its metadata does not name."""
+    named = {file.name for file in files}
+    if not all(file.exists() for file in files):
+        return  # which is told when they are read
+    ends = (kind, f"{kind}.zstd")
+    for each in sorted(path.iterdir()):
+        if each.name.endswith(ends) and each.name not in named:
+            why = f"`{each.name}` lies in it, and its `{METADATA}` does not name it"
+            raise unusable(path, why, f"{REINDEX}; or move the file away")
+
+
+def _is_plain(name: str) -> bool:
+    """Whether a name is one of a file, and no address with settings of SQLite."""
+    return name not in ("", "..") and not set(name) & set("?#%\0\\")

@@ -1,0 +1,247 @@
+"""Messages of ROS 1 and 2, decoded as their definition in the log says.
+
+Purpose: from the text of a definition, which is as untrusted as the rest of a log, to a function of
+bytes. `rosbags` makes Python code of definitions: only names that are names get there, and no
+definition whose messages could be larger than the bytes that they are made of. `is_plain`: one pass
+over the tokens of IDL: the parser of `rosbags` takes exponential time for parentheses in
+parentheses, and calculates constants of any size: definitions of messages have neither.
+Non-goals: where definitions stand (`mcap_messages.py`, `ros_bags.py`); whether it is IDL at all.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any, Literal
+
+from soter.mapping.message_types import (
+    ARRAY,
+    BASE,
+    EMPTY_MEMBER,
+    NAMED,
+    SEQUENCE,
+    TIMES,
+    Definitions,
+    MessageTypes,
+    require_ros_package,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.mapping.message_types import MessageType
+    from soter.monitor.log_files.log_columns import FileFacts, Wanted
+
+
+TOKEN = re.compile(
+    r'"(?:\\.|[^"\\])*"|//[^\n]*|/\*(?s:.*?)\*/|[A-Za-z_]\w*|\.?[0-9](?:[0-9.]|[eE][-+]?)*|\s+|.',
+    re.ASCII,
+)
+PARENTHESES_MAX, ANGLES_MAX = 1, 2
+"""How deep they stand in one another: `@default (value=0)`, `sequence<string<5>>`."""
+VALUES_MAX = 2000
+"""Annotations, values and sizes of arrays: the parser is slow at each of them."""
+OPERATORS = set('*/%^|&~"')
+"""Of constants that are calculated; and a quotation mark that nothing closes."""
+
+
+def is_plain(text: str) -> bool:
+    """Whether nothing in it is nested deeply or calculated."""
+    parentheses = angles = values = 0
+    before = ""
+    for match in TOKEN.finditer(text):
+        piece = match[0]
+        if piece.isspace() or piece.startswith(("//", "/*")):
+            continue
+        parentheses += (piece == "(") - (piece == ")")
+        angles += (piece == "<") - (piece == ">")
+        values += piece in ("@", "=", "[")
+        signed = piece in ("+", "-") and (before[-1:].isalnum() or before[-1:] in ("_", ")"))
+        if piece in OPERATORS or signed or piece == before == "<":
+            return False
+        if not (0 <= parentheses <= PARENTHESES_MAX and 0 <= angles <= ANGLES_MAX):
+            return False
+        before = piece
+    return values <= VALUES_MAX
+
+
+Format = Literal["msg", "idl"]
+TYPE_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)+", re.ASCII)
+FIELD_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+DEFINITION_MAX = 1 << 18
+"""Characters of a definition."""
+FIELDS_MAX = 5000
+"""Fields of a definition, which become code."""
+PARTS_MAX = 100_000
+"""Primitives and messages of a message, with all elements of arrays of messages."""
+TYPES_MAX = 1000
+TIMES_OF_ROS1: Definitions = {
+    name: ([], [("sec", (BASE, ("int32", 0))), ("nanosec", (BASE, ("uint32", 0)))])
+    for name in TIMES
+}
+"""Primitives in ROS 1: its definitions do not say what they are."""
+INCLUDE = re.compile(r"^[ \t]*#include[^\n]*$", re.MULTILINE)
+IDL_SEPARATOR = "=" * 80 + "\n"
+
+
+class UndecodableError(ValueError):
+    """A definition, or a message, that cannot be read; the text says why."""
+
+
+def decoder_made(
+    make: Callable[[], Callable[[bytes], Any]], wanted: Wanted, facts: FileFacts
+) -> Callable[[bytes], Any]:
+    """A decoder; of a channel that nobody names one that gives None for what it cannot read."""
+    if not wanted.unnamed:
+        return make()
+    made: list[Callable[[bytes], Any]] = []
+
+    def decoded(data: bytes) -> Any:  # noqa: ANN401 - what a message has
+        try:
+            made[:] = made or [make()]
+            return made[0](data)
+        except UndecodableError as error:
+            made[:] = [lambda _: None]
+            facts.notes.append(f"left out: {error}")
+            return None
+
+    return decoded
+
+
+def ros1_name(name: str) -> str:
+    """`nav_msgs/msg/Odometry` as ROS 1 writes it."""
+    return name.replace("/msg/", "/")
+
+
+def ros2_name(name: str) -> str:
+    """`nav_msgs/Odometry` as ROS 2 writes it."""
+    package, _, rest = name.partition("/")
+    return name if "/" in rest else f"{package}/msg/{rest}"
+
+
+def require_type(channel: str, name: str, wanted: MessageType | None) -> None:
+    """UndecodableError where messages are of another type than the mapping says."""
+    if wanted is not None and ros1_name(name) != wanted.ros1:
+        shown = f"messages of `{channel}` are `{ros1_name(name)[:80]}`"
+        raise UndecodableError(f"{shown}, and the mapping says `{wanted.ros1}`")
+
+
+def definitions_in(text: str, name: str, form: Format) -> Definitions:
+    """What a log says of a type, and of those it is made of; raises UndecodableError."""
+    require_ros_package()
+    from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415 - an extra
+
+    if len(text) > DEFINITION_MAX:
+        raise UndecodableError(f"the definition of `{name[:80]}` is too long")
+    if not TYPE_NAME.fullmatch(name):
+        raise UndecodableError(f"`{name[:80]}` is no name of a type")
+    if form == "idl" and not is_plain("\n".join(_idl_files(text))):
+        raise UndecodableError(f"the definition of `{name[:80]}` is none that ROS writes")
+    try:
+        if form == "msg":
+            found = dict(get_types_from_msg(text, ros2_name(name)))
+        else:
+            found = {n: d for part in _idl_files(text) for n, d in get_types_from_idl(part).items()}
+    except Exception as error:
+        raise UndecodableError(f"the definition of `{name[:80]}` cannot be read") from error
+    return {**TIMES_OF_ROS1, **found}
+
+
+def _idl_files(text: str) -> list[str]:
+    """The files of which a definition is made, without their heads and what they include."""
+    files = [text]
+    if text.startswith(IDL_SEPARATOR):
+        files = [part.partition("\n")[2] for part in text.split(IDL_SEPARATOR)[1:]]
+    return [INCLUDE.sub("", part) for part in files]
+
+
+def known_definitions(wanted: MessageType | None, ros: int) -> Definitions:
+    """Those of the mapping, where a log has none."""
+    return wanted.definitions[ros] if wanted is not None else MessageTypes().definitions[ros]
+
+
+def decoder(
+    name: str, definitions: Definitions, encoding: Literal["cdr", "ros1"]
+) -> Callable[[bytes], Any]:
+    """What turns the bytes of a message into one; both raise UndecodableError."""
+    from rosbags.typesys.store import Typestore  # noqa: PLC0415 - an extra
+
+    full = ros2_name(name)
+    needed = _needed(full, definitions)
+    store = Typestore()
+    try:
+        store.register(needed)
+        store.get_msgdef(full)
+    except Exception as error:
+        raise UndecodableError(f"the definition of `{name[:80]}` cannot be used") from error
+    decode = store.deserialize_cdr if encoding == "cdr" else store.deserialize_ros1
+
+    def decoded(data: bytes) -> Any:  # noqa: ANN401 - a class made of a definition
+        try:
+            return decode(data, full)
+        except Exception as error:
+            raise UndecodableError(f"a message is no `{ros1_name(name)[:80]}`") from error
+
+    return decoded
+
+
+def _needed(full: str, definitions: Definitions) -> Definitions:
+    """The types that a message is made of, without constants, once they are found harmless.
+
+    Raises UndecodableError where they are not.
+    """
+    sizes: dict[str, tuple[int, int]] = {}
+    _measure(full, definitions, sizes, ())
+    if sum(len(definitions[name][1]) for name in sizes) > FIELDS_MAX:
+        raise UndecodableError(f"messages of `{full[:80]}` have too many parts")
+    return {name: ([], definitions[name][1]) for name in sizes}
+
+
+def _measure(
+    name: str,
+    definitions: Definitions,
+    sizes: dict[str, tuple[int, int]],
+    inside: tuple[str, ...],
+) -> tuple[int, int]:
+    """Primitives and messages of a type, and the least bytes of a message of it.
+
+    Raises UndecodableError where it has no end, or a list that takes no bytes.
+    """
+    if name in sizes:
+        return sizes[name]
+    if name not in definitions or not TYPE_NAME.fullmatch(name):
+        raise UndecodableError(f"the type `{name[:80]}` is not defined")
+    if name in inside or len(inside) > 64 or len(sizes) > TYPES_MAX:
+        raise UndecodableError(f"the definition of `{name[:80]}` has no end")
+    parts, least = 1, 0
+    for field, kind in definitions[name][1]:
+        if field == EMPTY_MEMBER:
+            continue
+        if not FIELD_NAME.fullmatch(field):
+            raise UndecodableError(f"`{name}` has a field that is called `{field[:40]}`")
+        of_member = _measure_member(name, kind, definitions, sizes, inside)
+        parts += of_member[0]
+        least += of_member[1]
+        if parts > PARTS_MAX:
+            raise UndecodableError(f"messages of `{name[:80]}` have too many parts")
+    sizes[name] = parts, least
+    return sizes[name]
+
+
+def _measure_member(
+    name: str,
+    kind: Any,  # noqa: ANN401 - as rosbags has it
+    definitions: Definitions,
+    sizes: dict[str, tuple[int, int]],
+    inside: tuple[str, ...],
+) -> tuple[int, int]:
+    count, inner = 1, kind
+    if kind[0] in (ARRAY, SEQUENCE):
+        inner, count = kind[1][0], int(kind[1][1]) if kind[0] == ARRAY else 1
+    of_one = (1, 1)
+    if inner[0] == NAMED:
+        of_one = _measure(inner[1], definitions, sizes, (*inside, name))
+        if not of_one[1] and kind[0] in (ARRAY, SEQUENCE):
+            raise UndecodableError(f"`{name}` has a list of messages that are empty")
+    elif inner[0] == BASE and inner[1][0] not in ("string", "wstring"):
+        count = 1  # an array of numbers is one thing
+    return of_one[0] * count, of_one[1] * (count if kind[0] != SEQUENCE else 1)

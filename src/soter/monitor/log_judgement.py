@@ -1,0 +1,247 @@
+"""What the decision modules of a program would have said to a log.
+
+Purpose: results as plain records, and the list of what such a result takes for granted.
+Non-goals: finding them (`log_replay.py`), printing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.language.model.types import show_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.diagnostics.diagnostic import Span
+    from soter.monitor.log_files.log_columns import Damage
+    from soter.monitor.typed_samples import DerivedValue, FarStamps
+
+
+ASSUMED = (
+    "only reads are judged: where the vehicle was is known to within its estimator's errors",
+    (
+        "up to its first switch a module decides what it would have decided there; from then on SC "
+        "would have flown, which no log shows: later modes are those of the reads alone"
+    ),
+    (
+        "nothing says that this vehicle is the plant of the proof: what was proved holds of it "
+        "only as far as its own accelerations, lags and errors keep to the declared ones"
+    ),
+    (
+        "the decision module steps at its period without lateness, and AC's outputs, which are not "
+        "judged, are taken to pass the gate"
+    ),
+)
+
+
+@dataclass(frozen=True)
+class LoggedModeChange:
+    """A change of mode, at `time_s` of the log, and why."""
+
+    time_s: float
+    to: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class NearestMargin:
+    """The least distance of a condition from failing; below zero: how far it failed at most.
+
+    `bound`: the comparison that it was, "" where nothing has a distance; its sides have one unit.
+    """
+
+    distance: float
+    time_s: float
+    bound: str
+
+
+@dataclass
+class ModuleOfLog:
+    """A module's DM on the reads of a log.
+
+    `missing`: topics without which nothing can be said; everything else is then empty. `unheard`:
+    what tells its DM to give control back, where the log has not. `steps` of the DM; `waiting` of
+    it before all that it reads was there; in `stale` steps a read was too old, in `fresh` none;
+    `ttf`, `safer` and `nan_looks` (in which one of the two compared a NaN) count fresh ones.
+    Of `silent` ones the reads were young, but not what nodes had read that ran for them, or a
+    measured topic without `max_age` had fallen silent. `last_heard`: by topic that the step rests
+    on and that fell silent for good, when it was measured last.
+    `safe` was asked of reads young enough in `asked` steps, in `judged_steps` of them the DM's
+    were, too, and in `outside` it did not hold; `outside_late`: of samples that
+    came too late, that the gate refused, or that no step read.
+    `faults` of predicates. `beyond_s`: how long the file goes on behind a choice of rows. `damage`:
+    of the file, of which only what stands before it was judged.
+    `margin` is of not ttf, `clearance` of `safe`; None where nothing was read, or where `blind`
+    says what `safe` reads and the log has not. `bounds`: of each comparison of `ttf` its least.
+    `span`: where the module is declared.
+    """
+
+    module: str
+    period_ns: int
+    missing: tuple[str, ...] = ()
+    blind: tuple[str, ...] = ()
+    unheard: tuple[str, ...] = ()
+    steps: int = 0
+    waiting: int = 0
+    ac: int = 0
+    stale: int = 0
+    silent: int = 0
+    ttf: int = 0
+    safer: int = 0
+    asked: int = 0
+    judged_steps: int = 0
+    outside: int = 0
+    outside_late: int = 0
+    faults: int = 0
+    nan_looks: int = 0
+    first_outside_s: float | None = None
+    beyond_s: float = 0.0
+    damage: Damage | None = None
+    changes: list[LoggedModeChange] = field(default_factory=list)
+    margin: NearestMargin | None = None
+    clearance: NearestMargin | None = None
+    bounds: dict[str, NearestMargin] = field(default_factory=dict)
+    last_heard: dict[str, float] = field(default_factory=dict)
+    span: Span | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def decided(self) -> bool:
+        """Whether the log has all that its decision module reads."""
+        return not self.missing
+
+    @property
+    def judged(self) -> bool:
+        """Whether any step was: its reads were young enough, and `safe` was asked of them."""
+        return self.judged_steps > 0
+
+    @property
+    def judged_share(self) -> float:
+        """In how much of the log, by steps of its DM, that was so."""
+        return self.judged_steps / max(1, self.steps + self.waiting)
+
+    @property
+    def violated(self) -> bool:
+        """Whether a read lay outside `safe`; alone, reads that came too late are no verdict."""
+        return self.outside > 0 or (self.judged and self.outside_late > 0)
+
+    @property
+    def unjudged(self) -> str:
+        """Why nothing was judged, "" where something was."""
+        if self.judged:
+            return ""
+        if self.missing:
+            return f"its DM reads {', '.join(self.missing)}, which the log does not give"
+        if self.blind:
+            return f"`safe` reads {', '.join(self.blind)}, which the log does not give"
+        if not self.steps:
+            return "the log ends before all that its DM reads was there"
+        if self.stale == self.steps:
+            return "every read of its DM was too old"
+        if self.stale + self.silent == self.steps:
+            return "what its reads rest on was too old, or silent"
+        return "every read of `safe` was too old, or it faulted"
+
+    @property
+    def fresh(self) -> int:
+        """Steps whose reads were young enough."""
+        return self.steps - self.stale
+
+    @property
+    def switches(self) -> list[LoggedModeChange]:
+        """Takeovers: from AC to SC."""
+        return [c for c in self.changes if c.to == "SC"]
+
+    @property
+    def first_switch_s(self) -> float | None:
+        """When AC would have lost control for the first time."""
+        return self.switches[0].time_s if self.switches else None
+
+    @property
+    def ac_share(self) -> float:
+        """Share of the DM's steps that leave AC in control."""
+        return self.ac / self.steps if self.steps else 0.0
+
+
+def units_taken(assumed_units: Sequence[str]) -> list[str]:
+    """What is taken for granted of leaves whose unit nobody says, as `TopicMap` has them."""
+    told = "neither the mapping nor a message says a unit, the program's is taken: "
+    return [told + ", ".join(assumed_units)] if assumed_units else []
+
+
+@dataclass
+class LogJudgement:
+    """A log, judged. Times count from its first row.
+
+    `from_s`: the first step of a DM; `to_s`: the last record of the log, whatever it is of.
+    `nodes`: nodes of the program that were run for what it reads; `faulted`: those that faulted.
+    `forced`: modules whose mode the system forces. `stamps`: by topic the field that says when it
+    was measured. `sources`: by topic that has several, how many samples each gave. `left_out`,
+    `refused`: by topic how many samples had no usable value, or lay outside the topic's set, and
+    the first; `reasons`: the same of each reason for which they were left out. `far_stamps`: by
+    topic those that are further from the log's clock than the log is long. `lost`: in words what
+    was left out, and far stamps. `ageless`: of topics without `max_age` the greatest age (ns) of a
+    read. `assumed_units`: of leaves whose unit nobody says, what is taken for it.
+    `notes`: what was found of the file that is no error; `unchecked`: no checksum covers it.
+    """
+
+    log: str
+    from_s: float
+    to_s: float
+    samples: dict[str, int]
+    nodes: tuple[str, ...]
+    modules: list[ModuleOfLog]
+    derived: list[DerivedValue] = field(default_factory=list)
+    constants: tuple[str, ...] = ()
+    assumed_units: tuple[str, ...] = ()
+    sources: dict[str, str] = field(default_factory=dict)
+    forced: tuple[str, ...] = ()
+    stamps: dict[str, str] = field(default_factory=dict)
+    left_out: dict[str, tuple[int, str]] = field(default_factory=dict)
+    reasons: dict[str, tuple[tuple[int, str], ...]] = field(default_factory=dict)
+    refused: dict[str, tuple[int, str]] = field(default_factory=dict)
+    faulted: dict[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    unchecked: bool = False
+    lost: list[str] = field(default_factory=list)
+    far_stamps: dict[str, FarStamps] = field(default_factory=dict)
+    ageless: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def assumptions(self) -> list[str]:
+        """What the judgement takes for granted."""
+        assumptions = list(ASSUMED)
+        if self.nodes:
+            names = ", ".join(f"`{n}`" for n in self.nodes)
+            assumptions.append(f"{names} of the program ran on what the log has")
+        if self.forced:
+            names = ", ".join(f"`{n}`" for n in self.forced)
+            assumptions.append(f"the system forces the mode of {names}; judged as if it did not")
+        if self.stamps:
+            names = ", ".join(f"`{n}` (`{path}`)" for n, path in self.stamps.items())
+            assumptions.append(f"ages count from stamps, in the clock of the log: {names}")
+        assumptions += [
+            f"`{n}` has no `max_age`: its reads count however old, here up to {show_ns(age)}"
+            for n, age in self.ageless.items()
+            if age > 0
+        ]
+        assumptions += [
+            f"`{n}` is read from the source whose turn it is, as a bridge reads it: {counts}"
+            for n, counts in self.sources.items()
+        ]
+        assumptions += units_taken(self.assumed_units)
+        if self.unchecked:
+            assumptions.append(
+                "no checksum covers the log's values: one that was changed in its place is not seen"
+            )
+        if self.derived:
+            assumptions.append(
+                "what is derived is not what the estimator said at that time (see its error)"
+            )
+        if self.constants:
+            names = ", ".join(f"`{n}`" for n in self.constants)
+            assumptions.append(
+                f"the log does not hold {names}: the mapping says that they stood still"
+            )
+        return assumptions

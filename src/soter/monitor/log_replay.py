@@ -1,0 +1,447 @@
+"""The decision modules of a program on the reads of a log.
+
+Purpose: step the DMs, and the trusted nodes before them, at their periods, as the reference
+interpreter does (`semantics/rules.py`), with topics from a log in place of plants, controllers and
+inputs; keep modes, counts and distances.
+Non-goals: SC and AC (somebody else flew), C, what a judgement means (`log_judgement.py`).
+
+A mapped topic is published where its driver stands in the order of an instant: a plant's before the
+DMs, a node's after them. A DM, or a node, begins to step when all that reaches it of the log was
+published once; all of them go on until the last record of the log, whatever that is of.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from dataclasses import replace
+from itertools import chain
+from math import copysign, isinf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.evaluate.predicates import PredicateEvaluator
+from soter.language.evaluate.statements import Evaluator
+from soter.monitor.decidable_modules import (
+    Hearing,
+    doubts,
+    topics_behind,
+    topics_of_safe,
+    written_by_node,
+)
+from soter.monitor.log_files.log_columns import unusable
+from soter.monitor.log_judgement import LoggedModeChange, LogJudgement, ModuleOfLog, NearestMargin
+from soter.monitor.predicate_margins import PredicateMargins, PredicatePosition
+from soter.semantics.configuration import AC, NEVER, DecisionVerdict, StepOutcome
+from soter.semantics.interpreter import Interpreter
+from soter.semantics.rules import ac_or_sc_step, dm_step, environment_input
+from soter.simulate.decisions import PredicateValues, reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from soter.language.evaluate.environment import Environment
+    from soter.language.model.system import Component, Module, System
+    from soter.monitor.decidable_modules import Decidable
+    from soter.monitor.predicate_margins import Distance
+    from soter.monitor.typed_samples import TopicSamples
+    from soter.semantics.configuration import Configuration
+    from soter.semantics.executable_system import ExecutableSystem
+
+
+STEPS_MAX = 20_000_000
+"""Decisions that are replayed of one log; a thousand take half a second."""
+AGAINST = PredicatePosition(sense=-1.0)
+"""Distances count away from `ttf`."""
+
+
+def replay(
+    system: System,
+    samples: list[TopicSamples],
+    plan: Decidable,
+    log: str,
+    progress: Callable[[float], None] | None = None,
+) -> LogJudgement:
+    """Step all that `plan` says over the whole log; `progress` is told the share that is done.
+
+    A module whose mode the system forces is judged as if it did not: its DM decides; the system's
+    own faults are left out: what was wrong in a log is in the log.
+    """
+    forced = tuple(m.name for m in system.modules if m.forced)
+    for m in system.modules:
+        m.forced = None
+    system.faults = ()
+    interpreter = Interpreter(system, 0, _unused(system))
+    started = [s for s in samples if not s.always]
+    from_ns, (begin_ns, to_ns) = min(s.from_ns for s in started), samples[0].log_ns
+    _bounded(system, plan, to_ns - from_ns, log)
+    judged = _unjudged(system, samples, plan, log)
+    judged.from_s, judged.to_s, judged.forced = from_ns / 1e9, to_ns / 1e9, forced
+    for of_module, m in zip(judged.modules, system.modules, strict=True):
+        of_module.waiting = max(0, from_ns - begin_ns) // m.period_ns
+    pairs = zip(system.modules, judged.modules, strict=True)
+    watches = {m.index: _Watch(m, of_module) for m, of_module in pairs if of_module.decided}
+    world = _LogState(system, interpreter, samples, plan, judged, from_ns)
+    world.watches = watches
+    for ct in _instants(system, plan, to_ns - from_ns):
+        world.instant(ct, watches)
+        if progress is not None:
+            progress(ct / max(1, to_ns - from_ns))
+    world.rest(to_ns - from_ns, watches)
+    begun = [w.first_s for w in watches.values() if w.first_s is not None]
+    judged.from_s = min(begun, default=judged.from_s)
+    return judged
+
+
+def _unjudged(
+    system: System, samples: list[TopicSamples], plan: Decidable, log: str
+) -> LogJudgement:
+    """What a log has of each topic, and its modules before anything of them is judged."""
+
+    def by_topic(fact: Callable[[TopicSamples], Any]) -> dict[str, Any]:
+        return {s.topic.name: told for s in samples if (told := fact(s))}
+
+    def of_module(m: Module) -> ModuleOfLog:
+        lost, blind, unheard = (
+            tuple(map(str, found.get(m.index, ())))
+            for found in (plan.missing, plan.blind, plan.unheard)
+        )
+        return ModuleOfLog(m.name, m.period_ns, lost, blind, unheard, span=m.symbol.span)
+
+    return LogJudgement(
+        log=log,
+        from_s=0.0,
+        to_s=0.0,
+        samples={s.topic.name: len(s.times_ns) for s in samples},
+        nodes=tuple(system.components[n].name for n in plan.nodes),
+        modules=[of_module(m) for m in system.modules],
+        derived=[*chain.from_iterable(s.derived for s in samples)],
+        constants=(*chain.from_iterable(s.constants for s in samples),),
+        assumed_units=(*chain.from_iterable(s.assumed_units for s in samples),),
+        sources=by_topic(lambda s: s.sources),
+        stamps=by_topic(lambda s: s.stamp),
+        left_out=by_topic(lambda s: s.left_out and (s.left_out, s.first_left_out)),
+        reasons=by_topic(lambda s: tuple(s.reasons.values())),
+        lost=[*chain.from_iterable(s.lost for s in samples), *doubts(system, samples)],
+        far_stamps=by_topic(lambda s: s.far_stamps),
+    )
+
+
+def _unused(system: System) -> dict[str, object]:
+    """Something bound to every extern: none of them is ever asked."""
+
+    def nobody(*_: object) -> object:
+        raise AssertionError("a replay of a log asks no extern")
+
+    functions = [f.name for f in system.program.funs.values() if f.extern]
+    return dict.fromkeys([*(c.name for c in system.components if c.extern), *functions], nobody)
+
+
+def _instants(system: System, plan: Decidable, length_ns: int) -> Iterator[int]:
+    """When something of the plan is released, from 0 to the end of the log."""
+    parts = [system.components[n] for n in plan.nodes]
+    parts += [system.components[system.modules[m].dm] for m in plan.modules]
+    released = sorted({(c.phase_ns, c.period_ns) for c in parts})
+    now = -1
+    while released:
+        later = [p if now < p else now + q - (now - p) % q for p, q in released]
+        now = min(later)
+        if now > length_ns:
+            return
+        yield now
+
+
+def _bounded(system: System, plan: Decidable, length_ns: int, log: str) -> None:
+    """D016 for a log so long that it must be a mistake: a clock that jumped, another unit."""
+    parts = [system.components[system.modules[m].dm] for m in plan.modules]
+    steps = sum(length_ns // c.period_ns for c in parts)
+    if steps > STEPS_MAX:
+        raise unusable(
+            Path(log),
+            f"it spans {length_ns / 1e9:,.0f} s, {steps:,} decisions",
+            "does its clock jump? is `unit` of `time` right?",
+            f"at most {STEPS_MAX:,} decisions are replayed: choose a part with `--where`",
+        )
+
+
+class _LogState:
+    """Topics, locals and modes while the log goes by; `ct` counts from where judging begins."""
+
+    def __init__(
+        self,
+        system: System,
+        interpreter: Interpreter,
+        samples: list[TopicSamples],
+        plan: Decidable,
+        judged: LogJudgement,
+        from_ns: int,
+    ) -> None:
+        self.system, self.plan, self.judged = system, plan, judged
+        self.machine: ExecutableSystem = interpreter.machine
+        self.c: Configuration = interpreter.initial()
+        self.from_ns = from_ns
+        self.at: dict[int, list[_Feed]] = {}
+        for s in samples:
+            self.at.setdefault(_driver(system, s.topic.index), []).append(_Feed(s, from_ns))
+        self.stepping = {*plan.nodes, *(system.modules[m].dm for m in plan.modules)}
+        mapped = {s.topic.index for s in samples}
+        given = mapped.union(*(written_by_node(system.components[n]) for n in plan.nodes))
+        self.needs: dict[int, set[int]] = {}
+        """By component what has to be there before it steps: a node may feed itself."""
+        for n in plan.nodes:
+            self.needs[n] = (
+                topics_behind(system, plan.nodes, written_by_node(system.components[n])) & mapped
+            )
+        for m in (system.modules[i] for i in plan.modules):
+            inputs = set(topics_behind(system, (), m.inputs))
+            behind = topics_behind(system, plan.nodes, inputs) & mapped
+            self.needs[m.dm] = behind | (inputs & given)
+        self.aging = {s.topic.index for s in samples if not s.always}
+        self.of_safe = {m.index: topics_of_safe(m) & given for m in system.modules}
+        self.hearing = Hearing.of(system, samples, plan)
+        modules = [system.modules[i] for i in plan.modules]
+        self.dm_rests = {m.index: self.hearing.rest_of(m.inputs) for m in modules}
+        self.safe_rests = {m.index: self.hearing.rest_of(self.of_safe[m.index]) for m in modules}
+        self.watches: dict[int, _Watch] = {}
+        self.unread: set[tuple[int, int]] = set()
+        """Modules, and topics of their `safe` that no step has read since they were published."""
+
+    def instant(self, ct: int, watches: dict[int, _Watch]) -> None:
+        """One instant: what was published before it, then everything in the deployed order."""
+        due = [n for n in self.system.components if n.index in self.stepping and _is_due(n, ct)]
+        self.c = replace(self.c, ct=ct, FN=tuple(n.index for n in due))
+        for feeds in self.at.values():
+            for feed in feeds:
+                self._publish(feed, feed.before(ct))
+        self._feed(-1, ct)
+        released = {n.index for n in due}
+        for n in self.system.components:
+            self._feed(n.index, ct)
+            if n.index in released:
+                self._step(n, watches)
+
+    def rest(self, ct: int, watches: dict[int, _Watch]) -> None:
+        """What came after the last step of anybody: refused, or too late for a DM."""
+        self.c = replace(self.c, ct=ct)
+        for feeds in self.at.values():
+            for feed in feeds:
+                self._publish(feed, feed.before(ct + 1))
+        for m, watch in watches.items():
+            for on in (self.dm_rests[m], self.safe_rests[m]):
+                for name, then in self.hearing.fell_silent(self.c, on).items():
+                    watch.found.last_heard[name] = max(0, then + self.from_ns) / 1e9
+            if self._heard(self.of_safe[m]) and self._read_by_safe(m) != watch.asked_of:
+                env = self.machine.environment(self.c, self.system.components[watch.module.dm])
+                watch.note_late(env, (ct + self.from_ns) / 1e9)
+
+    def _heard(self, topics: set[int]) -> bool:
+        return all(self.c.stamps[i] != NEVER for i in topics)
+
+    def _read_by_safe(self, module: int) -> list[object]:
+        return [(self.c.stamps[i], self.c.Topics[i]) for i in sorted(self.of_safe[module])]
+
+    def _feed(self, driver: int, ct: int) -> None:
+        for feed in self.at.get(driver, ()):
+            self._publish(feed, feed.until(ct))
+
+    def _publish(self, feed: _Feed, values: Iterator[tuple[int, object]]) -> None:
+        topic = feed.samples.topic
+        sampled = not (feed.samples.linear or feed.samples.always)
+        for time_ns, value in values:
+            try:
+                self.machine.checks[topic.index](value, topic.symbol.span)
+            except StepFault as fault:
+                count, first = self.judged.refused.get(topic.name, (0, ""))
+                first = first or f"{(time_ns + self.from_ns) / 1e9:.3f} s: {fault.detail}"
+                self.judged.refused[topic.name] = count + 1, first
+                if sampled:
+                    refused = environment_input(self.machine, self.c, topic.index, value, time_ns)
+                    self._ask_between(refused, topic.index, set(self.watches))
+                continue
+            if sampled:
+                lost = {m for m in self.watches if (m, topic.index) in self.unread}
+                self._ask_between(self.c, topic.index, lost)
+                self.unread |= {(m, topic.index) for m in self.watches}
+            self.c = environment_input(self.machine, self.c, topic.index, value, time_ns)
+
+    def _ask_between(self, c: Configuration, topic: int, modules: set[int]) -> None:
+        """Ask `safe` of these modules of a sample that no step of their DMs reads."""
+        for m in modules:
+            if topic in self.of_safe[m] and all(c.stamps[i] != NEVER for i in self.of_safe[m]):
+                watch = self.watches[m]
+                env = self.machine.environment(c, self.system.components[watch.module.dm])
+                watch.note_late(env, (c.stamps[topic] + self.from_ns) / 1e9)
+
+    def _step(self, n: Component, watches: dict[int, _Watch]) -> None:
+        heard = self._heard(self.needs[n.index])
+        if n.role == "dm":
+            assert n.module is not None
+            if heard:
+                self._decide(n, n.module, watches[n.module])
+            else:
+                watches[n.module].found.waiting += 1
+            return
+        if not heard:
+            return  # it would tell the DM what the program begins with, not the log
+        self.hearing.note_node(self.c, n.index)
+        self.c, outcome = ac_or_sc_step(self.machine, self.c, n.index)
+        if isinstance(outcome, StepOutcome) and outcome.fault is not None:
+            told = f"{(self.c.ct + self.from_ns) / 1e9:.3f} s: {outcome.fault.detail}"
+            self.judged.faulted.setdefault(n.name, told)
+
+    def _decide(self, n: Component, m: int, watch: _Watch) -> None:
+        env = self.machine.environment(self.c, n)
+        self.c, verdict = dm_step(self.machine, self.c, n.index)
+        time_s = (self.c.ct + self.from_ns) / 1e9
+        watch.note(verdict, env, time_s)
+        rests = self.hearing.rests(self.c, self.dm_rests[m])
+        watch.found.silent += not (rests or verdict.stale)
+        too_old = not self.hearing.rests(self.c, self.safe_rests[m])
+        for i in self.of_safe[m] | self.needs[n.index]:
+            topic, age = self.system.topics[i], self.c.ct - self.c.stamps[i]
+            if topic.max_age_ns is not None:
+                too_old = too_old or (i in self.of_safe[m] and age > topic.max_age_ns)
+            elif i in self.aging:
+                self.judged.ageless[topic.name] = max(age, self.judged.ageless.get(topic.name, 0))
+        self.unread = {each for each in self.unread if each[0] != m}
+        if self._heard(self.of_safe[m]):
+            watch.asked_of = self._read_by_safe(m)
+            if too_old:
+                watch.note_late(env, time_s)
+            else:
+                watch.note_safe(env, time_s, fresh=rests and not verdict.stale)
+
+
+def _driver(system: System, topic: int) -> int:
+    """The component at whose place a mapped topic is published; -1: before all, as inputs are."""
+    for c in system.components:
+        if topic in c.writes:
+            return c.index
+    return -1
+
+
+def _is_due(n: Component, ct: int) -> bool:
+    return ct >= n.phase_ns and (ct - n.phase_ns) % n.period_ns == 0
+
+
+class _Feed:
+    """What of a topic's samples is still to come; times count from where judging begins.
+
+    A sample comes when it arrived, with the time at which it was measured.
+    """
+
+    def __init__(self, samples: TopicSamples, from_ns: int) -> None:
+        self.samples, self.from_ns = samples, from_ns
+        self.next = max(0, bisect_right(samples.times_ns, from_ns) - 1)
+
+    def before(self, ct: int) -> Iterator[tuple[int, object]]:
+        """The samples that lie before `ct`."""
+        if not self.samples.linear:
+            yield from self._up_to(bisect_left(self.samples.times_ns, ct + self.from_ns))
+
+    def until(self, ct: int) -> Iterator[tuple[int, object]]:
+        """The samples up to `ct`; of lines and of what is always so, the value at it."""
+        if self.samples.always:
+            yield ct, self.samples.values[0]
+        elif self.samples.linear:
+            value = self.samples.at(ct + self.from_ns)
+            if value is not None:
+                yield ct, value
+        else:
+            yield from self._up_to(bisect_right(self.samples.times_ns, ct + self.from_ns))
+
+    def _up_to(self, end: int) -> Iterator[tuple[int, object]]:
+        for i in range(self.next, end):
+            yield self.samples.stamps_ns[i] - self.from_ns, self.samples.values[i]
+        self.next = max(self.next, end)
+
+
+class _Watch:
+    """The steps of one DM, counted and measured."""
+
+    def __init__(self, module: Module, module_log: ModuleOfLog) -> None:
+        self.module, self.found = module, module_log
+        evaluator = Evaluator.of(module.scope)
+        symbol = module.symbol
+        self.margins = PredicateMargins(PredicateEvaluator.of(module.scope))
+        self.ttf = None if symbol.ttf is None else self.margins.of(symbol.ttf, AGAINST)
+        self.of_safe = PredicateMargins(evaluator)
+        self.safe = None if module_log.blind else self.of_safe.of(symbol.safe)
+        self.asked_of: list[object] = []
+        """What `safe` was last asked of."""
+        self.first_s: float | None = None
+
+    def note(self, verdict: DecisionVerdict, env: Environment, time_s: float) -> None:
+        """A step of the DM; `env` is what it saw."""
+        module_log = self.found
+        module_log.steps += 1
+        self.first_s = time_s if self.first_s is None else self.first_s
+        module_log.ac += verdict.after == AC
+        if verdict.before != verdict.after:
+            before, after = ("AC", "SC") if verdict.before == AC else ("SC", "AC")
+            saw = PredicateValues(verdict.ttf, verdict.safer, verdict.stale, verdict.gate_fault)
+            why = reason(before, after, saw)  # type: ignore[arg-type]
+            module_log.changes.append(LoggedModeChange(time_s, after, why))
+        if verdict.stale:
+            module_log.stale += 1
+            return
+        module_log.ttf += verdict.ttf
+        module_log.safer += verdict.safer
+        module_log.nan_looks += verdict.nan
+        self._distances(env, time_s)
+
+    def _distances(self, env: Environment, time_s: float) -> None:
+        module_log = self.found
+        far = self._asked(self.ttf, env)
+        if far is not None:
+            module_log.margin = _least(module_log.margin, -far.far, far, self.margins, time_s)
+            for bound, distance in self.margins.seen.items():
+                text = self.margins.label(bound)
+                last = module_log.bounds.get(text)
+                if last is None or distance < last.distance:
+                    module_log.bounds[text] = NearestMargin(distance, time_s, text)
+            self.margins.seen.clear()
+
+    def note_safe(self, env: Environment, time_s: float, *, fresh: bool) -> None:
+        """Ask `safe` of reads of its own that are young enough; `fresh`: the DM's are, too."""
+        holds = self._clear(env, time_s)
+        if holds is not None:
+            self.found.asked += 1
+            self.found.judged_steps += fresh
+            self.found.outside += not holds
+
+    def note_late(self, env: Environment, time_s: float) -> None:
+        """Ask `safe` of what no step judges: too late, refused, or overwritten by the next."""
+        self.found.outside_late += self._clear(env, time_s) is False
+
+    def _clear(self, env: Environment, time_s: float) -> bool | None:
+        """Whether `safe` holds; None where nobody can say."""
+        clear = self._asked(self.safe, env)
+        if clear is None:
+            return None
+        found = self.found
+        found.clearance = _least(found.clearance, clear.far, clear, self.of_safe, time_s)
+        holds = copysign(1.0, clear.far) > 0
+        if not holds and found.first_outside_s is None:
+            found.first_outside_s = time_s
+        return holds
+
+    def _asked(
+        self, measure: Callable[[Environment], Distance] | None, env: Environment
+    ) -> Distance | None:
+        if measure is None:
+            return None
+        try:
+            return measure(env)
+        except StepFault:
+            self.found.faults += 1
+            return None
+
+
+def _least(
+    before: NearestMargin | None, far: float, d: Distance, margins: PredicateMargins, time_s: float
+) -> NearestMargin:
+    if before is not None and before.distance <= far:
+        return before
+    bound = margins.label(d.bound) if d.bound >= 0 and not isinf(far) else ""
+    return NearestMargin(far, time_s, bound)

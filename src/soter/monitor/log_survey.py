@@ -1,0 +1,458 @@
+"""What a log holds: channels, how often they speak, how old they get, and what stands in them.
+
+Purpose: a mapping and the head of a program for a log of somebody else, to begin with
+(`soter new --from`): every number of every channel, in one pass, with little memory for each.
+Non-goals: what a topic is called in somebody's program, units; a judgement: what is said of rates
+and ages is of this log and no promise of the robot's.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from array import array
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from math import ceil, floor, inf, isfinite, log10
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.render import safe
+from soter.language.model.types import write_ns
+from soter.language.syntax.tokens import RESERVED
+from soter.mapping.message_types import EMPTY_MEMBER
+from soter.monitor.log_files.csv_log import csv_head, csv_rows, head_helps, is_table
+from soter.monitor.log_files.log_columns import (
+    FileFacts,
+    Wanted,
+    decimal_of,
+    is_plain,
+    no_time,
+    seconds_text,
+    unusable,
+)
+from soter.monitor.log_files.read_columns import (
+    NoPartError,
+    NoTimeError,
+    messages_of,
+    part_of,
+    time_ns_of,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from decimal import Decimal
+    from pathlib import Path
+
+    from soter.monitor.log_files.log_columns import Arrived
+
+
+ELEMENTS_MAX, LEAVES_MAX, DEPTH_MAX = 4, 200, 8
+"""Longer lists, and more numbers of a message, are left out: nobody writes a program over them."""
+INT_END = 2**63
+"""Whole numbers of Soter end there."""
+INT_DIGITS = 19
+LATE_NS = 60 * 10**9
+"""A stamp that is further off is of another clock."""
+STAMP = "header.stamp"
+NOT_A_NAME = re.compile(r"[^A-Za-z0-9]+")
+TIME_COLUMN = re.compile(
+    r"#? ?(time|timestamp|stamp|t)[_ .]?[\[(]?(s|sec|ms|us|usec|ns)?[\])]?", re.IGNORECASE
+)
+TIME_NAMED = (
+    "its first line names its columns, and that of the time `t`, `time`, `stamp` or `timestamp`, "
+    "with or without a unit: `time_ms`"
+)
+TIME_UNITS = {"s": "s", "sec": "s", "ms": "ms", "us": "us", "usec": "us", "ns": "ns"}
+UNITS = ((1e16, "ns", 1), (1e13, "us", 10**3), (1e10, "ms", 10**6), (-inf, "s", 10**9))
+"""In what a time since 1970 is that is larger than this: 2001 in seconds has ten digits."""
+
+
+class _Every(dict[str, Wanted]):
+    """Every channel is wanted, with all that it has."""
+
+    def __contains__(self, channel: object) -> bool:
+        return True
+
+    def __missing__(self, channel: str) -> Wanted:
+        return Wanted(unnamed=True)
+
+
+EVERY = _Every()
+
+
+@dataclass
+class Numbers:
+    """What stood in a field: the least and the greatest, how many there were, of what kind.
+
+    `place`: its number among the fields of its channel.
+    """
+
+    place: int
+    low: float = inf
+    high: float = -inf
+    count: int = 0
+    kind: str = "bool"
+
+    def note(self, value: Any) -> None:  # noqa: ANN401 - a number or a truth
+        """One more."""
+        if not isfinite(value):
+            self.kind = "float"
+            return
+        if not isinstance(value, bool) and self.kind != "float":
+            self.kind = "int" if isinstance(value, int) else "float"
+        self.low, self.high, self.count = (
+            min(self.low, value),
+            max(self.high, value),
+            self.count + 1,
+        )
+
+
+@dataclass
+class Channel:
+    """What is said on a channel.
+
+    `late_ns`: how long after its stamp a message was logged; -1: it has none in the log's clock.
+    `masks`: which fields a message had a number in, a bit each, numbered as they came; `held`: the
+    number of each message's. `back`: how often time goes back; `first_back_ns`: to when at first.
+    """
+
+    times_ns: array[int] = field(default_factory=lambda: array("q"))
+    late_ns: array[int] = field(default_factory=lambda: array("q"))
+    masks: dict[int, int] = field(default_factory=dict)
+    held: array[int] = field(default_factory=lambda: array("L"))
+    fields: dict[str, Numbers] = field(default_factory=dict)
+    left_out: set[str] = field(default_factory=set)
+    back: int = 0
+    first_back_ns: int = 0
+
+    def note(self, now_ns: int, content: Any) -> None:  # noqa: ANN401 - what a message has
+        """A message."""
+        if self.times_ns and now_ns < self.times_ns[-1]:
+            self.first_back_ns = self.first_back_ns if self.back else now_ns
+            self.back += 1
+        self.times_ns.append(now_ns)
+        mask = 0
+        for path, value in _leaves(content, "", DEPTH_MAX):
+            known = path in self.fields
+            if value is None or (not known and len(self.fields) >= LEAVES_MAX):
+                self.left_out |= {path} if known or len(self.left_out) < LEAVES_MAX else set()
+            else:
+                numbers = self.fields.setdefault(path, Numbers(len(self.fields)))
+                numbers.note(value)
+                mask |= isfinite(value) << numbers.place
+        self.held.append(self.masks.setdefault(mask, len(self.masks)))
+        try:
+            late = now_ns - time_ns_of(part_of(content, STAMP))
+        except (NoPartError, NoTimeError):
+            late = -1
+        self.late_ns.append(late if 0 <= late < LATE_NS else -1)
+
+    @property
+    def stamped(self) -> bool:
+        """Whether every message says when it was measured, in the clock of the log."""
+        return min(self.late_ns, default=-1) >= 0
+
+    @property
+    def kept(self) -> list[str]:
+        """The fields that its mapping reads: numbers, wherever they are there."""
+        return [
+            p
+            for p, n in self.fields.items()
+            if n.count
+            and p not in self.left_out
+            and p != "header"
+            and not p.startswith(f"{STAMP}.")
+        ]
+
+    @cached_property
+    def taken(self) -> list[tuple[int, int]]:
+        """When each sample came that its mapping takes, and how long after its stamp.
+
+        It has a number in every field and, where all have stamps, a later one than that before.
+        """
+        every = sum(1 << self.fields[p].place for p in self.kept)
+        whole = [mask & every == every for mask in self.masks]
+        stamped, last, found = self.stamped, 0, list[tuple[int, int]]()
+        for now, late, held in zip(self.times_ns, self.late_ns, self.held, strict=True):
+            if whole[held] and not (stamped and now - late <= last):
+                found.append((now, late if stamped else 0))
+                last = now - late
+        return found
+
+    def gaps_ns(self) -> list[int]:
+        """Between one sample and the next, in order of length."""
+        return sorted(b - a for (a, _), (b, _) in pairwise(self.taken) if b >= a)
+
+    def ages_ns(self) -> list[int]:
+        """How old each sample was when the next one came, in order."""
+        return sorted(b - a + late for (a, late), (b, _) in pairwise(self.taken) if b >= a)
+
+
+@dataclass
+class LogSurvey:
+    """What was found of a log; `time`: of a CSV its column and unit."""
+
+    channels: dict[str, Channel] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    time: tuple[str, str] | None = None
+
+
+def surveyed(paths: Sequence[Path], *, partial: bool = False) -> LogSurvey:
+    """Every channel of a log, or of several CSVs; SoterError D016, D007."""
+    found = LogSurvey()
+    for path in paths:
+        facts = FileFacts()
+        if len(paths) > 1 and not is_table(path):
+            raise unusable(
+                path, "of several files that are one log each is a CSV, and this is none"
+            )
+        for now_ns, _, name, content in facts.readable(
+            path, _rows(path, facts, found), partial=partial
+        ):
+            if content is not None:
+                found.channels.setdefault(name, Channel()).note(now_ns, content)
+        found.notes += facts.notes
+        if facts.damage is not None:
+            found.notes.append(f"{facts.damage}; {facts.damage.told}")
+    if not any(c.kept for c in found.channels.values()):
+        raise unusable(paths[0], "it holds no numbers")
+    return found
+
+
+def _rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
+    return _of_csv(path, facts, found) if is_table(path) else messages_of(path, EVERY, facts)
+
+
+def _of_csv(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
+    """Its rows; the first column that is called like a time is it, in a unit that fits."""
+    head = csv_head(path)
+    called = next((m for name in head if (m := TIME_COLUMN.fullmatch(name))), None)
+    if called is None:
+        told = f"no column is called as a time is: {', '.join(head)[:200]}"
+        raise unusable(path, told, *head_helps(head), TIME_NAMED)
+    time, unit_ns = called[0], 0
+    for line, (clock,), row in csv_rows(path, head, time, facts):
+        now = decimal_of(clock)
+        if now is None or now.adjusted() >= INT_DIGITS:
+            raise no_time(path, clock, f"line {line}")
+        if not unit_ns:
+            unit, unit_ns = _unit(TIME_UNITS.get(called[2] or ""), now)
+            if found.time not in (None, (time, unit)):
+                raise unusable(path, f"its time is `{time}` in {unit}, that of another file is not")
+            found.time = time, unit
+        cells = {k: _number(v) for k, v in row.items() if k != time and v.strip()}
+        now_ns = round(now * unit_ns)
+        if abs(now_ns) >= INT_END:
+            raise no_time(path, clock, f"line {line}")
+        yield now_ns, None, path.name, cells
+
+
+def _unit(said: str | None, first: Decimal) -> tuple[str, int]:
+    """What a time is in, as its name says or as fits the first of it; in ns, too."""
+    return next((u, ns) for at, u, ns in UNITS if (u == said if said else abs(first) > at))
+
+
+def _number(cell: str) -> float | int | str:
+    """As a float or an int of a mapping reads it; a text as it is."""
+    number = decimal_of(cell)
+    if number is not None and "." not in cell and number.adjusted() < INT_DIGITS:
+        return int(number) if number == number.to_integral_value() else float(cell)
+    try:
+        return float(cell if is_plain(cell) else "")
+    except ValueError:
+        return cell
+
+
+def _leaves(content: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
+    """Path and number of all that it has; None for a text, a list that is too long and the like."""
+    if content is None:
+        return
+    if isinstance(content, (bool, int, float)):
+        yield path, None if isinstance(content, int) and abs(content) >= INT_END else content
+        return
+    if hasattr(content, "dtype"):
+        content = content.tolist() if content.size <= ELEMENTS_MAX else None
+    members = _members(content) if depth else None
+    if members is None:
+        yield path, None
+        return
+    for name, value in members:
+        yield from _leaves(value, f"{path}.{name}" if path else name, depth - 1)
+
+
+def _members(content: Any) -> list[tuple[str, Any]] | None:  # noqa: ANN401 - the same
+    if isinstance(content, dict):
+        return [(str(name), value) for name, value in content.items()]
+    if isinstance(content, (list, tuple)) and len(content) <= ELEMENTS_MAX:
+        return [(str(i), value) for i, value in enumerate(content)]
+    if hasattr(content, "__msgtype__"):
+        without = "__msgtype__", EMPTY_MEMBER
+        names = [n for n in type(content).__dataclass_fields__ if n not in without]
+        return [(n, getattr(content, n)) for n in names]
+    if hasattr(content, "DESCRIPTOR"):
+        return [(f.name, value) for f, value in content.ListFields()]
+    return None
+
+
+# ---------------------------------------------------------------- as texts
+
+
+def program_of(survey: LogSurvey, log: str, name: str) -> str:
+    """The head of a program: a type and a topic for each channel, and what the log says of it."""
+    lines = [
+        "soter 1;",
+        "",
+        f"// What {_shown(log)} holds, to begin a program with: keep what your",
+    ]
+    lines += [f"// modules read. Figures are of this log, and `{name}.toml` is its mapping:"]
+    lines += [f"// `soter monitor {name}.soter LOG --map {name}.toml`, once a module is written."]
+    lines += ["// A topic is an `input` until a plant, whose proof is about it, drives it."]
+    if _of_two_numbers(survey) is not None:
+        lines += [
+            "// A command that a node publishes is a topic of its own, here and in the mapping:"
+        ]
+        lines += [f"// `{name}.toml` ends with an example. `--estimates` finds it nowhere else."]
+    lines += [f"// {_shown(note)}" for note in survey.notes]
+    for channel, topic, of_type, fields in _named(survey):
+        found = survey.channels[channel]
+        lines += ["", f"// {_shown(channel)}: {_rate(found)}", *_remarks(found)]
+        lines.append(f"type {of_type} = {{")
+        for path, called in fields.items():
+            n = found.fields[path]
+            lines.append(f"  {called}: {n.kind},  // {_figure(n.low)} to {_figure(n.high)}")
+        age = _first_max_age(found)
+        lines += [
+            "};",
+            f"input topic {topic}: {of_type}{f' max_age {write_ns(age)}' if age else ''};",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def mapping_of_log(survey: LogSurvey, log: str) -> str:
+    """What is what in the log, as TOML."""
+    lines = [f"# What is what in {_shown(log)}: docs/mapping.md."]
+    if survey.time is not None:
+        name, unit = survey.time
+        lines += ["", "[time]  # guessed by its name and size", f"from = {_quoted(name)}"]
+        lines.append(f'unit = "{unit}"')
+    topics = [*_named(survey)]
+    for channel, topic, _, fields in topics:
+        lines += ["", f"[topics.{topic}]", f"channel = {_quoted(channel)}"]
+        if survey.channels[channel].stamped:
+            lines.append(f'stamp = "{STAMP}"')
+        lines += ["", f"[topics.{topic}.fields]"]
+        lines += [f"{called} = {_quoted(path)}" for path, called in fields.items()]
+    if (example := _of_two_numbers(survey)) is not None:
+        lines += _command_of(*example, {*RESERVED, *(topic for _, topic, _, _ in topics)})
+    return "\n".join(lines) + "\n"
+
+
+def _named(survey: LogSurvey) -> Iterator[tuple[str, str, str, dict[str, str]]]:
+    """Channel, topic, type, and names of fields by path: of each that has a number."""
+    taken: set[str] = set(RESERVED)
+    for channel in sorted(survey.channels):
+        kept = survey.channels[channel].kept
+        if not kept:
+            continue
+        topic = _name(channel.removesuffix(".csv"), taken)
+        words = NOT_A_NAME.sub("_", topic).split("_")
+        of_type = _name("".join(w[:1].upper() + w[1:] for w in words) + "Data", taken)
+        own = set(RESERVED)
+        yield channel, topic, of_type, {p: _name(p, own) for p in kept}
+
+
+def _name(text: str, taken: set[str]) -> str:
+    """A name in Soter that is like it, and no other one's."""
+    name = NOT_A_NAME.sub("_", text).strip("_")
+    name = name if name[:1].isalpha() else f"n{name}"
+    number, tried = 1, name
+    while tried in taken:
+        number, tried = number + 1, f"{name}_{number + 1}"
+    taken.add(tried)
+    return tried
+
+
+def _of_two_numbers(survey: LogSurvey) -> tuple[str, str] | None:
+    """A CSV that has several numbers, in one of which a command may stand, and the last of them."""
+    channels = survey.channels if survey.time is not None else {}
+    return next(((c, found.kept[-1]) for c, found in channels.items() if found.kept[1:]), None)
+
+
+def _command_of(channel: str, path: str, taken: set[str]) -> list[str]:
+    """How a column becomes a command, in comments of the mapping."""
+    topic = _name(path, taken)
+    return [
+        "",
+        "# A command that a node publishes is a topic of its own. Were it the one below: take its",
+        "# field out, here and in the program, say there, with the limits of what it moves,",
+        f"# `topic {topic}: float in [LOW, HIGH] = 0.0;`, and here",
+        f"# [topics.{topic}]",
+        f"# channel = {_quoted(channel)}",
+        f"# fields = {{ value = {_quoted(path)} }}",
+    ]
+
+
+def _remarks(found: Channel) -> list[str]:
+    """What is left out of it, and what `soter monitor` will not read."""
+    lines = []
+    no_number = found.left_out | {p for p, n in found.fields.items() if not n.count}
+    if no_number:
+        lines.append(f"// Left out, as no single number: {_shown(', '.join(sorted(no_number)))}")
+    missing = {p: len(found.times_ns) - found.fields[p].count for p in found.kept}
+    told = ", ".join(f"{p} ({n:,} times)" for p, n in missing.items() if n)
+    if told:
+        lines += [
+            f"// A sample has every number. Empty or no finite number: {_shown(told)}.",
+            "// What comes at times of its own wants a topic of its own, here and in the mapping.",
+        ]
+    if found.back:
+        to = f"first to {seconds_text(found.first_back_ns)} s (such messages: {found.back:,})"
+        lines += [
+            f"// Time goes back, {to}: `soter monitor` refuses that (D016).",
+            "// `where`, `since` and `until` of the mapping choose rows among which it does not.",
+        ]
+    return lines
+
+
+def _rate(found: Channel) -> str:
+    """How often it speaks and how old it gets."""
+    gaps, count = found.gaps_ns(), f"{len(found.times_ns):,} messages"
+    if len(found.taken) < len(found.times_ns):
+        count = f"{len(found.taken):,} samples in {count}"
+    if not gaps or gaps[-1] <= 0:
+        return f"{count} at one time" if gaps else count if found.back else "one message"
+    hertz = len(gaps) * 1e9 / sum(gaps)
+    half, most = round(median(gaps)), gaps[-1]
+    ages = found.ages_ns()
+    told = f"{count}, {hertz:.3g} Hz, gaps {write_ns(_up(half))} (half) to {write_ns(_up(most))}"
+    since = "since its stamp" if found.stamped else "since it was logged"
+    return f"{told}, at most {write_ns(_up(ages[-1]))} old {since}"
+
+
+def _first_max_age(found: Channel) -> int:
+    """Two of its periods, or what 99 % of its messages kept to; 0 where it has no period."""
+    ages, gaps = found.ages_ns(), found.gaps_ns()
+    if not gaps or median(gaps) <= 0:
+        return 0
+    return _up(max(2 * round(median(gaps)), ages[ceil(0.99 * len(ages)) - 1]))
+
+
+def _up(ns: int) -> int:
+    """Two figures of it, no less than it is."""
+    step = 10 ** max(0, floor(log10(ns)) - 1) if ns > 0 else 1
+    return ceil(ns / step) * step
+
+
+def _figure(x: float) -> str:
+    return f"{x:.6g}" if isinstance(x, float) else str(x).lower()
+
+
+def _shown(text: str) -> str:
+    return safe(text).replace("\n", " ")[:300]
+
+
+def _quoted(text: str) -> str:
+    """A text of TOML."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

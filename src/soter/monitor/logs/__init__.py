@@ -1,1 +1,0 @@
-"""Logs that nobody's `soter run` wrote: what the decision modules would have said to them."""

@@ -1,0 +1,253 @@
+"""How far a predicate is from changing, on given reads.
+
+Purpose: one number in place of a truth: above zero where it holds, below where it does not, as far
+from zero as its nearest comparison is from turning (`a < b`: b - a, in the unit that both have),
+and which comparison that is. && is the least, || the greatest, ! the negation; where a function
+decides by `if`, every condition on the way counts.
+Non-goals: C (`explore/model/robustness.py` does the like to Core, in parts of the widest distance).
+
+What has no distance (a bool, an equality) is infinitely far. Distances in different units are
+compared as numbers, so each comparison keeps its own least (`Bounds`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.model import typed as t
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.language.evaluate.environment import Environment
+    from soter.language.evaluate.statements import Evaluator
+    from soter.language.model.types import Value
+
+
+TEXT_MAX = 70
+COMPARED = ("<", "<=", ">", ">=")
+
+
+class Distance(NamedTuple):
+    """How far, and of which comparison (an index of `Margins.bounds`, -1 for none)."""
+
+    far: float
+    bound: int
+
+
+Far = (Distance(math.inf, -1), Distance(-math.inf, -1))
+
+
+class PredicatePosition(NamedTuple):
+    """Where in a predicate: the calls that led there, and what a greater distance means.
+
+    `sense`: 1.0: the predicate is further from failing, -1.0: nearer, 0.0: it depends.
+    """
+
+    calls: tuple[str, ...] = ()
+    sense: float = 1.0
+
+
+ROOT = PredicatePosition()
+
+
+class PredicateMargins:
+    """Margins of the predicates of one scope, compiled once.
+
+    `bounds`: every comparison as it is written, and the calls that led there.
+    `seen`: by bound the distance it had when it was last asked, above zero on the side that speaks
+    for the predicate.
+    """
+
+    def __init__(self, evaluator: Evaluator) -> None:
+        self._evaluator = evaluator
+        self.bounds: list[tuple[str, tuple[str, ...]]] = []
+        self._labels: list[str] = []
+        self.seen: dict[int, float] = {}
+
+    def of(self, e: t.TypedExpr, at: PredicatePosition = ROOT) -> Callable[[Environment], Distance]:
+        """`environment -> distance`; raises `StepFault` where the predicate does."""
+        if isinstance(e, t.TypedBinary) and e.op in ("&&", "||"):
+            return self._joined(e, at)
+        if isinstance(e, t.TypedBinary) and e.op in COMPARED:
+            return self._compared(e, at)
+        if isinstance(e, t.TypedUnary) and e.op == "!":
+            inner = self.of(e.operand, at._replace(sense=-at.sense))
+            return lambda env: _negated(inner(env))
+        if isinstance(e, t.Conditional):
+            asked, then = self.of(e.condition, at._replace(sense=0.0)), self.of(e.then, at)
+            otherwise = self.of(e.otherwise, at)
+            return lambda env: _after([c := asked(env)], (then if _holds(c) else otherwise)(env))
+        if isinstance(e, t.TypedCall) and not e.fun.extern and e.fun.body is not None:
+            return self._called(e, at)
+        value = self._evaluator.expression(e)
+        return lambda env: Far[0] if value(env) else Far[1]
+
+    def label(self, bound: int) -> str:
+        """A comparison as people tell it from the others: with the calls in which they differ."""
+        if len(self._labels) != len(self.bounds):
+            self._labels = [self._label(*b) for b in self.bounds]
+        return self._labels[bound]
+
+    def _label(self, text: str, calls: tuple[str, ...]) -> str:
+        others = [c for t_, c in self.bounds if t_ == text and c != calls]
+        told: list[str] = []
+        for depth, call in enumerate(calls):
+            if not others:
+                break
+            if any(c[depth : depth + 1] != (call,) for c in others):
+                told.append(call)
+                others = [c for c in others if c[depth : depth + 1] == (call,)]
+        return ": ".join((*told, text))
+
+    def _joined(self, e: t.TypedBinary, at: PredicatePosition) -> Callable[[Environment], Distance]:
+        """Both sides count; one that faults where the language would not ask it does not."""
+        left, right = self.of(e.left, at), self.of(e.right, at)
+        choose = max if e.op == "||" else min
+
+        def joined(env: Environment) -> Distance:
+            a = left(env)
+            try:
+                b = right(env)
+            except StepFault:
+                if _holds(a) == (choose is max):
+                    return a
+                raise
+            return choose(a, b, key=_order)
+
+        return joined
+
+    def _compared(
+        self, e: t.TypedBinary, at: PredicatePosition
+    ) -> Callable[[Environment], Distance]:
+        left, right = self._evaluator.expression(e.left), self._evaluator.expression(e.right)
+        holds = self._evaluator.expression(e)
+        bound, seen = len(self.bounds), self.seen
+        self.bounds.append((_text(e), at.calls))
+        sign = 1.0 if e.op in ("<", "<=") else -1.0
+
+        def compared(env: Environment) -> Distance:
+            far = sign * (float(right(env)) - float(left(env)))
+            if far == 0.0 or math.isnan(far):
+                size = 0.0 if far == 0.0 else math.inf
+                far = size if holds(env) else -size
+            if at.sense:
+                seen[bound] = at.sense * far
+            return Distance(far, bound)
+
+        return compared
+
+    def _called(self, e: t.TypedCall, at: PredicatePosition) -> Callable[[Environment], Distance]:
+        arguments = [self._evaluator.expression(a) for a in e.arguments]
+        body = self._block(e.fun.body or (), PredicatePosition((*at.calls, _text(e)), at.sense))
+        parameters = e.fun.parameters
+
+        def called(env: Environment) -> Distance:
+            given = [a(env) for a in arguments]
+            outside = env.variables
+            env.variables = dict(zip(parameters, given, strict=True))
+            try:
+                way: list[Distance] = []
+                distance = body(env, way)
+                assert distance is not None
+                return _after(way, distance)
+            finally:
+                env.variables = outside
+
+        return called
+
+    def _block(
+        self, statements: tuple[t.TypedStmt, ...], at: PredicatePosition
+    ) -> Callable[[Environment, list[Distance]], Distance | None]:
+        """Runs statements; gives what was returned, and adds the conditions on the way."""
+        steps = [self._statement(s, at) for s in statements]
+
+        def run(env: Environment, way: list[Distance]) -> Distance | None:
+            for step in steps:
+                distance = step(env, way)
+                if distance is not None:
+                    return distance
+            return None
+
+        return run
+
+    def _statement(
+        self, s: t.TypedStmt, at: PredicatePosition
+    ) -> Callable[[Environment, list[Distance]], Distance | None]:
+        if isinstance(s, t.TypedReturn):
+            value = self.of(s.value, at)
+            return lambda env, _way: value(env)
+        if isinstance(s, t.TypedIf):
+            return self._branches(s, at)
+        if isinstance(s, (t.ForRange, t.ForEach)):
+            return self._rounds(s, at)
+        step = self._evaluator.block([s])
+
+        def run(env: Environment, _way: list[Distance]) -> None:
+            step(env)
+
+        return run
+
+    def _branches(
+        self, s: t.TypedIf, at: PredicatePosition
+    ) -> Callable[[Environment, list[Distance]], Distance | None]:
+        asked = at._replace(sense=0.0)
+        arms = [(self.of(c, asked), self._block(body, at)) for c, body in s.arms]
+        otherwise = self._block(s.otherwise, at)
+
+        def choose(env: Environment, way: list[Distance]) -> Distance | None:
+            for condition, body in arms:
+                distance = condition(env)
+                way.append(distance)
+                if _holds(distance):
+                    return body(env, way)
+            return otherwise(env, way)
+
+        return choose
+
+    def _rounds(
+        self, s: t.ForRange | t.ForEach, at: PredicatePosition
+    ) -> Callable[[Environment, list[Distance]], Distance | None]:
+        body = self._block(s.body, at)
+        items: Callable[[Environment], Value]
+        if isinstance(s, t.ForRange):
+            rounds = range(s.low, s.high)
+            items = lambda _env: rounds  # noqa: E731
+        else:
+            items = self._evaluator.expression(s.sequence)
+
+        def loop(env: Environment, way: list[Distance]) -> Distance | None:
+            for item in items(env):
+                env.variables[s.variable] = item
+                distance = body(env, way)
+                if distance is not None:
+                    return distance
+            return None
+
+        return loop
+
+
+def _holds(d: Distance) -> bool:
+    """Whether what was measured is true: -0.0 is a comparison that just fails."""
+    return math.copysign(1.0, d.far) > 0
+
+
+def _order(d: Distance) -> tuple[float, float]:
+    return d.far, math.copysign(1.0, d.far)
+
+
+def _negated(d: Distance) -> Distance:
+    return Distance(-d.far, d.bound)
+
+
+def _after(way: list[Distance], distance: Distance) -> Distance:
+    """What was returned, no further from changing than the conditions that led there."""
+    nearest = min([*way, distance], key=lambda d: abs(d.far))
+    return Distance(math.copysign(abs(nearest.far), distance.far), nearest.bound)
+
+
+def _text(e: t.TypedExpr) -> str:
+    text = " ".join(e.span.text.split())
+    return text if len(text) <= TEXT_MAX else text[: TEXT_MAX - 3] + "..."

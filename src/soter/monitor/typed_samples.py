@@ -1,0 +1,500 @@
+"""The values of topics in a log, with their times, and all that was done to get them.
+
+Purpose: columns and a mapping become values; what is left out is counted, what is derived is named.
+Non-goals: whether a value lies in its topic's set (the gate decides), but where it has several
+sources: one of which no value can be taken is silent, and another takes over.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from bisect import bisect_right
+from dataclasses import dataclass, field, replace
+from itertools import groupby, pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    leaves,
+    show_ns,
+)
+from soter.mapping.message_types import HEADER_FRAME
+from soter.mapping.topic_mapping import ConstantSource, SignalSource, SlopeSource, SourceTurns
+from soter.monitor.derived_signals import ahead_errors, quantiles, slope_errors, slopes
+from soter.monitor.log_files.log_columns import (
+    TRUTHS,
+    Columns,
+    RowChoice,
+    decimal_of,
+    is_plain,
+    unusable,
+)
+from soter.semantics.draws import assemble
+from soter.semantics.publication_gate import check_of
+from soter.simulate.run_log import RecordedRun
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from soter.language.model.system import System, Topic
+    from soter.language.model.types import Type, Value
+    from soter.mapping.topic_mapping import LeafPath, LogMap, TopicMap
+    from soter.semantics.publication_gate import Check
+
+
+UNSTAMPED = 'where no stamp can be used: stamp = "arrival" counts from when messages came'
+DIGITS_MAX = 40
+"""Of a whole number: no type has more."""
+
+REASONS_MAX = 8
+"""Why samples of one topic were left out: whatever comes after these is counted as one more."""
+
+
+@dataclass(frozen=True)
+class DerivedValue:
+    """A leaf, or a topic between its samples: how it was made, and 50, 95, 100 % of its error."""
+
+    name: str
+    how: str
+    error: tuple[float, float, float] | None
+
+
+@dataclass(frozen=True)
+class FarStamps:
+    """How many stamps are further from the log's clock than the log is long.
+
+    `offset_s`: of the furthest, below zero where it lies before its arrival; `length_s`: the log's.
+    """
+
+    samples: int
+    offset_s: float
+    length_s: float
+
+    def __str__(self) -> str:
+        side = "before" if self.offset_s < 0 else "after"
+        return (
+            f"are further from the log's clock than the log is long ({self.length_s:.3f} s): up to "
+            f"{abs(self.offset_s):,.3f} s {side} it; another clock, or another unit?"
+        )
+
+
+@dataclass
+class TopicSamples:
+    """One topic: `values[i]` was there at `times_ns[i]`; no times at all: it always holds.
+
+    `stamps_ns[i]`: when it was measured, as the field `stamp` says; else the declared delay before.
+    `log_ns`: when the whole log begins and ends. `reasons`: why rows gave no sample, each with
+    how many and the first; what differs from a number on is one reason. `sources`: of several, how
+    many samples each gave. `assumed_units`: of its leaves, as `TopicMap` has them.
+    """
+
+    topic: Topic
+    times_ns: list[int]
+    values: list[Value]
+    linear: bool = False
+    gap_ns: int = 0
+    log_ns: tuple[int, int] = (0, 0)
+    reasons: dict[str, tuple[int, str]] = field(default_factory=dict)
+    far_stamps: FarStamps | None = None
+    stamps_ns: list[int] = field(default_factory=list)
+    stamp: str = ""
+    derived: list[DerivedValue] = field(default_factory=list)
+    constants: list[str] = field(default_factory=list)
+    assumed_units: list[str] = field(default_factory=list)
+    sources: str = ""
+
+    @property
+    def always(self) -> bool:
+        """Whether it is the same at all times."""
+        return not self.times_ns
+
+    def compare_clocks(self, stamp_ns: int | None, now_ns: int) -> None:
+        """Count a stamp, if there is one, that is further from its arrival than the log is long."""
+        if stamp_ns is None or stamp_ns <= 0:
+            return
+        offset_ns, length_ns = stamp_ns - now_ns, self.log_ns[1] - self.log_ns[0]
+        if abs(offset_ns) > length_ns:
+            before = self.far_stamps or FarStamps(0, 0.0, length_ns / 1e9)
+            furthest = max(before.offset_s, offset_ns / 1e9, key=abs)
+            self.far_stamps = replace(before, samples=before.samples + 1, offset_s=furthest)
+
+    def older_stamp(self, stamp_ns: int) -> str:
+        """Why a stamp is none, as the last sample has that or a later one; "" where it is later."""
+        if self.stamps_ns and stamp_ns <= self.stamps_ns[-1]:
+            return "its stamp is older than the one before it, or the same"
+        return ""
+
+    def leave_out(self, where: str, why: str) -> None:
+        """Count a row that gives no sample."""
+        reason = re.split(r"\d", why, maxsplit=1)[0]
+        if reason not in self.reasons and len(self.reasons) >= REASONS_MAX:
+            reason = ""
+        count, first = self.reasons.get(reason, (0, f"{where}: {why}"))
+        self.reasons[reason] = count + 1, first
+
+    @property
+    def left_out(self) -> int:
+        """How many rows gave no sample."""
+        return sum(count for count, _ in self.reasons.values())
+
+    @property
+    def first_left_out(self) -> str:
+        """Where the first of them is, and why; "" where there is none."""
+        return next((first for _, first in self.reasons.values()), "")
+
+    @property
+    def lost(self) -> list[str]:
+        """What people are told of samples that were not used, and of stamps in another clock."""
+        name = self.topic.name
+        told = [
+            f"left out: {count:,} samples of {name}; the first: {first}"
+            for count, first in self.reasons.values()
+        ]
+        if self.far_stamps is not None:
+            told.append(
+                f"{self.far_stamps.samples:,} stamps of {name} (`{self.stamp}`) {self.far_stamps}"
+            )
+        return told
+
+    @property
+    def from_ns(self) -> int:
+        """From when on it has values: of what goes on along lines, where the first line begins."""
+        return self.times_ns[1 if self.linear and len(self.times_ns) > 1 else 0]
+
+    def at(self, time_ns: int) -> Value | None:
+        """The value at a time, of samples up to then; None where nothing follows from them.
+
+        When a sample was measured it is that sample; after it, for at most `gap_ns`, it lies on the
+        line through that sample and the one before it, if these are no further apart.
+        """
+        i = bisect_right(self.times_ns, time_ns) - 1
+        if time_ns < self.from_ns:
+            return None
+        since = time_ns - self.stamps_ns[i]
+        if since == 0:
+            return self.values[i]
+        apart = self.stamps_ns[i] - self.stamps_ns[i - 1]
+        if i == 0 or since > self.gap_ns or apart > self.gap_ns:
+            return None
+        share = since / apart
+        return _continued(self.topic.type, self.values[i - 1], self.values[i], share)
+
+
+def _continued(t: Type, a: Value, b: Value, share: float) -> Value:
+    """Floats beyond b, away from a; of everything else b."""
+    if isinstance(t, FloatType):
+        return b + share * (b - a)
+    if isinstance(t, RecordType):
+        fields = zip(t.fields, a, b, strict=True)
+        return tuple([_continued(f, x, y, share) for (_, f), x, y in fields])
+    if isinstance(t, ArrayType):
+        return tuple([_continued(t.element, x, y, share) for x, y in zip(a, b, strict=True)])
+    return b
+
+
+def samples_of(
+    path: Path, mapping: LogMap, columns: dict[str | None, Columns]
+) -> list[TopicSamples]:
+    """All mapped topics, times counted from the first row of the log; SoterError D016."""
+    first = min(c.times_ns[0] for c in columns.values())
+    begins, ends = zip(*(c.log_ns for c in columns.values()), strict=True)
+    log_ns = min(begins) - first, max(ends) - first
+    samples = []
+    for _, maps in groupby(mapping.topics, key=lambda t: t.topic.index):
+        of = [(t, columns.get(t.channel, columns.get(None, Columns()))) for t in maps]
+        t, rows = of[0]
+        made = TopicSamples(t.topic, [], [], t.linear, t.gap_ns, log_ns)
+        made.assumed_units = list(dict.fromkeys(x for one, _ in of for x in one.assumed_units))
+        if t.promise is not None:
+            _of_sources(path, of, made, first)
+        elif t.names:
+            _of_rows(path, t, rows, made, first)
+        else:
+            _always(t, made)
+        samples.append(made)
+    return samples
+
+
+def _always(t: TopicMap, made: TopicSamples) -> None:
+    made.values.append(_built(t.topic.type, _constants(t)))
+    made.constants = [t.name_of(p) for p in t.leaves]
+
+
+def _of_rows(path: Path, t: TopicMap, columns: Columns, made: TopicSamples, first_ns: int) -> None:
+    read: dict[LeafPath, list[Any]] = {
+        p: [] for p, x in t.leaves.items() if isinstance(x, SignalSource)
+    }
+    stamps: Sequence[int | None] = [now - t.delay_ns for now in columns.times_ns]
+    if t.stamp is not None:
+        stamps, made.stamp = columns.stamps_ns[t.stamp], t.stamp.path
+    elif t.delay_ns > 0:
+        made.stamp = f"arrival less {show_ns(t.delay_ns)}"
+    choice = RowChoice(t.where)
+    follows_lines = t.linear or any(isinstance(x, SlopeSource) for x in t.leaves.values())
+    for i, now in enumerate(columns.times_ns):
+        if not choice.takes(lambda name: columns.cells[name][i]):  # noqa: B023 - called at once
+            continue
+        why = _foreign(t, columns, i)
+        stamp_ns = (stamps[i] or 0) - first_ns
+        if t.stamp is not None and not why:
+            made.compare_clocks(stamps[i], now)
+            why = _ill_stamped(stamps[i], now) or made.older_stamp(stamp_ns)
+        row, why = ({}, why) if why else _cells(path, t, columns, i)
+        if why:
+            made.leave_out(columns.where[i], why)
+            continue
+        if follows_lines and made.times_ns and made.stamps_ns[-1] == stamp_ns:
+            for column in (made.times_ns, made.stamps_ns, *read.values()):
+                column.pop()  # no line goes through two values at one time: the later one counts
+        made.times_ns.append(now - first_ns)
+        made.stamps_ns.append(stamp_ns)
+        for p, value in row.items():
+            read[p].append(value)
+    if not made.times_ns:
+        what = f"all of `{t.topic.name}`" + (f" and {choice}" if t.where else "")
+        arrival = UNSTAMPED if "its stamp" in made.first_left_out else ""
+        helps = (made.first_left_out, arrival, *choice.helps)
+        raise unusable(path, f"no row of it has {what}", *helps)
+    _fill(path, t, made, read)
+
+
+def _of_sources(
+    path: Path, sources: list[tuple[TopicMap, Columns]], made: TopicSamples, first_ns: int
+) -> None:
+    """The samples that a bridge takes of several sources: one after the other, as they arrived."""
+    topic = made.topic
+    made.stamp = ", ".join(dict.fromkeys(t.stamp.path for t, _ in sources if t.stamp is not None))
+    made.constants = [n for t, _ in sources for n in map(t.name_of, _constants(t))]
+    turns = SourceTurns([t.promise.after_ns for t, _ in sources if t.promise is not None])
+    taken = []
+    check = check_of(topic)
+    choices = [RowChoice(t.where) for t, _ in sources]
+    arrivals = [(now, k, i) for k, (_, c) in enumerate(sources) for i, now in enumerate(c.times_ns)]
+    for now, rank, i in sorted(arrivals):
+        t, columns = sources[rank]
+        if not choices[rank].takes(lambda name: columns.cells[name][i]):  # noqa: B023 - the same
+            continue
+        if t.stamp is not None:
+            made.compare_clocks(columns.stamps_ns[t.stamp][i], now)
+        value, stamp, why = _of_source(path, t, columns, i, check)
+        if why:
+            made.leave_out(columns.where[i], why)
+        elif turns.judge(rank, stamp) == "taken":
+            made.times_ns.append(now - first_ns)
+            made.stamps_ns.append(stamp - first_ns)
+            made.values.append(value)
+            taken.append(rank)
+    if not made.times_ns:
+        seen = [told for choice in choices for told in choice.helps]
+        raise unusable(path, f"no row of it has all of `{topic.name}`", made.first_left_out, *seen)
+    made.sources = _turns_taken([t.channel for t, _ in sources], taken)
+
+
+def _turns_taken(channels: Sequence[str | None], taken: Sequence[int]) -> str:
+    """How often each source was taken, by rank, and how often another than before."""
+    counts = [f"{channel or k + 1} ({taken.count(k):,})" for k, channel in enumerate(channels)]
+    changes = sum(a != b for a, b in pairwise(taken))
+    return f"{', '.join(counts)}, {changes:,} changes from one to the other"
+
+
+def _constants(t: TopicMap) -> dict[LeafPath, Value]:
+    """What the mapping itself says of a topic."""
+    return {p: x.value for p, x in t.leaves.items() if isinstance(x, ConstantSource)}
+
+
+def _of_source(
+    path: Path, t: TopicMap, columns: Columns, i: int, check: Check
+) -> tuple[Value, int, str]:
+    """Value and stamp of a row of one of several sources; why it says nothing, or ""."""
+    assert t.stamp is not None
+    stamp = columns.stamps_ns[t.stamp][i]
+    why = _foreign(t, columns, i) or _ill_stamped(stamp, columns.times_ns[i])
+    if why:
+        return None, 0, why
+    row, why = _cells(path, t, columns, i)
+    if why:
+        return None, 0, why
+    value = _built(t.topic.type, {**row, **_constants(t)})
+    try:
+        check(value, t.topic.symbol.span)
+    except StepFault as fault:
+        return None, 0, fault.detail
+    return value, stamp or 0, ""
+
+
+def _cells(
+    path: Path, t: TopicMap, columns: Columns, i: int
+) -> tuple[dict[LeafPath, Value | None], str]:
+    """The values that a row has itself, and why it gives none, or ""."""
+    types = dict(leaves(t.topic.type))
+    row = {
+        p: _leaf(path, types[p], leaf, columns.cells[leaf.name][i], columns.where[i])
+        for p, leaf in t.leaves.items()
+        if isinstance(leaf, SignalSource)
+    }
+    lost = next((p for p, value in row.items() if value is None), None)
+    return row, "" if lost is None else f"no finite number for `{t.name_of(lost)}`"
+
+
+def _foreign(t: TopicMap, columns: Columns, i: int) -> str:
+    """Why a row is none of the frame that the mapping takes; "" where it is."""
+    if t.frame_id is None:
+        return ""
+    frame = columns.cells[HEADER_FRAME][i]
+    shown = str(frame).strip()
+    return "" if shown == t.frame_id else f"its frame is `{shown[:40]}`, not `{t.frame_id}`"
+
+
+def _ill_stamped(stamp: int | None, now: int) -> str:
+    """Why a stamp says no time at which a sample can have been measured; "" where it does."""
+    if stamp is None:
+        return "it has no stamp"
+    if stamp <= 0:
+        return "its stamp is 0" if stamp == 0 else "its stamp lies before 0"
+    if stamp > now:
+        return f"its stamp lies {show_ns(stamp - now)} after its arrival"
+    return ""
+
+
+def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list[Any]]) -> None:
+    """Slopes, constants, whole values."""
+    n = len(made.times_ns)
+    times_s = np.array(made.stamps_ns, dtype=np.float64) / 1e9
+    whole: dict[LeafPath, list[Any]] = dict(read)
+    for p, leaf in t.leaves.items():
+        if isinstance(leaf, ConstantSource):
+            whole[p] = [leaf.value] * n
+            made.constants.append(t.name_of(p))
+        elif isinstance(leaf, SlopeSource):
+            if n < 2:
+                raise unusable(path, f"one sample of `{t.topic.name}` has no slope")
+            values, window = np.array(read[leaf.of], dtype=np.float64), leaf.window_ns / 1e9
+            derivatives = slopes(times_s, values, window)
+            error = quantiles(slope_errors(times_s, values, window, derivatives))
+            how = (
+                f"slope over the last {show_ns(leaf.window_ns)}, from the second sample on; error: "
+                "against the slope over half the window"
+            )
+            made.derived.append(DerivedValue(t.name_of(p), how, error))
+            whole[p] = derivatives.tolist()
+    if any(isinstance(leaf, SlopeSource) for leaf in t.leaves.values()):
+        del made.times_ns[0], made.stamps_ns[0]  # where there is no slope yet
+        times_s, whole, n = times_s[1:], {p: v[1:] for p, v in whole.items()}, n - 1
+    if t.linear:
+        _ahead(t, made, times_s, whole)
+    for i in range(n):
+        made.values.append(_built(t.topic.type, {p: v[i] for p, v in whole.items()}))
+
+
+def _ahead(
+    t: TopicMap, made: TopicSamples, times_s: np.ndarray[Any, Any], whole: dict[LeafPath, list[Any]]
+) -> None:
+    """Note what straight lines miss; times_s (n,)."""
+    for p, kind in leaves(t.topic.type):
+        if isinstance(kind, FloatType) and not isinstance(t.leaves[p], ConstantSource):
+            values = np.array(whole[p], dtype=np.float64)
+            error = quantiles(ahead_errors(times_s, values, t.gap_ns / 1e9))
+            how = (
+                "on the line through the last two samples, for at most "
+                f"{show_ns(t.gap_ns)}; error: how far the next sample is off it"
+            )
+            if error is None or error[-1] > 0.0:
+                made.derived.append(DerivedValue(t.name_of(p), how, error))
+
+
+def _built(t: Type, value_by_path: Mapping[LeafPath, Value]) -> Value:
+    return assemble(t, (value_by_path[path] for path, _ in leaves(t)))
+
+
+# ---------------------------------------------------------------- cells
+
+
+def _leaf(path: Path, t: Type, leaf: SignalSource, cell: object, where: str) -> Value | None:
+    """A value; None for an empty cell, NaN and infinities. SoterError D016 for anything else."""
+    if isinstance(cell, str):
+        cell = cell.strip()
+    if cell is None or cell == "":
+        return None
+    try:
+        if isinstance(t, FloatType):
+            return _number(leaf, cell)
+        return _other(t, cell)
+    except (ValueError, TypeError) as error:
+        shown = str(cell)[:40]
+        text = f"`{shown}` in {where}, `{leaf.name}`, is no `{t}`"
+        raise unusable(path, text) from error
+
+
+def _number(leaf: SignalSource, cell: Any) -> float | None:  # noqa: ANN401 - a text, or what JSON has
+    if isinstance(cell, bool):
+        raise TypeError
+    if isinstance(cell, str) and not is_plain(cell):
+        raise ValueError
+    value = float(cell)
+    if leaf.scale != 1.0:
+        value = leaf.scale * value
+    if leaf.offset != 0.0:
+        value = value + leaf.offset
+    return value if math.isfinite(value) else None
+
+
+def _other(t: Type, cell: Any) -> Value:  # noqa: ANN401 - the same
+    if isinstance(t, BoolType):
+        if isinstance(cell, bool):
+            return cell
+        said = TRUTHS.get(str(cell).lower())
+        return (False, True)[_between(0, _whole(cell), 1)] if said is None else said
+    if isinstance(t, EnumType):
+        return t.members.index(str(cell))
+    if isinstance(cell, bool) or not isinstance(t, (IntType, DurationType)):
+        raise TypeError
+    return _between(t.low, _whole(cell), t.high) if isinstance(t, IntType) else _whole(cell)
+
+
+def _between(low: int, value: int, high: int) -> int:
+    if not low <= value <= high:
+        raise ValueError
+    return value
+
+
+def _whole(cell: Any) -> int:  # noqa: ANN401 - a text, or a number
+    """A whole number, however it is written: `1`, `1.0`, `1e3`. ValueError for others."""
+    number = decimal_of(cell)
+    if number is None or number.adjusted() > DIGITS_MAX or number != number.to_integral_value():
+        raise ValueError
+    return int(number)
+
+
+def recorded(system: System, samples: list[TopicSamples]) -> RecordedRun:
+    """The topics at every time at which one of them was sampled, from when all are known.
+
+    Nothing is interpolated; times are those of measuring, from the first row of the log on; there
+    are no true states.
+    """
+    start = max(s.stamps_ns[0] for s in samples if not s.always)
+    topics = {t.name: t.default for t in system.topics}
+    topics.update({s.topic.name: s.values[0] for s in samples if s.always})
+    events = sorted((t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.stamps_ns))
+    record, since = RecordedRun([], [], [], []), set[str]()
+    for at, (time_ns, k, i) in enumerate(events):
+        topics[samples[k].topic.name] = samples[k].values[i]
+        since.add(samples[k].topic.name)
+        last = at + 1 == len(events) or events[at + 1][0] != time_ns
+        if last and time_ns >= start:
+            record.times_ns.append(time_ns)
+            record.topics.append(dict(topics))
+            record.truths.append({})
+            record.published.append(since)
+            since = set()
+    return record

@@ -1,1 +1,0 @@
-"""A safety case: goals, what supports them, what they rest on; a page, JSON, StrictDoc."""

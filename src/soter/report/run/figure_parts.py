@@ -1,0 +1,467 @@
+"""The parts of a figure: signals prepared for drawing, and axes, markers and texts as plain JSON.
+
+Purpose: few points on the page, yet nothing a reader looks for is lost: every change of mode, every
+decision, every violation and every dip of the clearance stays. A bar shows who is in control;
+labels of levels stand where no curve runs; where decisions are so many that their marks cover each
+other, bars show how many takeovers there were. Colours are written as `@name`; the page's script
+replaces them by the style sheet's `--name`, so one figure serves light, dark and paper. A trace may
+belong to a `group` that the reader switches on and off, or to several, parted by spaces: it is
+drawn while all of them are on.
+Non-goals: filtering or smoothing: every point drawn is a point of the trace; the curves
+(`timeline.py`); importing the drawing library: figures are tested, and built, without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.report.templates import numbers
+from soter.report.wording import prose
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.report.run.record import Decision, Figure, Flight, Json, Series, Vec3, Violation
+
+
+AC_COLOUR, SC_COLOUR = "@ac", "@sc"
+
+
+def signals_drawn(figures: Sequence[Figure]) -> dict[str, tuple[int, int]]:
+    """Signal -> (figure, trace) of the first time line that draws it: its trace has the name."""
+    trace_by_signal: dict[str, tuple[int, int]] = {}
+    for i, figure in enumerate(figures):
+        for k, trace in enumerate(figure.data):
+            if "name" in trace:
+                trace_by_signal.setdefault(str(trace["name"]), (i, k))
+    return trace_by_signal
+
+
+def digits_of(values: NDArray[np.float64]) -> int:
+    """How many digits behind the point a drawing of (N,) values needs: a 10,000th of its span."""
+    finite = values[np.isfinite(values)]
+    span = float(np.ptp(finite)) if finite.size else 0.0
+    span = span or (float(np.abs(finite).max()) if finite.size else 0.0)
+    return 5 if span <= 0.0 else int(np.clip(4 - np.floor(np.log10(span)), 0, 12))
+
+
+def arm_group(name: str) -> str:
+    """Return the group of one arm's traces, a word."""
+    return "arm:" + "_".join(name.split())
+
+
+def figure_place(figure: Figure, kind: str) -> str:
+    """Return the place in the page, as HTML, that a figure is drawn into."""
+    height = figure.layout.get("height")
+    style = f' style="height:{height}px"' if height else ""
+    return (
+        f'<div class="plot {kind}" id="figure-{escape(figure.key)}" role="img" '
+        f'aria-label="{escape(figure.label)}"{style}></div>'
+    )
+
+
+def legend(entries: Iterable[tuple[str, str]]) -> str:
+    """Return a legend in the page's text: each entry a sign and what it means, as HTML."""
+    items = "".join(f"<li>{sign}<span>{text}</span></li>" for sign, text in entries)
+    return f'<ul class="key">{items}</ul>'
+
+
+def line(colour: str, width: float = 2.0, dash: str = "solid") -> Json:
+    """Return the style of a line."""
+    return {"color": colour, "width": width, "dash": dash}
+
+
+def crowded(count: int, size: float) -> float:
+    """Return a smaller size for dots that would cover each other."""
+    return size if count <= 24 else max(size * 0.7, 4.0) if count <= 80 else size * 0.45
+
+
+def takeover_dot(size: float = 10.0) -> Json:
+    """Return the red dot: the DM took over, AC→SC.
+
+    It is filled, the other one a ring: for readers who do not tell red from green.
+    """
+    line = {"color": "@paper", "width": 1.5}
+    return {"symbol": "circle", "size": size, "color": "@takeover", "line": line}
+
+
+def giveback_dot(size: float = 10.0) -> Json:
+    """Return the green dot: the DM gave back, SC→AC."""
+    line = {"color": "@giveback", "width": 2.75}
+    return {"symbol": "circle", "size": size - 1.5, "color": "@paper", "line": line}
+
+
+def violation_cross(size: float = 11.0) -> Json:
+    """Return the cross of a violation."""
+    return {
+        "symbol": "x-thin",
+        "size": size,
+        "color": "@violation",
+        "line": {"color": "@violation", "width": 3},
+    }
+
+
+def axis(title: str = "", **more: object) -> Json:
+    """Return a quiet axis: thin grid, outside ticks, no zero line."""
+    return {
+        "title": {"text": title, "font": {"size": 12}, "standoff": 8},
+        "gridcolor": "@grid",
+        "linecolor": "@rule",
+        "tickcolor": "@rule",
+        "zeroline": False,
+        "ticks": "outside",
+        "ticklen": 4,
+        "tickfont": {"size": 11},
+        "automargin": True,
+        **more,
+    }
+
+
+def layout(**more: object) -> Json:
+    """Return what all figures share: transparent ground, the page's font and hover boxes."""
+    return {
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "font": {"family": "@font", "color": "@muted", "size": 12},
+        "showlegend": False,
+        "autosize": True,
+        "hovermode": "closest",
+        "hoverlabel": {
+            "bgcolor": "@panel",
+            "bordercolor": "@rule",
+            "font": {"family": "@font", "color": "@ink", "size": 12},
+            "align": "left",
+        },
+        "margin": {"l": 52, "r": 16, "t": 8, "b": 40},
+        "modebar": {
+            "bgcolor": "rgba(0,0,0,0)",
+            "color": "@muted",
+            "activecolor": "@ink",
+            "orientation": "h",
+        },
+        "uirevision": "keep",
+        **more,
+    }
+
+
+def predicate_text(value: bool | float) -> str:
+    """Write a predicate's value as people read it."""
+    if isinstance(value, (bool, np.bool_)):
+        return "true" if value else "false"
+    return f"{float(value):.4g}"
+
+
+def predicates_text(predicates: Mapping[str, bool | float]) -> list[str]:
+    """Write each predicate as `name = value`."""
+    return [f"{name} = {predicate_text(value)}" for name, value in predicates.items()]
+
+
+def change_text(decision: Decision) -> str:
+    """Write a change of mode as an arrow."""
+    return "AC → SC" if decision.to == "SC" else "SC → AC"
+
+
+def decision_hover(decision: Decision) -> str:
+    """Return the hover text of a decision: when, which way, why, on which predicates."""
+    verb = "DM took over" if decision.to == "SC" else "DM gave back"
+    lines = [
+        f"<b>{verb}, {change_text(decision)}</b>",
+        escape(f"t = {decision.time_s:.2f} s · {decision.module}"),
+    ]
+    if decision.reason:
+        lines.append(_hover(decision.reason))
+    lines += [escape(text) for text in decision.why]
+    lines += [escape(text) for text in predicates_text(decision.predicates)]
+    return "<br>".join(lines)
+
+
+def _hover(text: str) -> str:
+    """Without code: a figure knows few tags."""
+    return prose(text.replace("`", ""))
+
+
+def violation_hover(violation: Violation) -> str:
+    """Return the hover text of a violation."""
+    return f"<b>Violation</b><br>t = {violation.time_s:.2f} s<br>{_hover(violation.text)}"
+
+
+DENSE_STEPS = 300
+"""More of them touch each other in a drawing."""
+POINTS_MAX = 2500
+"""Points of one trajectory on the page; four screens' worth of pixels."""
+
+
+def runs(in_control: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
+    """Split (N,) modes into stretches `(first, last, is_ac)` of equal mode.
+
+    A mode holds until the next sample, so `last` is the first sample of the next stretch (N-1
+    for the last one): lines drawn from `first` to `last` inclusive join without gaps.
+    """
+    changes = np.flatnonzero(np.diff(in_control.astype(np.int8))) + 1
+    firsts = [0, *changes.tolist()]
+    lasts = [*changes.tolist(), len(in_control) - 1]
+    return [
+        (first, last, bool(in_control[first])) for first, last in zip(firsts, lasts, strict=True)
+    ]
+
+
+def dense(series: Series) -> bool:
+    """Whether its steps are so many that they would cover their panel."""
+    return series.held and int(np.count_nonzero(np.diff(series.values))) > DENSE_STEPS
+
+
+def by_controller(
+    rows: NDArray[np.float64], in_control: NDArray[np.bool_], *, ac: bool
+) -> NDArray[np.float64]:
+    """Return the rows (N, k) flown by AC (or SC), stretches parted by a row of NaN: (M, k)."""
+    gap = np.full((1, rows.shape[1]), np.nan)
+    parts: list[NDArray[np.float64]] = []
+    for first, last, is_ac in runs(in_control):
+        if is_ac is ac and last > first:
+            parts += [rows[first : last + 1], gap]
+    return np.concatenate(parts[:-1]) if parts else np.empty((0, rows.shape[1]))
+
+
+def thin(
+    count: int,
+    keep: Iterable[int],
+    dips: NDArray[np.float64] | None = None,
+    points_max: int = POINTS_MAX,
+) -> NDArray[np.intp]:
+    """Choose at most `points_max` of `count` samples: sorted indices (M,).
+
+    Both ends and every index in `keep` are chosen, even beyond `points_max`. What is left goes
+    half to an even stride and half to the least value of `dips` (N,) in each stretch of equal
+    length, so that no close approach disappears between two points.
+    """
+    chosen = {0, count - 1, *(index for index in keep if 0 <= index < count)}
+    if count <= points_max:
+        return np.arange(count)
+    budget = max(points_max - len(chosen), 0)
+    if dips is None:
+        even = np.linspace(0, count - 1, budget).round().astype(np.intp)
+        return np.union1d(np.fromiter(chosen, dtype=np.intp), even)
+    even = np.linspace(0, count - 1, budget // 2).round().astype(np.intp)
+    values = np.where(np.isnan(dips), np.inf, dips)
+    bins = np.linspace(0, count, budget // 2 + 1).astype(np.intp)
+    lows = [
+        first + int(np.argmin(values[first:last]))
+        for first, last in zip(bins[:-1].tolist(), bins[1:].tolist(), strict=True)
+        if last > first
+    ]
+    indices = np.union1d(even, np.asarray(lows, dtype=np.intp))
+    return np.union1d(np.fromiter(chosen, dtype=np.intp), indices)
+
+
+def mode_edges(in_control: NDArray[np.bool_]) -> list[int]:
+    """Return the indices on both sides of every change of mode; (N,) samples."""
+    changes = np.flatnonzero(np.diff(in_control.astype(np.int8)))
+    return [*changes.tolist(), *(changes + 1).tolist()]
+
+
+def nearest_indices(time_s: NDArray[np.float64], at_s: Iterable[float]) -> list[int]:
+    """Return, for each time, the index of the last of the samples (N,) not after it.
+
+    It is 0 before the first; all times are in s.
+    """
+    indices = np.searchsorted(time_s, np.asarray(list(at_s), dtype=np.float64), side="right") - 1
+    return [int(index) for index in np.clip(indices, 0, len(time_s) - 1)]
+
+
+def lowest(values: NDArray[np.float64]) -> int | None:
+    """Return the index of the least finite value of (N,), None where there is none."""
+    known = np.where(np.isfinite(values), values, np.inf)
+    index = int(np.argmin(known))
+    return index if np.isfinite(known[index]) else None
+
+
+def flight_indices(flight: Flight, points_max: int = POINTS_MAX) -> NDArray[np.intp]:
+    """Choose the samples of a flight that are drawn: sorted indices (M,)."""
+    events = [decision.time_s for decision in flight.decisions]
+    events += [violation.time_s for violation in flight.violations]
+    keep = mode_edges(flight.in_control) + nearest_indices(flight.time_s, events)
+    return thin(len(flight.time_s), keep, flight.clearance_m, points_max)
+
+
+def place(flight: Flight, time_s: float, position: Vec3 | None) -> Vec3:
+    """Return where an event took place in m: as told, else read off the flight at `time_s`."""
+    if position is not None:
+        return position
+    index = nearest_indices(flight.time_s, [time_s])[0]
+    x, y, z = flight.position[index].tolist()
+    return (x, y, z)
+
+
+def takeovers(decisions: Iterable[Decision]) -> list[Decision]:
+    """Return the decisions AC→SC: the paper's red dots."""
+    return [decision for decision in decisions if decision.to == "SC"]
+
+
+def givebacks(decisions: Iterable[Decision]) -> list[Decision]:
+    """Return the decisions SC→AC: the paper's green dots."""
+    return [decision for decision in decisions if decision.to == "AC"]
+
+
+BAR_WIDTH = 1000
+
+
+def mode_bar(time_s: NDArray[np.float64], in_control: NDArray[np.bool_], end_s: float) -> str:
+    """Return an SVG bar of who is in control; its full width is `end_s` seconds.
+
+    Times and modes are (N,).
+    """
+    scale = BAR_WIDTH / end_s if end_s > 0 else 0.0
+    view = f'viewBox="0 0 {BAR_WIDTH} 10" preserveAspectRatio="none"'
+    parts = [f'<svg class="bar" {view} role="img" aria-label="who is in control over time">']
+    for first, last, is_ac in runs(in_control):
+        left = (time_s[first] - time_s[0]) * scale
+        width = (time_s[last] - time_s[first]) * scale
+        controller = "ac" if is_ac else "sc"
+        parts.append(
+            f'<rect class="{controller}" x="{left:.1f}" y="0" width="{width:.1f}" height="10"/>'
+        )
+    return "".join([*parts, "</svg>"])
+
+
+LABEL_SHARE = 0.2
+"""Part of a panel's values that the label of a level needs beside it."""
+LABEL_CHAR_PX, PHONE_PX = 6.3, 330
+"""Width of a letter of a label, and of a panel on a phone, where a label takes most of it."""
+
+
+def levels_of(series: Sequence[Series]) -> dict[float, str]:
+    """The levels of a panel, each once, with everybody's label for it."""
+    labels_by_value: dict[float, list[str]] = {}
+    for each in series:
+        for threshold in each.thresholds:
+            labels = labels_by_value.setdefault(threshold.value, [])
+            labels += [s for s in threshold.label.split(", ") if s not in labels]
+    return {value: ", ".join(labels) for value, labels in labels_by_value.items()}
+
+
+def levels_range(series: Sequence[Series]) -> tuple[float, float] | None:
+    """Return an axis range in which levels and their labels have room; none without levels."""
+    levels = [threshold.value for each in series for threshold in each.thresholds]
+    if not levels:
+        return None
+    finite = [each.values[np.isfinite(each.values)] for each in series]
+    values = np.concatenate([np.asarray(levels), *finite])
+    least, greatest = float(values.min()), float(values.max())
+    room = LABEL_SHARE * ((greatest - least) or 1.0)
+    return least - room, greatest + room
+
+
+@dataclass(frozen=True)
+class Curves:
+    """The curves of a panel of `end_s` seconds and of the range `span`: where they leave room."""
+
+    time_s: NDArray[np.float64]
+    series: Sequence[Series]
+    end_s: float
+    span: tuple[float, float]
+
+    def crosses(self, window: tuple[float, float], low: float, high: float) -> bool:
+        """Whether a curve has a value from `low` to `high` in a part (0..1) of the time."""
+        first, last = np.searchsorted(self.time_s, np.array(window) * self.end_s)
+        first, last = max(int(first) - 1, 0), int(last) + 1
+        for each in self.series:
+            part = each.values[first:last]
+            part = part[np.isfinite(part)]
+            if part.size and part.min() <= high and part.max() >= low:
+                return True
+        return False
+
+
+def level_names(axis: str, levels: dict[float, str], curves: Curves) -> list[Json]:
+    """The labels of a panel's levels, each where no curve runs, as far as there is such a place."""
+    room = LABEL_SHARE * (curves.span[1] - curves.span[0]) / (1 + 2 * LABEL_SHARE)
+    middle = sum(curves.span) / 2
+    notes: list[Json] = []
+    taken: list[tuple[float, float, str]] = []
+    for value, label in sorted(levels.items()):
+        width = min(len(label) * LABEL_CHAR_PX / PHONE_PX, 1.0)
+        windows = {"right": (1 - width, 1.0), "left": (0.0, width)}
+        windows["center"] = (0.5 - width / 2, 0.5 + width / 2)
+        sides = ("bottom", "top") if value >= middle else ("top", "bottom")
+        places = [
+            (side, place, value if side == "bottom" else value - room)
+            for side in sides
+            for place in windows
+        ]
+        free = (
+            (side, place, low)
+            for side, place, low in places
+            if curves.span[0] <= low
+            and low + room <= curves.span[1]
+            and not curves.crosses(windows[place], low, low + room)
+            and not any(p == place and abs(low - at) < room for at, _, p in taken)
+        )
+        side, place, low = next(free, places[0])
+        taken.append((low, low + room, place))
+        notes.append(_level_name(axis, label, value, (side, place)))
+    return notes
+
+
+def _level_name(axis: str, label: str, value: float, place: tuple[str, str]) -> Json:
+    """Return the label of a level: its edge (`bottom`: it stands above) and end."""
+    side, end = place
+    return {
+        "text": escape(label),
+        "xref": "paper",
+        "yref": axis,
+        "x": {"left": 0, "center": 0.5, "right": 1}[end],
+        "y": value,
+        "xanchor": end,
+        "yanchor": side,
+        "yshift": 2 if side == "bottom" else -2,
+        "showarrow": False,
+        "borderpad": 0,
+        "bgcolor": "@look-fill",
+        "font": {"size": 11, "color": "@takeover"},
+    }
+
+
+BINS = 120
+
+
+def takeover_density(decisions: Sequence[Decision], axis: str, end_s: float) -> Json:
+    """Bars of the takeovers from 0 to `end_s` seconds, on the y axis of the name `axis`."""
+    edges = np.linspace(0.0, end_s, BINS + 1)
+    over, back = (
+        np.histogram(np.clip([d.time_s for d in chosen], 0.0, end_s), edges)[0].tolist()
+        for chosen in (takeovers(decisions), givebacks(decisions))
+    )
+    parts = zip(edges[:-1], edges[1:], over, back, strict=True)
+    return {
+        "type": "bar",
+        "x": numbers((edges[:-1] + edges[1:]) / 2, 4),
+        "y": over,
+        "width": round(float(edges[1]), 4),
+        "yaxis": axis,
+        "text": [
+            f"{a:.4g} s to {b:.4g} s<br>the DM took over: {n}, gave back: {m}"
+            for a, b, n, m in parts
+        ],
+        "textposition": "none",
+        "hovertemplate": "%{text}<extra></extra>",
+        "marker": {"color": "@takeover", "line": {"width": 0}},
+    }
+
+
+def density_title(decisions: Sequence[Decision], end_s: float, module: str = "") -> str:
+    """The title of the bars."""
+    whose = f" of {module}" if module else ""
+    each = f"{end_s / BINS:.3g} s"
+    return f"takeovers{whose} in each {each}, {len(takeovers(decisions)):,} in all"
+
+
+def violations_title(violations: Sequence[Violation]) -> str:
+    """A property that fails again and again has a mark where it failed first."""
+    again = any(violation.times > 1 for violation in violations)
+    return "violations, the first of each property" if again else "violations"

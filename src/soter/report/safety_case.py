@@ -1,0 +1,291 @@
+"""A safety case as plain data, in the words of the Goal Structuring Notation, and as StrictDoc.
+
+Purpose: `SafetyCase`: nodes by their id; which goals are supported, from the leaves up.
+`Traceability`: hazards and requirements with the properties that they lead to, and what is open
+(`OpenItem`). `ExpandedPredicate`: a predicate of a module for people who do not read the program.
+`sdoc` writes a document for trace matrices of a larger project: a requirement for every goal,
+strategy and solution, whose parent it supports; contexts and assumptions as text before them.
+Non-goals: checking a leaf, expanding predicates, following the rows of hazards (`api/assurance/`);
+the page (`safety_case_page.py`); grammars of StrictDoc of one's own. Sources: GSN Community
+Standard, version 3; StrictDoc's user guide, "SDoc syntax".
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+MEANINGS = {
+    "safe": "What is to hold: the safety property of the module",
+    "ttf": "Where it is true the RTA switch takes control from the complex function",
+    "safer": "Where it is true the RTA switch may give control back to the complex function",
+}
+
+
+@dataclass(frozen=True)
+class Definition:
+    """A name of an expansion with its expression or value; `unit` where one is declared."""
+
+    name: str
+    text: str
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class ExpandedPredicate:
+    """`safe`, `ttf` or `safer` of a module, with its functions inlined.
+
+    `written`: as the program says it, "" where it is computed. `where`: parts of `expanded` that
+    have a name, each after those that it reads. `read`: what it reads of topics. `functions`: the
+    text of what stays a call, as a loop, an assignment or an extern is no expression.
+    """
+
+    module: str
+    name: str
+    written: str
+    expanded: str = ""
+    where: tuple[Definition, ...] = ()
+    constants: tuple[Definition, ...] = ()
+    read: tuple[Definition, ...] = ()
+    functions: tuple[Definition, ...] = ()
+
+    def to_json(self) -> dict[str, object]:
+        """As in docs/json.md."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class TracedProperty:
+    """A property that a hazard may trace to.
+
+    `how`: "proof", "exploration" or "flights". `status`: "supported" or "undeveloped" as the `goal`
+    of the case, if it has one; of flights that did not violate it "sampled", as they show nothing
+    of others, and "not flown" without flights. `wanted`: somebody has to have a hazard for it.
+    `hazards`: those that trace to it.
+    """
+
+    name: str
+    how: str
+    status: str
+    goal: str = ""
+    wanted: bool = True
+    hazards: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class TracedItem:
+    """A hazard or a requirement; `properties`: what it leads to, over requirements, too.
+
+    It is "supported" where all of these are that are no flights, and there is one, and all the
+    requirements that it traces to; else "open".
+    """
+
+    kind: str
+    id: str
+    text: str
+    traces_to: tuple[str, ...]
+    properties: tuple[str, ...]
+    status: str
+
+
+@dataclass(frozen=True)
+class OpenItem:
+    """What nobody has closed: of a "hazard", "requirement", "property" or "assumption"."""
+
+    kind: str
+    id: str
+    why: str
+
+
+@dataclass(frozen=True)
+class Traceability:
+    """`path`, `sha256`: of the file that was given, or "". `open`: all that is open."""
+
+    path: str = ""
+    sha256: str = ""
+    items: tuple[TracedItem, ...] = ()
+    properties: tuple[TracedProperty, ...] = ()
+    open: tuple[OpenItem, ...] = ()
+
+    @property
+    def covered(self) -> bool:
+        """Whether every hazard and every requirement is supported."""
+        return all(item.status == "supported" for item in self.items)
+
+    def to_json(self) -> dict[str, object]:
+        """As in docs/json.md."""
+        return asdict(self) | {"path": self.path or None, "sha256": self.sha256 or None}
+
+
+Kind = Literal["goal", "strategy", "solution", "context", "assumption"]
+SUPPORTED, UNDEVELOPED = "supported", "undeveloped"
+
+
+@dataclass
+class CaseNode:
+    """One element. `supported_by`, `in_context_of`: ids of others.
+
+    A solution is `checked` where it was checked while the case was made, and then holds what its
+    goal needs; `why` says what is missing otherwise. `sha256`: of what it points to. `property`: of
+    a goal, the name by which a hazard traces to it. `key`: of an assumption, the same for the same
+    thing in every case; who owns it, how it is validated and where that is seen, as people say it.
+    """
+
+    id: str
+    kind: Kind
+    text: str
+    supported_by: list[str] = field(default_factory=list)
+    in_context_of: list[str] = field(default_factory=list)
+    checked: bool = False
+    why: str = ""
+    path: str = ""
+    sha256: str = ""
+    property: str = ""
+    key: str = ""
+    owner: str = ""
+    validation: str = ""
+    evidence: str = ""
+
+
+@dataclass
+class SafetyCase:
+    """Nodes in the order in which they are read; the first is the top goal.
+
+    `provenance`: with what it was made, by what people call it.
+    """
+
+    title: str
+    program: str
+    program_sha256: str
+    system: str
+    params: dict[str, str]
+    nodes: list[CaseNode] = field(default_factory=list)
+    provenance: dict[str, str] = field(default_factory=dict)
+    predicates: tuple[ExpandedPredicate, ...] = ()
+    traceability: Traceability = field(default_factory=Traceability)
+    plants: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """Of each plant of the system: its equations as the program writes them, by its instances."""
+    refuted: list[str] = field(default_factory=list)
+    """What was found to be false while the case was made, as a certificate that is rejected."""
+
+    def add(
+        self, node: CaseNode, *, under: CaseNode | None = None, beside: CaseNode | None = None
+    ) -> CaseNode:
+        """Take in a node that supports `under`, or is in the context of `beside`."""
+        assert all(n.id != node.id for n in self.nodes), node.id
+        self.nodes.append(node)
+        if under is not None:
+            under.supported_by.append(node.id)
+        if beside is not None:
+            beside.in_context_of.append(node.id)
+        return node
+
+    def node(self, id_: str) -> CaseNode:
+        """A node by its id; KeyError where there is none."""
+        for n in self.nodes:
+            if n.id == id_:
+                return n
+        raise KeyError(id_)
+
+    def status(self, node: CaseNode) -> str:
+        """Supported: every solution below was checked now, and every branch ends in one."""
+        if node.kind == "solution":
+            return SUPPORTED if node.checked else UNDEVELOPED
+        below = [self.status(self.node(i)) for i in node.supported_by]
+        return SUPPORTED if below and set(below) == {SUPPORTED} else UNDEVELOPED
+
+    @property
+    def supported(self) -> bool:
+        """Whether the top goal is."""
+        return self.status(self.nodes[0]) == SUPPORTED
+
+    @property
+    def goals(self) -> list[CaseNode]:
+        """All goals, as they are read."""
+        return [n for n in self.nodes if n.kind == "goal"]
+
+    def to_json(self, version: str) -> dict[str, object]:
+        """The machine-readable case (docs/json.md)."""
+        return {
+            "schema": 1,
+            "soter": version,
+            "title": self.title,
+            "program": self.program,
+            "program_sha256": self.program_sha256,
+            "system": self.system,
+            "params": self.params,
+            "top": self.nodes[0].id,
+            "supported": self.supported,
+            "nodes": [self._node(n) for n in self.nodes],
+            "provenance": self.provenance,
+            "predicates": [p.to_json() for p in self.predicates],
+            "traceability": self.traceability.to_json(),
+        }
+
+    def _node(self, n: CaseNode) -> dict[str, object]:
+        judged = n.kind in ("goal", "strategy", "solution")
+        return {
+            "id": n.id,
+            "kind": n.kind,
+            "text": n.text,
+            "status": self.status(n) if judged else None,
+            "why": n.why,
+            "supported_by": n.supported_by,
+            "in_context_of": n.in_context_of,
+            "path": n.path or None,
+            "sha256": n.sha256 or None,
+            "key": n.key or None,
+            "owner": n.owner,
+            "validation": n.validation,
+            "evidence": n.evidence,
+        }
+
+
+def sdoc(case: SafetyCase) -> str:
+    """The document, as text."""
+    return "\n".join(_lines(case))
+
+
+def _lines(case: SafetyCase) -> Iterator[str]:
+    yield from ("[DOCUMENT]", f"TITLE: {_line(case.title)}", "")
+    for n in case.nodes:
+        if n.kind in ("context", "assumption"):
+            yield from ("[TEXT]", "STATEMENT: >>>", *_text(f"{n.id} ({n.kind}): {n.text}"))
+            yield from ("<<<", "")
+    parents: dict[str, list[str]] = {}
+    for n in case.nodes:
+        for child in n.supported_by:
+            parents.setdefault(child, []).append(n.id)
+    for n in case.nodes:
+        if n.kind not in ("context", "assumption"):
+            yield from _requirement(case, n, parents.get(n.id, []))
+
+
+def _requirement(case: SafetyCase, n: CaseNode, parents: list[str]) -> Iterator[str]:
+    yield from ("[REQUIREMENT]", f"UID: {n.id}", f"STATUS: {case.status(n)}")
+    yield f"TITLE: {_line(f'{n.kind}: {n.text}')[:120]}"
+    yield from ("STATEMENT: >>>", *_text(n.text), "<<<")
+    told = [n.why] if n.why else []
+    told += [f"sha256 {n.sha256} {n.path}".rstrip()] if n.sha256 else []
+    told += [f"in the context of {', '.join(n.in_context_of)}"] if n.in_context_of else []
+    if told:
+        yield from ("COMMENT: >>>", *_text("\n\n".join(told)), "<<<")
+    if parents:
+        yield "RELATIONS:"
+        for parent in parents:
+            yield from ("- TYPE: Parent", f"  VALUE: {parent}")
+    yield ""
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _text(text: str) -> list[str]:
+    """Lines that cannot end the field they stand in; never none."""
+    lines = [line.rstrip() for line in text.splitlines() if line.strip()]
+    return [f" {x}" if x.startswith(("<<<", ">>>", "[")) else x for x in lines] or ["-"]

@@ -1,0 +1,356 @@
+"""A replayed trace as plain data, and in words: who stepped when, what was chosen and published.
+
+Purpose: the record that the sequence page, its log and its table for a terminal are made from, and
+the phrases that page and terminal share, in which texts from outside are made harmless to look at.
+The table has a line a step; the time stands where it changes, so instants are seen as groups.
+Non-goals: running or judging anything: the caller replays the trace and fills the records; HTML,
+the drawing (`sequence_drawing.py`), deciding whether colour is wanted.
+
+Times are virtual, in nanoseconds. Values are texts, as the caller writes them for people.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from soter.report.tables import Styled, display_width, table
+from soter.report.wording import visible
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.report.tables import Tone
+
+
+Role = Literal["plant", "dm", "ac", "sc", "node", "input"]
+Mode = Literal["AC", "SC"]
+Kind = Literal["start", "step", "lost", "overrun", "effect"]
+"""What happens in a step: the start of the system (of no lane), a step of a lane, a release that
+is lost, a step that starts and whose publications come later, these taking effect."""
+
+
+NAMED = 12
+"""Steps that matter are named where they are no more."""
+
+
+@dataclass(frozen=True)
+class Lane:
+    """An actor. `name`: its full dotted name. `module`: the RTA module it belongs to, if any."""
+
+    name: str
+    role: Role
+    module: str | None = None
+
+
+@dataclass(frozen=True)
+class TopicFlow:
+    """A topic with the names of the lanes that write it and of those that read it."""
+
+    name: str
+    writers: tuple[str, ...] = ()
+    readers: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ModuleModes:
+    """The modes of one module: `(number of a step, mode from then on)`, the first from the start.
+
+    A change holds from the step that made it on, which is the step of that number.
+    """
+
+    module: str
+    modes: tuple[tuple[int, Mode], ...]
+
+
+@dataclass(frozen=True)
+class Pick:
+    """An alternative that was taken. `what`: the source's words for the choice."""
+
+    what: str
+    value: str
+    default: bool = True
+
+
+@dataclass(frozen=True)
+class Published:
+    """A topic got this value."""
+
+    topic: str
+    value: str
+
+
+@dataclass(frozen=True)
+class ModeSwitch:
+    """The DM of `module` changed its mode."""
+
+    module: str
+    before: Mode
+    after: Mode
+
+
+@dataclass(frozen=True)
+class SequenceStep:
+    """One row. `lane` is empty for the start, which is of the whole system.
+
+    `number`: rising along the trace. `release_ns` is None where there was none: the start, and
+    publications that take effect; it is at most `time_ns`. `gated`: computed, but its outputs
+    were not enabled, so `published` reached nobody. What an overrunning step publishes stands at
+    the step where it takes effect; `lasts_ns` is the time from its start to there, at both of them,
+    where it is known. `fault`: what went wrong in the step. `dropped`: what was lost as it
+    published, a clause each.
+    `observable`: time may pass after it, so properties are checked. `violates`: the property is
+    violated here. `note`: one sentence for the reader, free. `matters`: whether the violation
+    depends on it; of steps that do not, the view makes little.
+    """
+
+    number: int
+    time_ns: int
+    lane: str = ""
+    kind: Kind = "step"
+    release_ns: int | None = None
+    choices: tuple[Pick, ...] = ()
+    published: tuple[Published, ...] = ()
+    gated: bool = False
+    switch: ModeSwitch | None = None
+    fault: str | None = None
+    dropped: tuple[str, ...] = ()
+    lasts_ns: int | None = None
+    observable: bool = False
+    violates: bool = False
+    note: str = ""
+    matters: bool = True
+
+
+@dataclass(frozen=True)
+class SequenceView:
+    """A trace to look at. `property_text` and `verdict` may hold code in backquotes.
+
+    `verdict`: one sentence; `remark`: another, whether the trace is the shortest. `lanes` stand in
+    this order, `steps` in the order they happened.
+    `program_sha256`, `seed` and `tool_version` say what was replayed and by what; `provenance`
+    adds names and values of one's own, such as the command.
+    """
+
+    program: str
+    system: str
+    test: str
+    property_text: str
+    verdict: str
+    lanes: tuple[Lane, ...]
+    steps: tuple[SequenceStep, ...]
+    topics: tuple[TopicFlow, ...] = ()
+    modes: tuple[ModuleModes, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    program_sha256: str = ""
+    seed: int = 0
+    tool_version: str = ""
+    provenance: Mapping[str, str] = field(default_factory=dict)
+    remark: str = ""
+
+
+def violating(view: SequenceView) -> SequenceStep | None:
+    """Return the first step that violates the property."""
+    return next((step for step in view.steps if step.violates), None)
+
+
+def matter_text(view: SequenceView) -> str:
+    """Write how many steps matter, and which if they are few; empty where all do."""
+    steps = [step for step in view.steps if step.kind != "start"]
+    those = [str(step.number) for step in steps if step.matters]
+    if not those or len(those) == len(steps):
+        return ""
+    named = f" ({', '.join(those)})" if len(those) <= NAMED else ""
+    verb = "matters" if len(those) == 1 else "matter"
+    return (
+        f"{len(those):,} of {len(steps):,} steps {verb}{named}: "
+        "whatever the others choose, it is violated all the same."
+    )
+
+
+def reached(step: SequenceStep) -> tuple[Published, ...]:
+    """Return what a step published to others: nothing where its outputs were not enabled."""
+    return () if step.gated or step.kind in ("lost", "overrun") else step.published
+
+
+def late_ns(step: SequenceStep) -> int:
+    """Return by how much a step is late in ns: its time after its release, else 0."""
+    return 0 if step.release_ns is None else max(step.time_ns - step.release_ns, 0)
+
+
+def duration_text(time_ns: int) -> str:
+    """Write a time in its largest exact unit, so that no two times look alike: `1.5 ms`."""
+    for unit, size in (("s", 10**9), ("ms", 10**6), ("µs", 10**3)):
+        if abs(time_ns) >= size:
+            return f"{_exact(time_ns, size)} {unit}"
+    return f"{time_ns} ns" if time_ns else "0"
+
+
+def _exact(time_ns: int, size: int) -> str:
+    whole, rest = divmod(abs(time_ns), size)
+    digits = f"{rest:0{len(str(size)) - 1}d}".rstrip("0")
+    return f"{'-' if time_ns < 0 else ''}{whole}{'.' if digits else ''}{digits}"
+
+
+ARROW = "\N{RIGHTWARDS ARROW}"
+KINDS = {
+    "start": "start",
+    "step": "",
+    "lost": "release lost",
+    "overrun": "overruns",
+    "effect": "takes effect",
+}
+SAID = {
+    "start": "at the start",
+    "step": "after the step of {lane}",
+    "lost": "when a release of {lane} is lost",
+    "overrun": "when a step of {lane} starts that will overrun",
+    "effect": "when the step of {lane} takes effect",
+}
+
+
+def clipped(text: str, width: int) -> str:
+    """Return a text of at most `width` columns; what is left out shows as an ellipsis."""
+    if display_width(text) <= width:
+        return text
+    kept, used = [], 0
+    for char in text:
+        used += display_width(char)
+        if used > width - 1:
+            break
+        kept.append(char)
+    return "".join(kept).rstrip() + "\N{HORIZONTAL ELLIPSIS}"
+
+
+def published_text(value: Published) -> str:
+    """Write one publication: `command = 1`."""
+    return f"{visible(value.topic)} = {visible(value.value)}"
+
+
+def pick_text(pick: Pick) -> str:
+    """Write one choice: `choose { -1, 0, 1 }: 1`."""
+    return f"{visible(pick.what)}: {visible(pick.value)}"
+
+
+def late_text(step: SequenceStep) -> str:
+    """Write the lateness of a step: `5 ms late`; empty where it is in time."""
+    late = late_ns(step)
+    return f"{duration_text(late)} late" if late else ""
+
+
+def does(step: SequenceStep) -> list[str]:
+    """Return what a step does beside publishing, a phrase each."""
+    phrases = [_kind(step)]
+    if step.switch is not None:
+        change = f"{step.switch.before} {ARROW} {step.switch.after}"
+        phrases.append(f"{visible(step.switch.module)}: {change}")
+    phrases += [visible(text) for text in step.dropped]
+    phrases += [pick_text(pick) for pick in step.choices]
+    if step.fault is not None:
+        phrases.append(f"fault in {visible(step.lane)}: {visible(step.fault)}")
+    if step.gated:
+        phrases.append("outputs not enabled")
+    return [phrase for phrase in phrases if phrase]
+
+
+def _kind(step: SequenceStep) -> str:
+    """The kind, of a step that overruns with how long it took."""
+    if step.lasts_ns is None:
+        return KINDS[step.kind]
+    if step.lasts_ns == 0:
+        return "starts" if step.kind == "overrun" else f"{KINDS[step.kind]}, 0 ms later"
+    if step.kind == "overrun":
+        return f"starts, takes effect {duration_text(step.lasts_ns)} later"
+    return f"{KINDS[step.kind]} {duration_text(step.lasts_ns)} after its start"
+
+
+def explanation(view: SequenceView) -> str:
+    """Say in one sentence where the property fails; empty where it does not."""
+    step = violating(view)
+    if step is None:
+        return ""
+    when = SAID[step.kind].format(lane=f"`{visible(step.lane)}`")
+    late = late_text(step)
+    sentence = f"The property fails in step {step.number}, at {duration_text(step.time_ns)}, {when}"
+    sentence += f" ({late})" if late else ""
+    if step.switch is not None:
+        sentence += f", which switches from {step.switch.before} to {step.switch.after}"
+    note = visible(step.note).strip().rstrip(".")
+    return f"{sentence}: {note}." if note else f"{sentence}."
+
+
+_NOTHING = Styled("", "plain")
+MATTERS = "•"
+"""Stands beside a step that the violation depends on, where there are others."""
+HEADERS = ("step", "time", "actor", "does", "publishes", "")
+CELL_MAX = 64
+"""Columns of a terminal that one cell takes at most; the page and the log show all of it."""
+
+
+def table_text(
+    view: SequenceView,
+    *,
+    color: bool = False,
+    cell_max: int = CELL_MAX,
+    most: int = 0,
+    width: int | None = None,
+) -> list[str]:
+    """Return the lines to print: a table with a row a step, then why the property fails.
+
+    Of more than `most` steps (0: any number) the first and the last ones. `width`: columns of the
+    terminal, where they are known.
+    """
+    made = rows(view, cell_max=cell_max)
+    left_out = len(made) - most if 0 < most < len(made) else 0
+    if left_out:
+        first = most // 4
+        gap = Styled(f"... {left_out:,} steps left out", "muted")
+        made[first : first + left_out] = [[_NOTHING, _NOTHING, _NOTHING, gap, _NOTHING, _NOTHING]]
+    lines = table(HEADERS, made, color=color, width=width).splitlines()
+    matter = matter_text(view).replace(" matter:", f" matter ({MATTERS}):")
+    said = [line for line in (explanation(view), matter) if line]
+    return [*lines, "", *said] if said else lines
+
+
+def rows(view: SequenceView, *, cell_max: int = CELL_MAX) -> list[list[Styled]]:
+    """Return the cells of each step under `HEADERS`, clipped to `cell_max` columns."""
+    made: list[list[Styled]] = []
+    time_ns: int | None = None
+    sliced = any(not step.matters for step in view.steps)
+    for step in view.steps:
+        row = _row(step, cell_max, same_time=step.time_ns == time_ns)
+        if sliced and step.matters and not step.violates and step.kind != "start":
+            row[-1] = Styled(MATTERS, "plain")
+        made.append(row if step.matters else [Styled(cell.text, "muted") for cell in row])
+        time_ns = step.time_ns
+    return made
+
+
+def _row(step: SequenceStep, cell_max: int, *, same_time: bool) -> list[Styled]:
+    tone: Tone = "bad" if step.violates else "muted" if step.kind == "lost" else "plain"
+    return [
+        Styled(str(step.number), "muted"),
+        Styled("" if same_time else duration_text(step.time_ns), "plain"),
+        Styled(clipped(visible(step.lane), cell_max), tone),
+        Styled(clipped(", ".join([*_late(step), *does(step)]), cell_max), _tone_of_deed(step)),
+        Styled(
+            clipped(", ".join(map(published_text, step.published)), cell_max),
+            "muted" if step.gated else "plain",
+        ),
+        Styled("✕ violated", "bad") if step.violates else Styled("", "plain"),
+    ]
+
+
+def _late(step: SequenceStep) -> list[str]:
+    late = late_text(step)
+    return [late] if late else []
+
+
+def _tone_of_deed(step: SequenceStep) -> Tone:
+    if step.fault is not None:
+        return "bad"
+    if step.switch is not None:
+        return "strong" if step.switch.after == "SC" else "good"
+    if any(not pick.default for pick in step.choices):
+        return "strong"
+    return "muted" if step.kind == "lost" else "plain"

@@ -1,0 +1,253 @@
+"""Tables and time lines for a terminal, and results as a notebook shows them.
+
+Purpose: the same few lines of plain text under `soter run`, the demo and in a log file; the HTML of
+`_repr_html_`, without scripts and in the notebook's own style: a line that says how it went, a
+table, below it the whole report in a frame of its own (`srcdoc`), which a notebook that trusts
+nobody leaves out.
+Non-goals: terminal control beyond colour; deciding whether colour is wanted; what the report says.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from dataclasses import dataclass
+from html import escape
+from itertools import pairwise
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from soter.report.run.figure_parts import runs
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+
+Tone = Literal["plain", "good", "bad", "muted", "strong"]
+ANSI = {"good": "32", "bad": "31", "muted": "2", "strong": "1"}
+NUMBER = re.compile(
+    r"^[-+\N{MINUS SIGN}<>≥≤~]*\s*[\d.,]+(e[-+]?\d+)?"
+    r"\s*(%|\N{MULTIPLICATION SIGN}|[a-zµ]{1,3}(/[a-z]+)?²?)?$"
+)
+BLANK = ("", "-", "—")
+
+
+@dataclass(frozen=True)
+class Styled:
+    """A cell that is coloured where colour is on."""
+
+    text: str
+    tone: Tone
+
+
+Entry = str | int | float | Styled
+
+
+def table(
+    headers: Sequence[str],
+    rows: Iterable[Sequence[Entry]],
+    *,
+    color: bool = False,
+    width: int | None = None,
+) -> str:
+    """Return an aligned table as lines of text, without a line break at the end.
+
+    `headers`: one title a column; `rows`: as many entries each. Columns of numbers, with or
+    without a unit, are flush right, others flush left. Floats are written with four
+    significant digits; whoever wants others passes a text. `width`: columns of the terminal; a
+    wider table has its widest columns broken between words, as far as there are words (a
+    no-break space is none). Raises `ValueError` for a row of another length.
+    """
+    cells = [[_styled(entry) for entry in row] for row in rows]
+    for row in cells:
+        if len(row) != len(headers):
+            raise ValueError(f"a row of {len(headers)} entries expected, found {len(row)}")
+    head = [Styled(header, "strong") for header in headers]
+    columns = [[row[index].text for row in cells] for index in range(len(headers))]
+    right = [_is_numeric(column) for column in columns]
+    widths = _widths(headers, columns, right, width)
+    rule = _paint("  ".join("─" * width for width in widths), "muted", color=color)
+    lines = [_line(line, widths, right, color=color) for line in _broken(head, widths)]
+    lines.append(rule)
+    for row in cells:
+        lines += [_line(line, widths, right, color=color) for line in _broken(row, widths)]
+    return "\n".join(lines)
+
+
+def _widths(
+    headers: Sequence[str], columns: list[list[str]], right: list[bool], most: int | None
+) -> list[int]:
+    """Return the width of every column: the widest give way until all fit, or nothing can."""
+    every = [[header, *column] for header, column in zip(headers, columns, strict=True)]
+    widths = [max(display_width(text) for text in texts) for texts in every]
+    if most is None:
+        return widths
+    least = [
+        max(
+            max((display_width(w) for t in texts for w in _words(t)), default=0),
+            max((display_width(t) for t in texts[1:]), default=0) if numeric else 0,
+        )
+        for texts, numeric in zip(every, right, strict=True)
+    ]
+    while sum(widths) + 2 * (len(widths) - 1) > most:
+        free = [k for k, width in enumerate(widths) if width > least[k]]
+        if not free:
+            break
+        widths[max(free, key=lambda k: widths[k])] -= 1
+    return widths
+
+
+def _words(text: str) -> list[str]:
+    """Return what a text can be broken into."""
+    return [word for word in text.split(" ") if word]
+
+
+def _broken(row: Sequence[Styled], widths: Sequence[int]) -> list[list[Styled]]:
+    """Return the lines of a row."""
+    parts = [_wrapped(cell.text, width) for cell, width in zip(row, widths, strict=True)]
+    return [
+        [
+            Styled(lines[k].replace("\u00a0", " ") if k < len(lines) else "", cell.tone)
+            for cell, lines in zip(row, parts, strict=True)
+        ]
+        for k in range(max(map(len, parts), default=0))
+    ]
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    """Return the lines of a text, none wider than `width` but for a word that is."""
+    if display_width(text) <= width:
+        return [text]
+    lines = [""]
+    for word in _words(text):
+        longer = f"{lines[-1]} {word}" if lines[-1] else word
+        if lines[-1] and display_width(longer) > width:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines
+
+
+def display_width(text: str) -> int:
+    """Return how many columns of a terminal a text takes."""
+    return sum(
+        0 if unicodedata.combining(char) else 2 if unicodedata.east_asian_width(char) in "WF" else 1
+        for char in text
+    )
+
+
+def mode_timeline(
+    time_s: NDArray[np.float64],
+    in_control: NDArray[np.bool_],
+    width: int = 60,
+    *,
+    ascii_only: bool = False,
+) -> str:
+    """Return a bar of `width` columns of who is in control: `▏SC▕████AC████▏SC▕███`.
+
+    `time_s` (N,) in s, increasing; `in_control` (N,) bool, true where AC is in control from
+    this sample to the next. A column shows whoever holds it longer; yet an SC stretch shorter
+    than that still takes one column, for a takeover must never disappear. A stretch is named
+    where its name fits. With `ascii_only`: `[SC]====AC====[SC]===`.
+    """
+    if width < 1 or len(time_s) == 0:
+        return ""
+    ac = _columns(time_s, in_control, width)
+    edges = [0, *(np.flatnonzero(np.diff(ac.astype(np.int8))) + 1).tolist(), width]
+    return "".join(
+        _stretch(bool(ac[first]), last - first, ascii_only=ascii_only)
+        for first, last in pairwise(edges)
+    )
+
+
+def _columns(
+    time_s: NDArray[np.float64], in_control: NDArray[np.bool_], width: int
+) -> NDArray[np.bool_]:
+    """Return who holds each column: (width,) bool, true for AC."""
+    start, duration = float(time_s[0]), float(time_s[-1] - time_s[0])
+    if duration <= 0:
+        return np.full(width, bool(in_control[0]))
+    share = np.zeros(width)
+    takeovers: list[int] = []
+    for first, last, is_ac in runs(in_control):
+        left = (float(time_s[first]) - start) / duration * width
+        right = (float(time_s[last]) - start) / duration * width
+        if is_ac:
+            columns = np.arange(width)
+            share += np.clip(np.minimum(columns + 1, right) - np.maximum(columns, left), 0, 1)
+        elif right > left:
+            takeovers.append(min(int((left + right) / 2), width - 1))
+    held: NDArray[np.bool_] = share > 0.5
+    held[takeovers] = False
+    return held
+
+
+def _stretch(is_ac: bool, length: int, *, ascii_only: bool) -> str:
+    """Return the columns of one stretch."""
+    name = "AC" if is_ac else "SC"
+    if is_ac:
+        fill = "=" if ascii_only else "█"
+        return name.center(length, fill) if length >= 4 else fill * length
+    left, right, alone = ("[", "]", "|") if ascii_only else ("▏", "▕", "│")
+    if length == 1:
+        return alone
+    inner = length - 2
+    return left + (name.center(inner) if inner >= 2 else " " * inner) + right
+
+
+def _styled(entry: Entry) -> Styled:
+    """Turn an entry into text."""
+    if isinstance(entry, Styled):
+        return entry
+    if isinstance(entry, bool):
+        return Styled("yes" if entry else "no", "plain")
+    text = f"{entry:.4g}" if isinstance(entry, float) else str(entry)
+    return Styled(text, "plain")
+
+
+def _is_numeric(column: Sequence[str]) -> bool:
+    """Tell whether a column holds numbers only, and at least one."""
+    filled = [text for text in column if text.strip() not in BLANK]
+    return bool(filled) and all(NUMBER.match(text.strip()) for text in filled)
+
+
+def _line(
+    row: Sequence[Styled], widths: Sequence[int], right: Sequence[bool], *, color: bool
+) -> str:
+    """Return one line of a table, without blanks at its end."""
+    parts = []
+    for cell, width, flush_right in zip(row, widths, right, strict=True):
+        blank = " " * (width - display_width(cell.text))
+        text = _paint(cell.text, cell.tone, color=color)
+        parts.append(blank + text if flush_right else text + blank)
+    return "  ".join(parts).rstrip()
+
+
+def _paint(text: str, tone: Tone, *, color: bool) -> str:
+    """Colour a text where colour is on; plain text keeps the terminal's own colour."""
+    return f"\x1b[{ANSI[tone]}m{text}\x1b[0m" if color and text and tone in ANSI else text
+
+
+def notebook_table(
+    head: str, headers: Sequence[str], rows: Iterable[Sequence[object]], notes: Sequence[str] = ()
+) -> str:
+    """Return HTML: `head` in bold, a table with as many entries a row as `headers`, notes."""
+    titles = "".join(f"<th>{escape(h)}</th>" for h in headers)
+    lines = "".join(
+        "<tr>" + "".join(f"<td>{escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows
+    )
+    table = f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
+    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    below = f"<ul>{items}</ul>" if items else ""
+    return f"<div><b>{escape(head)}</b>{table if lines else ''}{below}</div>"
+
+
+def framed(document: str, height_px: int = 720) -> str:
+    """Return an HTML document in a frame: its scripts reach neither notebook nor network."""
+    return (
+        f'<iframe srcdoc="{escape(document, quote=True)}" sandbox="allow-scripts" title="report" '
+        f'loading="lazy" style="width:100%;height:{height_px}px;border:1px solid #8888"></iframe>'
+    )

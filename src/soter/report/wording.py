@@ -1,0 +1,92 @@
+"""Words and numbers for people: prose, counts, parameters, and texts from outside made harmless.
+
+Purpose: what an extern, a file or a name says never moves a terminal's cursor or colours it;
+parameters that differ from the program's defaults, as text with units, and all of them as JSON in
+seconds; small words that pages share.
+Non-goals: cutting to a width; reading what a person sets (`simulate/run_options.py`).
+"""
+
+from __future__ import annotations
+
+import re
+from html import escape
+from typing import TYPE_CHECKING
+
+from soter.language.evaluate.statements import Evaluator
+from soter.language.model.types import BoolType, DurationType, EnumType, show_ns
+from soter.language.model.values import to_json
+
+if TYPE_CHECKING:
+    from soter.language.model.system import System
+    from soter.language.model.types import Type, Value
+
+
+CODE = re.compile(r"`([^`]+)`")
+
+
+SUBSCRIPTS = re.compile(r"(φ|ttf)_(safer|safe|2Δ|\{2Δ\})")
+
+
+def prose(text: str) -> str:
+    """Escape a text for HTML; set code, and the paper's symbols with their subscripts."""
+    set_off = CODE.sub(r"<code>\1</code>", escape(text))
+    return SUBSCRIPTS.sub(lambda match: f"{match[1]}<sub>{match[2].strip('{}')}</sub>", set_off)
+
+
+def quantity(name: str, unit: str) -> str:
+    """What an axis or a panel shows: `x / m`, `speed / (m/s)`; without a unit the name alone."""
+    if not unit:
+        return name
+    return f"{name} / ({unit})" if "/" in unit else f"{name} / {unit}"
+
+
+def count_text(count: int, noun: str) -> str:
+    """Write a count with its noun: `no violation`, `1 violation`, `3 violations`."""
+    return f"{count or 'no'} {noun}{'s' if count > 1 else ''}"
+
+
+def visible(text: str) -> str:
+    r"""Return a text on one line in which every character shows: `\x1b` for an escape."""
+    return "".join(char if char.isprintable() else _escaped(char) for char in text)
+
+
+def _escaped(char: str) -> str:
+    return char.encode("unicode_escape").decode("ascii")
+
+
+def changed_parameters(system: System) -> dict[str, tuple[str, str]]:
+    """Value and default, as text, of every parameter that is not at its default.
+
+    Those of an instance (`r[0].GAIN`) with what they would be without their own value.
+    """
+    basic = Evaluator({})
+    changes = {}
+    for name, value in system.params.items():
+        param = system.program.param(name)
+        assert param is not None
+        default = basic.value(param.default)
+        if name != param.name:
+            default = system.params[param.name]
+        if value != default:
+            changes[name] = (parameter_text(param.type, value), parameter_text(param.type, default))
+    return changes
+
+
+def parameter_text(t: Type, value: Value) -> str:
+    """A parameter's value as a program writes it."""
+    if isinstance(t, DurationType):
+        return show_ns(value)
+    if isinstance(t, BoolType):
+        return "true" if value else "false"
+    return str(t.members[value]) if isinstance(t, EnumType) else str(value)
+
+
+def parameters_json(system: System) -> dict[str, object]:
+    """Every parameter; durations in s."""
+    value_by_name = {}
+    for name, value in system.params.items():
+        param = system.program.param(name)
+        assert param is not None
+        t = param.type
+        value_by_name[name] = value / 1e9 if isinstance(t, DurationType) else to_json(t, value)
+    return value_by_name

@@ -1,0 +1,365 @@
+"""An extern node in Python in a process of its own: asked in virtual time, or serving in real time.
+
+Purpose: `soter run` asks a child (`ProcessExtern`) for every step. The child loads the person's
+code, calls it and converts its answer; what it says is text with bounds, checked against the types
+here, so whatever happens in it is a step fault and nothing else. It is started again, `RESTARTS`
+times. Run as a module with SPEC (`native/compiler.py`) this file answers what the driver of a
+real-time run asks, until the driver is gone. SPEC says what and how: `write_spec` writes it.
+Non-goals: being on time or right: driver and gate see to that; extern plants and functions, which
+stay in the process of the engine.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.core.layout import decode_from, encode_into
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.language.load.named_files import binding_of
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+)
+from soter.language.model.values import inputs_to_python
+from soter.report.wording import visible
+from soter.semantics.externs import Converted, converted
+from soter.simulate.externs.python_answers import PlainError, described
+from soter.simulate.externs.python_extern import (
+    Answered,
+    PythonExtern,
+    answered,
+    clipping,
+    load_python,
+    policy_files,
+)
+from soter.simulate.interrupt import StopRequest
+from soter.workers.child_process import Child, DeadError
+from soter.workers.exchange import Channel, Exchange, LayoutError, exchange_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from soter.diagnostics.codes import Code
+    from soter.diagnostics.diagnostic import Span
+    from soter.language.model.system import Component, System
+    from soter.language.model.types import Type, Value
+
+    Shapes = Sequence[tuple[str, Type]]
+
+
+EXIT_LAYOUT, EXIT_LOAD = 3, 4
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What a worker has to know of its node; `binding`: its text, with absolute files."""
+
+    name: str
+    binding: str
+    exchange: Exchange
+    seed: int
+    shapes: tuple[tuple[str, Type], ...]
+    answers: tuple[Answered, ...]
+
+
+def write_spec(system: System, component: Component, seed: int, path: Path) -> None:
+    """Write the spec of an extern node that is bound to Python, or to a policy."""
+    binding = binding_of(component.binding)
+    assert component.node is not None
+    assert binding is not None
+    absolute = str(binding.beside(Path.cwd()))
+    shapes = tuple(component.node.answers)
+    exchange, answers = exchange_of(system, component), answered(system, component)
+    spec = Spec(component.name, absolute, exchange, seed, shapes, answers)
+    path.write_bytes(pickle.dumps(spec))
+
+
+class ExternServer:
+    """One node, its code loaded, before its first request."""
+
+    def __init__(self, spec: Spec) -> None:
+        self._spec = spec
+        target = clipping(_loaded(spec), spec.answers)
+        self._extern = PythonExtern(spec.name, target, StopRequest(), spec.shapes)
+        self._extern.reset(spec.seed)
+        self._said = False
+
+    def step(self, data: bytes) -> bytes | None:
+        """The answer to a request; None where the step failed. The first failure is said."""
+        try:
+            return self._encoded(self._extern.step(self._inputs(data)))
+        except Exception as error:  # noqa: BLE001 - whatever an extern does is its fault
+            if not self._said:
+                print(f"{self._spec.name}: {described(error)}", file=sys.stderr, flush=True)
+            self._said = True
+            return None
+
+    def _inputs(self, data: bytes) -> Any:  # noqa: ANN401 - a namespace of any values
+        members = sorted(self._spec.exchange.request.members, key=lambda m: m.index)
+        return inputs_to_python(
+            [(m.name, m.type, decode_from(data, m.offset, m.type)) for m in members]
+        )
+
+    def _encoded(self, answer: object) -> bytes:
+        values = converted(self._spec.shapes, answer)
+        given = {n: v for (n, _), v in zip(self._spec.shapes, values, strict=True) if v is not None}
+        present: dict[str, Any] = {f"has_{n}": n in given for n, _ in self._spec.shapes}
+        layout = self._spec.exchange.answer
+        out = bytearray(layout.size)
+        for member in layout.members:
+            if member.name in (fields := {**given, **present}):
+                encode_into(out, member.offset, member.type, fields[member.name])
+        return bytes(out)
+
+
+def _loaded(spec: Spec) -> object:
+    """The object that the binding names; SoterError as loading raises it."""
+    binding = binding_of(spec.binding)
+    if binding is None or not binding.is_policy:
+        return load_python(spec.binding, None)
+    members = sorted(spec.exchange.request.members, key=lambda m: m.index)
+    reads = [(m.name, m.type) for m in members]
+    return policy_files().load_policy(binding, reads, spec.shapes, None)
+
+
+def main(path: str) -> int:
+    """Answer until the process is ended."""
+    spec: Spec = pickle.loads(Path(path).read_bytes())  # noqa: S301 - soter wrote it
+    channel = Channel(spec.exchange.number, spec.exchange.sizes)
+    try:
+        server = ExternServer(spec)
+    except SoterError as error:
+        return _not_loaded(spec, "; ".join(d.message for d in error.diagnostics))
+    except Exception as error:  # noqa: BLE001 - of the person's `reset`
+        return _not_loaded(spec, f"it could not be reset: {described(error)}")
+    channel.ready()
+    try:
+        while True:
+            request = channel.next()
+            channel.answer(request, server.step(request.data))
+    except LayoutError:
+        print(f"{spec.name}: asked in another layout", file=sys.stderr, flush=True)
+        return EXIT_LAYOUT
+
+
+def _not_loaded(spec: Spec, why: str) -> int:
+    print(f"{spec.name}: {why}", file=sys.stderr, flush=True)
+    return EXIT_LOAD
+
+
+PATIENCE = "SOTER_EXTERN_PATIENCE_S"
+PATIENCE_S = 60.0
+"""How long one step may take where $SOTER_EXTERN_PATIENCE_S does not say it, s of the clock."""
+RESTARTS = 5
+TEXT_MAX = 2000
+LOADING: tuple[Code, ...] = ("X003", "X002", "X014", "D007")
+"""What loading may be told as; the first stands for all else."""
+
+
+class GoneError(PlainError):
+    """The process of an extern gave no answer."""
+
+
+class ForgedError(PlainError):
+    """The process of an extern answered what it could not have."""
+
+
+class ProcessExtern:
+    """As the engines call an extern: `step`, and `reset(seed)` before every run."""
+
+    def __init__(
+        self, name: str, load: Callable[[], object], shapes: Shapes, span: Span, stop: StopRequest
+    ) -> None:
+        """`load()`: the person's object, made in the child; SoterError as it raises."""
+        self._name, self._load, self._shapes, self._span = name, load, tuple(shapes), span
+        self._stop = stop
+        self._seed: int | None = None
+        self._left = RESTARTS
+        self._patience_s = _patience()
+        self.assumed: tuple[str, ...] = ()
+        self._child: Child | None = self._started()
+
+    def step(self, inputs: object) -> object:
+        """One step; GoneError, ForgedError or, of what the extern raised, PlainError."""
+        if self._child is None:
+            self._child = self._again()
+        said = self._asked(self._child, b"s" + pickle.dumps(inputs), self._patience_s)
+        values = said.get("values")
+        if not isinstance(values, list) or len(values) != len(self._shapes):
+            raise ForgedError("its process answered nothing that is an answer")
+        return Converted(
+            None if v is None else checked(t, v)
+            for (_, t), v in zip(self._shapes, values, strict=True)
+        )
+
+    def reset(self, seed: int) -> None:
+        """Start afresh where the object can; raises as `step` does."""
+        self._seed = seed
+        self._left = RESTARTS
+        if self._child is None:
+            self._child = self._started()
+        self._asked(self._child, b"r%d" % seed, None)
+
+    def close(self) -> None:
+        """End the process; `reset` starts another."""
+        if self._child is not None:
+            self._child.end()
+        self._child = None
+
+    def _started(self) -> Child:
+        shapes, load, name = self._shapes, self._load, self._name
+        child = Child(lambda: ServedExtern(name, load, shapes).answer)
+        try:
+            said = self._asked(child, b"l", None)
+        except GoneError as error:
+            text = f"extern `{self._name}` cannot be loaded: {error}"
+            label = Label(self._span, "its process ended while this was loaded")
+            raise SoterError((Diagnostic("X003", text, label),)) from error
+        problems = said.get("problems")
+        if problems:
+            child.end("told")
+            raise SoterError(tuple(_problem(p, self._span) for p in problems))
+        assumed = said.get("assumed")
+        texts = assumed if isinstance(assumed, list) else []
+        self.assumed = tuple([visible(str(x)[:TEXT_MAX]) for x in texts[:8]])
+        return child
+
+    def _again(self) -> Child:
+        if self._left == 0:
+            raise GoneError(f"its process is gone, and was started {RESTARTS} times again")
+        self._left -= 1
+        try:
+            child = self._started()
+        except SoterError as error:
+            raise GoneError(error.diagnostics[0].message) from error
+        if self._seed is not None:
+            self._asked(child, b"r%d" % self._seed, None)
+        return child
+
+    def _asked(self, child: Child, question: bytes, patience_s: float | None) -> dict[str, Any]:
+        """What the child said; a child that said no such thing is gone."""
+        self._stop.in_extern = True
+        try:
+            said = child.ask(question, patience_s)
+        except DeadError as error:
+            self._child = None
+            raise GoneError(str(error)) from error
+        finally:
+            self._stop.in_extern = False
+        try:
+            answer = json.loads(said)
+        except (ValueError, RecursionError) as error:
+            raise ForgedError("its process answered nothing that is an answer") from error
+        if not isinstance(answer, dict):
+            raise ForgedError("its process answered nothing that is an answer")
+        if "failed" in answer:
+            raise PlainError(str(answer["failed"])[:TEXT_MAX])
+        return answer
+
+
+def _patience() -> float:
+    try:
+        return max(float(os.environ.get(PATIENCE, "")), 0.001)
+    except ValueError:
+        return PATIENCE_S
+
+
+def _problem(given: object, span: Span) -> Diagnostic:
+    told: dict[str, Any] = given if isinstance(given, dict) else {}
+    code = next((code for code in LOADING if code == told.get("code")), LOADING[0])
+    lines = [[str(x)[:TEXT_MAX] for x in told.get(k) or ()][:8] for k in ("notes", "helps")]
+    return Diagnostic(
+        code,
+        visible(str(told.get("message", "it cannot be loaded"))[:TEXT_MAX]),
+        Label(span, "declared here") if told.get("placed") else None,
+        notes=tuple(map(visible, lines[0])),
+        helps=tuple(map(visible, lines[1])),
+    )
+
+
+def checked(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
+    """`given`, read from text, as a value of the type; ForgedError where it is none."""
+    if isinstance(t, BoolType):
+        fits = isinstance(given, bool)
+    elif isinstance(t, FloatType):
+        fits = isinstance(given, float)
+    elif isinstance(t, IntType):
+        fits = type(given) is int and t.low <= given <= t.high
+    elif isinstance(t, DurationType):
+        fits = type(given) is int and -(2**63) <= given < 2**63
+    elif isinstance(t, EnumType):
+        fits = type(given) is int and 0 <= given < len(t.members)
+    else:
+        return _composed(t, given)
+    if not fits:
+        raise ForgedError("its process answered a value of another type")
+    return given
+
+
+def _composed(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
+    if isinstance(given, list):
+        if isinstance(t, RecordType) and len(given) == len(t.fields):
+            return tuple(checked(f, v) for (_, f), v in zip(t.fields, given, strict=True))
+        if isinstance(t, ArrayType) and len(given) == t.size:
+            return tuple(checked(t.element, v) for v in given)
+        if isinstance(t, ListType) and len(given) <= t.capacity:
+            return tuple(checked(t.element, v) for v in given)
+    raise ForgedError("its process answered a value of another type")
+
+
+# ---------------------------------------------------------------- the child
+
+
+class ServedExtern:
+    """What runs in the child: the person's object behind questions."""
+
+    def __init__(self, name: str, load: Callable[[], object], shapes: Shapes) -> None:
+        self._name, self._load, self._shapes = name, load, shapes
+        self._extern: PythonExtern | None = None
+
+    def answer(self, question: bytes) -> bytes:
+        """The answer to `l` (load), `r` (reset, with a seed) and `s` (step, with inputs)."""
+        try:
+            reply = self._answer(question[:1], question[1:])
+        except SoterError as error:
+            reply = {"problems": [_told(d) for d in error.diagnostics]}
+        except Exception as error:  # noqa: BLE001 - whatever an extern does is its fault
+            reply = {"failed": described(error)}
+        return json.dumps(reply).encode()
+
+    def _answer(self, what: bytes, rest: bytes) -> dict[str, Any]:
+        if what == b"l":
+            self._extern = PythonExtern(self._name, self._load(), StopRequest(), self._shapes)
+            return {"assumed": list(self._extern.assumed)}
+        assert self._extern is not None
+        if what == b"r":
+            self._extern.reset(int(rest))
+            return {}
+        inputs = pickle.loads(rest)  # noqa: S301 - our own parent's
+        return {"values": list(converted(self._shapes, self._extern.step(inputs)))}
+
+
+def _told(d: Diagnostic) -> dict[str, Any]:
+    return {
+        "code": d.code,
+        "message": d.message,
+        "placed": d.primary is not None,
+        "notes": list(d.notes),
+        "helps": list(d.helps),
+    }
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))

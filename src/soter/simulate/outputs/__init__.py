@@ -1,1 +1,0 @@
-"""What a run is told as: log, report, figures, notes."""

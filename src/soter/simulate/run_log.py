@@ -1,0 +1,379 @@
+"""A run as a log and as values: an MCAP written, and read back; topics and true states by instant.
+
+Purpose: one channel a topic, one a plant's true state, modes, and every DM step with its reason,
+all in virtual time (`report/mcap_log.py` writes the file). `RecordedRun`: times, topics and true
+states after every instant, of a traced run or of its log, in one form for those who judge it
+afterwards (`monitor/model_membership.py`).
+Non-goals: logs that `soter run --log` did not write; locals of nodes, which are nobody's interface.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.core.layout import NEVER, decode_from
+from soter.diagnostics.diagnostic import SoterError, mistake
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+)
+from soter.language.model.values import ValueShapeError, from_json, to_json
+from soter.report.atomic_write import LogError, unfinished
+from soter.report.mcap_log import (
+    ABNORMALLY,
+    BOOLEAN,
+    DECISIONS_SCHEMA,
+    DECISIONS_TOPIC,
+    INTEGER,
+    MODES_SCHEMA,
+    MODES_TOPIC,
+    NUMBER,
+    DecisionStep,
+    LogChannel,
+    LogHeader,
+    McapLog,
+    ModeRecord,
+    array_schema,
+    decision_message,
+    enum_schema,
+    mode_message,
+    object_schema,
+)
+from soter.report.mcap_reading import messages, require_log_package, unreadable
+from soter.report.wording import changed_parameters
+from soter.simulate import decisions
+from soter.simulate.explain_decision import Explainer
+from soter.simulate.run_fields import truth_value
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from soter.core.layout import StateLayout
+    from soter.language.model.system import Component, System, Topic
+    from soter.language.model.typed import TopicSymbol
+    from soter.language.model.types import Type
+    from soter.report.mcap_log import JsonSchema, Message
+    from soter.simulate.real_time import Looks
+    from soter.simulate.result import Run
+    from soter.simulate.run_observer import ModeChange as ChangeSeen
+
+
+def write_log(run: Run, path: str | Path, version: str) -> Path:
+    """Write the log of a traced run to `path`; SoterError D006 where it cannot be written."""
+    trace = run.require_trace()
+    log = RunLog(Path(path), version)
+    log.begin(run.system, run.layout, run.seed, run.engine, run.externs)
+    log.see(trace, run.changes)
+    log.end(run, "interrupted" if run.interrupted else "")
+    if log.problem is not None:
+        raise log.problem
+    return Path(path)
+
+
+class RunLog:
+    """The log of a run, written while it goes on: block by block of states.
+
+    `path`, or what gives it for the system that runs. Nothing here fails: `problem` is the
+    SoterError D006 where the log could not be written. `unfinished` is what lies beside it of
+    earlier runs whose processes died.
+    """
+
+    def __init__(self, path: Path | Callable[[System], Path], version: str) -> None:
+        require_log_package()
+        self.path = path
+        self.problem: SoterError | None = None
+        self.unfinished: list[Path] = []
+        self._version = version
+        self._log: McapLog | None = None
+        self._earlier: npt.NDArray[Any] | None = None
+
+    def begin(
+        self,
+        system: System,
+        layout: StateLayout,
+        seed: int,
+        engine: str,
+        externs: Mapping[str, str],
+    ) -> None:
+        """What is going to run. The file is not touched before there is something to log."""
+        self._system, self._layout = system, layout
+        self._explainer = Explainer(system, layout)
+        self.path = self.path(system) if callable(self.path) else self.path
+        self.path = self.path.absolute()  # an extern may change the folder
+        self.unfinished = unfinished(self.path)
+        plants = [x for x in system.components if x.plant is not None]
+        self._channels = [
+            (MODES_TOPIC, MODES_SCHEMA),
+            (DECISIONS_TOPIC, DECISIONS_SCHEMA),
+            *((t.name, _message_schema(t.type)) for t in _told(system)),
+            *((f"{x.name}.truth", _schema(x.plant.truth)) for x in plants if x.plant),
+        ]
+        self._header = LogHeader(
+            system.program.sha256,
+            system.name,
+            seed,
+            self._version,
+            {
+                "engine": engine,
+                **{f"param {name}": text for name, (text, _) in changed_parameters(system).items()},
+                **{f"extern {name}": text for name, text in externs.items()},
+            },
+        )
+
+    def see(
+        self,
+        states: npt.NDArray[Any],
+        changes: Sequence[ChangeSeen],
+        looks: Looks = MappingProxyType({}),
+    ) -> None:
+        """The next states, (n,), the changes of mode among them, and how late DMs were."""
+        if self.problem is None:
+            with self._kept_problem():
+                self._opened().add(self._blocks(states, changes, looks))
+                self._earlier = states[-1:].copy()
+
+    def end(self, run: Run | None, why: str) -> None:
+        """The run is over; `why` it did not reach its end, "" where it did."""
+        if self.problem is None:
+            hash_ = run.trace_sha256 if run is not None else None
+            ended = f"{ABNORMALLY}{why}" if why else "at its end"
+            with self._kept_problem():
+                self._opened().close({"ended": ended, "trace_sha256": hash_ or ""})
+
+    def end_by(self, error: BaseException) -> None:
+        """The run was broken off; before its first instant there is nothing to keep."""
+        if self._log is not None:
+            self.end(None, type(error).__name__)
+
+    def _opened(self) -> McapLog:
+        if self._log is None:
+            assert isinstance(self.path, Path)
+            self._log = McapLog(self.path, self._channels, self._header)
+        return self._log
+
+    @contextmanager
+    def _kept_problem(self) -> Iterator[None]:
+        try:
+            yield
+        except LogError as error:
+            self.problem = mistake("D006", str(error))
+        except BaseException:
+            self._log = None  # it is dropped
+            raise
+
+    # ------------------------------------------------------------ messages of a block
+
+    def _blocks(
+        self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen], looks: Looks
+    ) -> Iterator[LogChannel]:
+        """What the states add to each channel, in the channels' order."""
+        earlier = None if self._earlier is None else self._earlier[0]
+        steps = decisions.steps(self._system, states, earlier, self._explainer)
+        messages = [
+            map(mode_message, self._modes(changes)),
+            (decision_message(_decision(d, looks.get((d.time_ns, d.module)))) for d in steps),
+            *(self._topic(states, t) for t in _told(self._system)),
+            *(self._truth(states, x) for x in self._system.components if x.plant is not None),
+        ]
+        for (name, schema), of in zip(self._channels, messages, strict=True):
+            yield LogChannel(name, schema, of)
+
+    def _topic(self, states: npt.NDArray[Any], topic: Topic) -> Iterator[Message]:
+        """The first value, and then every publication."""
+        offset, stamps = self._layout.topic_offset(topic.index), states["stamps"][:, topic.index]
+        published = stamps == states["header"]["ct"]
+        if topic.index in {e.topic for e in self._system.externals}:  # stamped as it was measured
+            earlier = NEVER if self._earlier is None else self._earlier[0]["stamps"][topic.index]
+            published |= np.diff(stamps, prepend=earlier) != 0
+        for time_ns, raw in self._rows(states, published):
+            value = to_json(topic.type, decode_from(raw, offset, topic.type))
+            yield time_ns, _message(topic.type, value)
+
+    def _truth(self, states: npt.NDArray[Any], plant: Component) -> Iterator[Message]:
+        """The true state after every release of a plant."""
+        assert plant.plant is not None
+        truth = plant.plant.truth
+        released = (states["header"]["ct"] - plant.phase_ns) % plant.period_ns == 0
+        for time_ns, raw in self._rows(states, released):
+            value = to_json(truth, truth_value(self._layout, plant, raw))
+            yield time_ns, value
+
+    def _rows(
+        self, states: npt.NDArray[Any], chosen: npt.NDArray[np.bool_]
+    ) -> Iterator[tuple[int, memoryview]]:
+        """Time and image of the run's first state and of all chosen ones."""
+        chosen = chosen.copy()
+        chosen[:1] |= self._earlier is None
+        for row in np.flatnonzero(chosen):
+            yield int(states["header"]["ct"][row]), memoryview(states[row].tobytes())
+
+    def _modes(self, changes: Sequence[ChangeSeen]) -> Iterator[ModeRecord]:
+        if self._earlier is None:
+            for m in self._system.modules:
+                yield ModeRecord(0, m.name, "AC" if m.forced == "ac" else "SC")
+        for change in changes:
+            d = decisions.of_change(self._system, change)
+            yield ModeRecord(d.time_ns, d.module, d.after)
+
+
+def _decision(d: decisions.DecisionStepRecord, look: tuple[int, int] | None) -> DecisionStep:
+    return DecisionStep(
+        time_ns=d.time_ns,
+        module=d.module,
+        mode_before=d.before,
+        mode_after=d.after,
+        reason=d.reason,
+        predicates=d.saw.predicates(),
+        why=d.words,
+        margin_s=d.margin_s,
+        look=look,
+        reads={r.topic: {"value": to_json(r.type, r.value), "age_ns": r.age_ns} for r in d.reads},
+    )
+
+
+# ---------------------------------------------------------------- schemas
+
+
+def _message(t: Type, value: object) -> Mapping[str, object]:
+    """A message is always an object."""
+    return value if isinstance(t, RecordType) else {"value": value}  # type: ignore[return-value]
+
+
+def _message_schema(t: Type) -> JsonSchema:
+    return _schema(t) if isinstance(t, RecordType) else object_schema({"value": _schema(t)}, str(t))
+
+
+def _schema(t: Type) -> JsonSchema:
+    if isinstance(t, RecordType):
+        return object_schema({n: _schema(f) for n, f in t.fields}, t.name or "")
+    if isinstance(t, (ArrayType, ListType)):
+        length = t.size if isinstance(t, ArrayType) else t.capacity
+        return array_schema(_schema(t.element), length)
+    if isinstance(t, EnumType):
+        return enum_schema(t.members)
+    scalars: dict[type, JsonSchema] = {FloatType: NUMBER, IntType: INTEGER, BoolType: BOOLEAN}
+    unit = t.unit if isinstance(t, (FloatType, IntType)) else ""
+    return {**scalars[type(t)], "unit": unit} if unit else scalars[type(t)]
+
+
+def _told(system: System) -> list[Topic]:
+    """The topics of the program; what nodes hold back is told when it is published."""
+    return [t for t in system.topics if not t.held]
+
+
+@dataclass(frozen=True)
+class RecordedRun:
+    """After each instant: every topic by full name, every plant's true state by full name.
+
+    `published`: the topics that were published at each instant.
+    """
+
+    times_ns: list[int]
+    topics: list[dict[str, Any]]
+    truths: list[dict[str, Any]]
+    published: list[set[str]]
+
+
+MISSED = ("late", "skip", "wait", "overrun", "silent")
+"""Faults with which a component may publish nothing when it is released."""
+
+
+def recorded(run: Run) -> RecordedRun:
+    """The values of a traced run."""
+    trace = run.require_trace()
+    record = RecordedRun([], [], [], [])
+    plants = [c for c in run.system.components if c.plant is not None]
+    places = [(t.name, run.layout.topic_offset(t.index), t.type) for t in run.system.topics]
+    for row in trace:
+        raw = memoryview(row.tobytes())
+        record.times_ns.append(int(row["header"]["ct"]))
+        record.topics.append({n: decode_from(raw, offset, t) for n, offset, t in places})
+        record.truths.append({c.name: truth_value(run.layout, c, raw) for c in plants})
+        stamps, now = row["stamps"], record.times_ns[-1]
+        record.published.append({t.name for t in run.system.topics if stamps[t.index] == now})
+    _begin(record, run.system)
+    return record
+
+
+def _begin(record: RecordedRun, system: System) -> None:
+    """Take from what is said of the first instant the values that nobody published.
+
+    A log has a first value of every topic, which may be its default.
+    """
+    if not record.published:
+        return
+    missed = {f.component for f in system.faults if f.kind in MISSED}
+    published = {
+        c.scope.topics[t]
+        for c in system.components
+        if c.index not in missed and (record.times_ns[0] - c.phase_ns) % c.period_ns == 0
+        for t in _publishes(c)
+    }
+    record.published[0] &= {system.topics[i].name for i in published}
+
+
+def _publishes(c: Component) -> list[TopicSymbol]:
+    if c.plant is not None:
+        return [t for t, _ in c.plant.drives]
+    return list(c.node.publishes) if c.node is not None else []
+
+
+def read_log(path: Path, system: System) -> RecordedRun:
+    """The values of a log that `soter run --log` wrote of this system; SoterError D006."""
+    require_log_package()
+    types: dict[str, Type] = {t.name: t.type for t in system.topics}
+    truths = {f"{c.name}.truth": c for c in system.components if c.plant is not None}
+    types.update({name: c.plant.truth for name, c in truths.items() if c.plant is not None})
+    record, since = RecordedRun([], [], [], []), set[str]()
+    topics: dict[str, Any] = {t.name: t.default for t in system.topics}
+    states: dict[str, Any] = {}
+    for time_ns, channel, message in messages(path):
+        t = types.get(channel)
+        if t is None:
+            continue
+        value = logged_value(path, system, channel, t, message)
+        if not record.times_ns or time_ns > record.times_ns[-1]:
+            _keep(record, topics, states, since)
+            record.times_ns.append(time_ns)
+            since = set()
+        if channel in truths:
+            states[truths[channel].name] = value
+        else:
+            topics[channel] = value
+            since.add(channel)
+    if not record.times_ns or len(states) < len(truths):
+        raise unreadable(path, f"it holds no true states of `{system.name}`")
+    _keep(record, topics, states, since)
+    _begin(record, system)
+    return record
+
+
+def logged_value(path: Path, system: System, channel: str, t: Type, message: Any) -> Any:  # noqa: ANN401
+    """The value of a message of a log; SoterError D006."""
+    try:
+        return from_json(t, message if isinstance(t, RecordType) else message["value"], channel)
+    except (ValueShapeError, LookupError, TypeError) as error:
+        raise unreadable(path, f"{error}; is it a log of `{system.name}`?") from error
+
+
+def _keep(
+    record: RecordedRun, topics: dict[str, Any], states: dict[str, Any], since: set[str]
+) -> None:
+    """What stood when the instant that was read last was over, and what was published in it."""
+    if record.times_ns:
+        record.published.append(since)
+        record.topics.append(dict(topics))
+        record.truths.append(dict(states))

@@ -1,0 +1,435 @@
+"""A traced run as the report that a person opens.
+
+Purpose: signals of topics and plants, modes, decisions with reasons, violations and what the result
+rests on, for any program; one file of HTML (`report/html.py` writes it). Of a tower, which
+controller has control in every state, and how long each had it, in words; of each module with
+`rest` the picture of where SC would lead.
+Non-goals: geometry: an example that moves through a scene fills the records itself; the boxes of
+that picture (`led_looks.py`); what a module decides below one that is in SC.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.core.layout import group_field
+from soter.diagnostics.diagnostic import mistake
+from soter.diagram.svg import picture as draw
+from soter.language.evaluate.topic_ranges import limits
+from soter.language.model import typed
+from soter.language.model.system import modules_above, tower_of
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    FloatType,
+    IntType,
+    RecordType,
+    leaf_name,
+    leaves,
+)
+from soter.report.atomic_write import ReportError
+from soter.report.html import inline_document, write_html
+from soter.report.run.live_diagram import LedLook, LedPicture
+from soter.report.run.record import (
+    Chart,
+    Decision,
+    ModeBand,
+    Picture,
+    ReportPage,
+    Series,
+    Threshold,
+    Violation,
+)
+from soter.report.wording import count_text, prose
+from soter.simulate import decisions
+from soter.simulate.led_looks import looks_of
+from soter.simulate.result_assumptions import of_run
+from soter.simulate.run_observer import decided_at
+from soter.simulate.run_on_diagram import live_of_run
+from soter.version import pip_install
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from soter.language.model.system import Module, System
+    from soter.language.model.types import Type
+    from soter.simulate.led_looks import LedLooks
+    from soter.simulate.result import Run
+
+
+TIMES = "\N{MULTIPLICATION SIGN}"
+
+
+def towers(system: System) -> list[tuple[Module, ...]]:
+    """Every tower of a system, its topmost module first."""
+    return [
+        tower_of(system, m.index)
+        for m in system.modules
+        if m.over is not None and not modules_above(system, m.index)
+    ]
+
+
+def controllers(system: System, tower: tuple[Module, ...]) -> list[str]:
+    """Who may have control, the SC of the topmost module first, the AC of the lowest last."""
+    return [system.components[i].name for i in (*(m.sc for m in tower), tower[-1].ac)]
+
+
+def levels_of(tower: tuple[Module, ...], trace: npt.NDArray[np.void]) -> npt.NDArray[np.intp]:
+    """Of each state, (states,), the number of the one in `controllers` that has control."""
+    modes = trace["modules"]["mode"][:, [m.index for m in tower]] == 1
+    held: npt.NDArray[np.intp] = np.cumprod(modes, axis=1).sum(axis=1)
+    return held
+
+
+def told(run: Run) -> list[str]:
+    """A line for each tower: shares of the time, and how often each took or was given control."""
+    trace = run.require_trace()
+    time_ns = trace["header"]["ct"].astype(np.float64)
+    lasts = np.diff(time_ns, append=run.reached_s * 1e9)
+    lines = []
+    for tower in towers(run.system):
+        held = levels_of(tower, trace)
+        begins = np.flatnonzero(np.diff(held, prepend=-1))
+        parts = [
+            f"{name} {lasts[held == k].sum() / max(lasts.sum(), 1.0):.1%} of the time, "
+            f"{int((held[begins] == k).sum())} {TIMES}"
+            for k, name in enumerate(controllers(run.system, tower))
+        ]
+        lines.append(f"Who had control in {tower[0].name}: {'; '.join(parts)}.")
+    return lines
+
+
+LOOKS_MAX = 120
+"""Of a module on one page; those that took control are among them."""
+JUDGED = " (after the commands that might act at this look)"
+
+
+def led_of_run(run: Run) -> tuple[LedPicture, ...]:
+    """Of each module; none where steps are in any order, or no compiler of C is there."""
+    looks = None if run.system.shuffled else looks_of(run.system)
+    if looks is None:
+        return ()
+    pictures = (_picture(run, looks, m) for m in looks.modules)
+    return tuple(p for p in pictures if p.looks)
+
+
+def _picture(run: Run, looks: LedLooks, m: Module) -> LedPicture:
+    trace = run.require_trace()
+    mode, stale = (trace["modules"][name][:, m.index] for name in ("mode", "stale"))
+    rows = np.flatnonzero(decided_at(run.system, trace)[:, m.index] & (stale == 0))
+    rows = rows[rows > 0]  # what was read is of two states
+    lost = rows[(mode[rows - 1] == 1) & (mode[rows] == 0)][:LOOKS_MAX]
+    even = np.linspace(0, len(rows) - 1, min(LOOKS_MAX, len(rows)) - len(lost)).astype(np.intp)
+    drawn = []
+    for row in np.union1d(rows[even], lost):
+        states = trace[row - 1].tobytes(), trace[row].tobytes()
+        led = looks.of(m.index, *states, judged=bool(mode[row - 1]))
+        of = JUDGED if m.shield is not None and mode[row - 1] else ""
+        if len(led.boxes):
+            time_s = float(trace["header"]["ct"][row]) / 1e9
+            drawn.append(LedLook(time_s, led.boxes, prose(looks.told(m, led) + of)))
+    return LedPicture(m.name, looks.names[m.index], looks.units[m.index], tuple(drawn), len(rows))
+
+
+SERIES_MAX = 24
+"""More signals than that nobody reads below each other."""
+ELEMENTS_MAX = 7
+"""An arm has as many joints; of longer arrays nothing is drawn."""
+SAMPLES_MAX = 20_000
+"""Longer runs are thinned: a screen has a few thousand columns."""
+SIGNAL_SHARE_MIN = 20
+"""A signal keeps at least this part of its panel's height."""
+AXES = {"x", "y", "z"}
+
+
+def require_report_package() -> None:
+    """SoterError D007 where the package that draws reports is not installed."""
+    if find_spec("plotly") is None:
+        raise mistake(
+            "D007",
+            "reports are drawn with the package `plotly`, which is not installed",
+            f"install it: {pip_install('report')}",
+        )
+
+
+def write_report(
+    run: Run,
+    path: str | Path,
+    title: str,
+    provenance: Mapping[str, str],
+    *,
+    self_contained: bool = False,
+) -> Path:
+    """Write the report of a traced run; SoterError D006 where it cannot be written.
+
+    With `self_contained` it needs no script beside it.
+    """
+    run.require_trace()
+    require_report_package()
+    try:
+        page = report_page(run, title, provenance)
+        return write_html(page, path, self_contained=self_contained)
+    except ReportError as error:
+        raise mistake("D006", str(error)) from error
+
+
+def inline_report(run: Run, title: str, provenance: Mapping[str, str]) -> str:
+    """The report of a traced run as one HTML text; "" where reports cannot be drawn here."""
+    if find_spec("plotly") is None:
+        return ""
+    return inline_document(report_page(run, title, provenance))
+
+
+def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPage:
+    """The page of one run."""
+    chart = run_chart(run)
+    live = live_of_run(run, _thinned(run))
+    picture = Picture(draw(run.system, live=True), live, led_of_run(run))
+    return ReportPage(
+        title,
+        subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
+        charts=(chart,),
+        notes=(*run.failures, *run.notes, *told(run), *_of_signals(run)),
+        assumptions=tuple(of_run(run.system, run.proofs)),
+        provenance=dict(provenance),
+        picture=picture,
+        headline=_headline(run),
+    )
+
+
+def _headline(run: Run) -> str:
+    """Where an extern never answered that comes first, then what is not shown of a rest.
+
+    That it is a system, and one run: a system may be called `Proved`.
+    """
+    count = count_text(run.violations, "violation")
+    told = f"System {run.system.name}: {count} in this run."
+    if unshown := " and ".join(m.name for m in run.system.modules if m.unshown):
+        told = f"{unshown} flew by what is not shown of its rest. {told}"
+    if not run.never_answered:
+        return told
+    names = " and ".join(run.never_answered)
+    return f"{names} never answered: nothing of it was tried. {told}"
+
+
+def _thinned(run: Run) -> npt.NDArray[np.void]:
+    """The trace, of long runs every n-th state."""
+    whole = run.require_trace()
+    return whole[:: max(1, len(whole) // SAMPLES_MAX)]
+
+
+def run_chart(run: Run) -> Chart:
+    """All signals of a run, thinned to what can be seen."""
+    trace = _thinned(run)
+    thin = max(1, len(run.require_trace()) // SAMPLES_MAX)
+    time_s = trace["header"]["ct"] / 1e9
+    bands = tuple(
+        ModeBand(m.name, trace["modules"]["mode"][:, m.index] == 1, _share_told(run, m.name))
+        for m in run.system.modules
+    )
+    return Chart(
+        name=f"System {run.system.name}",
+        title=f"System {run.system.name}",
+        time_s=time_s,
+        series=_all_series(run, trace, thin)[:SERIES_MAX],
+        modes=bands,
+        decisions=tuple(_decision(d) for d in decisions.changes(run)),
+        violations=tuple(
+            Violation(v.time_s, v.what, times=v.count)
+            for v in run.violation_list
+            if v.time_s is not None
+        ),
+        summary=_summary(run),
+        properties=tuple(f"{p.kind} {p.text}" for p in run.system.properties),
+    )
+
+
+def _all_series(run: Run, trace: npt.NDArray[np.void], thin: int) -> tuple[Series, ...]:
+    return (
+        *_held(run, trace),
+        *_margins(run, thin),
+        *_latches(run, trace),
+        *_series(run, trace),
+    )
+
+
+def _of_signals(run: Run) -> Iterator[str]:
+    """What a margin is, where one is drawn, and that signals are left out, where there are many."""
+    for m in run.system.modules:
+        if m.looks > 1:
+            yield f"margin of {m.name}: for how long AC surely keeps control from then on"
+    trace = run.require_trace()[:1]
+    count = len(_all_series(run, trace, len(run.require_trace())))
+    if count > SERIES_MAX:
+        yield (
+            f"of {count} signals {SERIES_MAX} are drawn over time; a log has every topic "
+            "(`soter run --log`)"
+        )
+
+
+def _share_told(run: Run, module: str) -> str:
+    """What one of several modules did."""
+    m = run.modules[module]
+    return f"AC in control {m.ac_share:.1%}, SC took over {m.switches_to_sc} {TIMES}"
+
+
+def _decision(d: decisions.DecisionStepRecord) -> Decision:
+    return Decision(
+        d.time_ns / 1e9, d.module, d.after, d.reason, d.saw.predicates(), why=tuple(d.words)
+    )
+
+
+def _summary(run: Run) -> dict[str, float | int | str]:
+    summary: dict[str, float | int | str] = {"violations": run.violations}
+    modules = list(run.modules.values())
+    if len(modules) == 1:
+        summary["ac_share"] = modules[0].ac_share
+        summary["switches_to_sc"] = modules[0].switches_to_sc
+        summary["switches_to_ac"] = modules[0].switches_to_ac
+    return summary
+
+
+def _held(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
+    """Who has control in each tower, by number: 0 is the SC of the topmost module."""
+    for tower in towers(run.system):
+        names = controllers(run.system, tower)
+        who = ", ".join(f"{k}: {name}" for k, name in enumerate(names))
+        held = levels_of(tower, trace).astype(float)
+        name = f"control({tower[0].name})"
+        yield Series(name, "", held, panel=f"who has control ({who})", held=True)
+
+
+def _margins(run: Run, thin: int) -> Iterator[Series]:
+    """For how long AC surely keeps control, of modules whose levels say more than the calendar."""
+    for m in run.system.modules:
+        if m.looks > 1:
+            yield Series(
+                f"margin({m.name})", "s", run.margin(m.name)[::thin], panel=f"margin of {m.name}"
+            )
+
+
+def _latches(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
+    """Where SC has control and no acknowledgement is in force: 1, else 0."""
+    for m in run.system.modules:
+        if m.latch is not None:
+            latched = decisions.latched(m, trace).astype(float)
+            yield Series(f"latched({m.name})", "", latched, panel=f"latch of {m.name}", held=True)
+
+
+def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
+    """Plants' true states first: they are what the properties speak of."""
+    demanded = _demanded(run.system)
+    measured = _measured(run.system)
+    compared = frozenset(measured.values())
+    for group in run.layout.groups:
+        x = run.system.components[group.owner] if group.owner >= 0 else None
+        if x is None or x.plant is None:
+            continue
+        states = trace[group_field(group)]
+        for v in x.plant.states:
+            for each in _signals(f"{x.name}.{v.name}", v.type, states[v.name], ()):
+                own = replace(each, panel=each.name) if each.name in compared else each
+                yield _limited(own, demanded)
+    for topic in run.system.topics:
+        if topic.held:
+            continue
+        bounds = iter(topic.bounds)
+        levels = next(bounds, None)
+        marks: tuple[Threshold, ...] = ()
+        if isinstance(topic.type, (FloatType, IntType)) and levels is not None:
+            marks = (
+                Threshold("least declared", levels.low),
+                Threshold("greatest declared", levels.high),
+            )
+        for each in _signals(topic.name, topic.type, trace["topics"][topic.name], marks):
+            truth = measured.get(each.name)
+            held = replace(each, held=True, panel=each.panel if truth is None else truth)
+            yield _limited(held, demanded)
+
+
+def _demanded(system: System) -> dict[str, list[Threshold]]:
+    """Signal -> its limits; where several demand the same level it is drawn once."""
+    thresholds_by_signal: dict[str, list[Threshold]] = {}
+    for limit in limits(system):
+        levels = thresholds_by_signal.setdefault(limit.signal, [])
+        same = [i for i, t in enumerate(levels) if t.value == limit.value]
+        for i in same:
+            if limit.by not in levels[i].label.split(", "):
+                levels[i] = Threshold(f"{levels[i].label}, {limit.by}", limit.value)
+        if not same:
+            levels.append(Threshold(limit.by, limit.value))
+    return thresholds_by_signal
+
+
+def _limited(series: Series, demanded: Mapping[str, list[Threshold]]) -> Series:
+    """With the limits of a signal that are in sight beside its declared set."""
+    marks = _in_sight(series.values, tuple(demanded.get(series.name, ())))
+    return replace(series, thresholds=(*series.thresholds, *marks)) if marks else series
+
+
+def _measured(system: System) -> dict[str, str]:
+    """Signal of a topic -> the true state that it is, or is a measurement of."""
+    state_by_signal: dict[str, str] = {}
+    for x in system.components:
+        if x.plant is None:
+            continue
+        own = {v: f"{x.name}.{v.name}" for v in x.plant.states}
+        for topic, value in x.plant.drives:
+            name = system.topics[x.scope.topics[topic]].name
+            state_by_signal |= dict(_states_in(name, value, own))
+    return state_by_signal
+
+
+def _states_in(
+    name: str, e: typed.TypedExpr, own: Mapping[typed.Variable, str]
+) -> Iterator[tuple[str, str]]:
+    """Signals of what a plant drives that are states of its, leaf by leaf."""
+    if isinstance(e, typed.VarRead) and e.variable in own:
+        for path, _ in leaves(e.type):
+            yield leaf_name(name, path), leaf_name(own[e.variable], path)
+    elif isinstance(e, typed.Aggregate) and isinstance(e.type, RecordType):
+        order = e.order or range(len(e.elements))
+        for i, part in zip(order, e.elements, strict=True):
+            yield from _states_in(f"{name}.{e.type.fields[i][0]}", part, own)
+    elif isinstance(e, typed.Aggregate) and isinstance(e.type, ArrayType):
+        for i, part in enumerate(e.elements):
+            yield from _states_in(f"{name}[{i}]", part, own)
+
+
+def _in_sight(
+    numbers: npt.NDArray[np.float64], marks: tuple[Threshold, ...]
+) -> tuple[Threshold, ...]:
+    """The levels, or none where with them the signal would be a flat line."""
+    levels = [m.value for m in marks]
+    if not marks or not numbers.size:
+        return ()
+    low, high = float(np.min(numbers)), float(np.max(numbers))
+    whole = max(high, *levels) - min(low, *levels)
+    return () if 0 < high - low < whole / SIGNAL_SHARE_MIN else marks
+
+
+def _signals(
+    name: str, t: Type, values: npt.NDArray[np.void], marks: tuple[Threshold, ...]
+) -> Iterator[Series]:
+    """The numbers and bools (0, 1) of a value; coordinates share a panel."""
+    if isinstance(t, (FloatType, IntType, BoolType)):
+        unit = "" if isinstance(t, BoolType) else t.unit
+        numbers = np.ascontiguousarray(values, dtype=np.float64)
+        limits_in_sight, held = _in_sight(numbers, marks), not isinstance(t, FloatType)
+        yield Series(name, unit, numbers, panel=name, thresholds=limits_in_sight, held=held)
+    elif isinstance(t, RecordType):
+        together = {n for n, _ in t.fields} <= AXES
+        for n, f in t.fields:
+            for series in _signals(f"{name}.{n}", f, values[n], ()):
+                yield replace(series, panel=name) if together else series
+    elif isinstance(t, ArrayType) and t.size <= ELEMENTS_MAX:
+        for i in range(t.size):
+            for series in _signals(f"{name}[{i}]", t.element, values[:, i], ()):
+                yield replace(series, panel=series.panel.replace(f"[{i}]", "", 1))

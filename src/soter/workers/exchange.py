@@ -1,0 +1,188 @@
+"""The exchange with the process of an extern node: how its bytes lie, and the worker's side.
+
+Purpose: where each topic lies in a request and in an answer, and the number that tells a process
+that was built for another layout (`Exchange.number`). `Channel` is `runtime/posix/soter_channel.h`
+for a process that answers: read a request whole, write an answer with its sum, sleep in between.
+Non-goals: the driver's side, which believes nothing that comes from here.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import mmap
+import os
+import platform
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from soter.codegen.externs import answer_fields, request_fields
+from soter.core.layout import LayoutMember, Struct, align_of, arrange, size_of
+from soter.language.model.types import ArrayType, EnumType, ListType, RecordType
+
+if TYPE_CHECKING:
+    from soter.language.model.system import Component, System
+    from soter.language.model.types import Type
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """Both layouts of an extern node; `number`: 64 bits of the SHA-256 of them."""
+
+    request: Struct
+    answer: Struct
+    number: int
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Bytes of a request and of an answer."""
+        return self.request.size, self.answer.size
+
+
+def exchange_of(system: System, component: Component) -> Exchange:
+    """The exchange of an extern node."""
+    request = _as_declared(request_fields(system, component))
+    fields = answer_fields(component)
+    answer = arrange(fields)
+    if not answer.members:
+        answer = Struct((), 8, 1, 8)
+    text = f"{component.name} in {_shown(request)} out {_shown(answer)}"
+    number = int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
+    return Exchange(request, answer, number)
+
+
+def _as_declared(fields: tuple[tuple[str, Type], ...]) -> Struct:
+    """How C lays out these members in this order."""
+    offset, members = 0, []
+    for index, (name, t) in enumerate(fields):
+        offset = -(-offset // align_of(t)) * align_of(t)
+        members.append(LayoutMember(name, t, offset, index))
+        offset += size_of(t)
+    align = max([1, *(align_of(t) for _, t in fields)])
+    size = max(-(-offset // align) * align, 1)
+    return Struct(tuple(members), size, align, size - offset)
+
+
+def _shown(struct: Struct) -> str:
+    parts = [f"{m.name}@{m.offset}:{_type(m.type)}" for m in struct.members]
+    return f"[{' '.join(parts)}] {struct.size}"
+
+
+def _type(t: Type) -> str:
+    """A type by what its bytes mean, names of records left out."""
+    if isinstance(t, RecordType):
+        return "{" + " ".join(f"{n}:{_type(f)}" for n, f in t.fields) + "}"
+    if isinstance(t, ArrayType):
+        return f"{_type(t.element)}[{t.size}]"
+    if isinstance(t, ListType):
+        return f"{_type(t.element)}[<={t.capacity}]"
+    if isinstance(t, EnumType):
+        return f"enum({' '.join(t.members)})"
+    return f"{type(t).__name__}:{size_of(t)}"
+
+
+Words = npt.NDArray[np.uint64]
+REQUEST_FD, ANSWER_FD = 3, 4
+HEAD_WORDS = 8
+PRIME, BASIS, MASK = 0x100000001B3, 0xCBF29CE484222325, 2**64 - 1
+FUTEX = {"x86_64": 202, "aarch64": 98, "riscv64": 98}
+FUTEX_WAIT = 0
+NAP_NS = 200_000
+"""Where there is no futex: how long to sleep between looks."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """A whole request: its number, the ct of the release in ns, the bytes."""
+
+    number: int
+    time_ns: int
+    data: bytes
+
+
+class LayoutError(Exception):
+    """Whoever asks was built for another layout."""
+
+
+class Channel:
+    """Both segments of a worker; `sizes` of request and answer, `number` of their layout."""
+
+    def __init__(self, number: int, sizes: tuple[int, int]) -> None:
+        self._number = number
+        self._sizes = sizes
+        self._asked = _words(REQUEST_FD, sizes[0], write=False)
+        self._given = _words(ANSWER_FD, sizes[1], write=True)
+        self._last = 0
+        self._futex = _Futex(self._asked)
+
+    def ready(self) -> None:
+        """Say that requests are waited for."""
+        self._write(0, 0, 0, bytes(self._sizes[1]))
+
+    def next(self) -> Request:
+        """The next request; waits. LayoutError where it is not ours."""
+        while True:
+            seen = int(self._asked[0])
+            words = self._asked.copy()
+            whole = seen % 2 == 0 and seen == int(self._asked[0]) == int(words[0])
+            if seen and whole and _sum(words) == int(words[6]):
+                if (int(words[1]), int(words[2])) != (self._number, self._sizes[0]):
+                    raise LayoutError
+                if int(words[3]) != self._last:
+                    self._last = int(words[3])
+                    data = words[HEAD_WORDS:].tobytes()[: self._sizes[0]]
+                    return Request(self._last, int(words[4]), data)
+            self._futex.wait(seen)
+
+    def answer(self, request: Request, data: bytes | None) -> None:
+        """Answer; None: the step failed."""
+        fault = int(data is None)
+        self._write(request.number, request.time_ns, fault, data or bytes(self._sizes[1]))
+
+    def _write(self, number: int, time_ns: int, fault: int, data: bytes) -> None:
+        there = self._given
+        new = np.zeros_like(there)
+        new[1:6] = [self._number, self._sizes[1], number, time_ns, fault]
+        padded = data.ljust(8 * (len(there) - HEAD_WORDS), b"\0")
+        new[HEAD_WORDS:] = np.frombuffer(padded, dtype=np.uint64)
+        new[6] = _sum(new)
+        odd = int(there[0]) | 1
+        there[0] = odd
+        there[1:] = new[1:]
+        there[0] = (odd + 1) & MASK
+
+
+def _words(fd: int, size: int, *, write: bool) -> Words:
+    """A segment as words: (8 + ceil(size / 8),)."""
+    count = HEAD_WORDS + -(-size // 8)
+    prot = mmap.PROT_READ | (mmap.PROT_WRITE if write else 0)
+    return np.frombuffer(mmap.mmap(fd, 8 * count, prot=prot), dtype=np.uint64)
+
+
+def _sum(words: Words) -> int:
+    """FNV-1a over the head, without sequence and sum, and the value."""
+    told = BASIS
+    listed = words.tolist()
+    for word in (*listed[1:6], *listed[7:]):
+        told = ((told ^ word) * PRIME) & MASK
+    return told
+
+
+class _Futex:
+    """Sleeps while a word of a segment is what it was."""
+
+    def __init__(self, words: Words) -> None:
+        self._at = ctypes.c_void_p(words.ctypes.data)
+        self._number = FUTEX.get(platform.machine())
+        self._call = ctypes.CDLL(None, use_errno=True).syscall
+
+    def wait(self, seen: int) -> None:
+        """Until it is another, or for nothing: callers look again."""
+        if self._number is None or os.name != "posix":
+            ctypes.CDLL(None).usleep(NAP_NS // 1000)
+            return
+        low = ctypes.c_uint32(seen & 0xFFFFFFFF)
+        self._call(ctypes.c_long(self._number), self._at, FUTEX_WAIT, low, None, None, 0)
