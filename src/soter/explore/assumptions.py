@@ -1,4 +1,4 @@
-"""What the verdict on a test rests on, under which conditions it was explored, what it leaves open.
+"""The assumptions of the verdict on a test: its conditions, and what it leaves open, in words.
 
 Purpose: plain sentences, which are part of every result: values of parameters, forced modules,
 contracts in the place of modules and nodes with the tests that hold these to them, what inputs take
@@ -46,7 +46,7 @@ NO_HARM = "that others of what its contract permits do no harm is assumed"
 
 
 def replaced_in(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:
-    """What stands for what in a test: path of the instance, name of the replacement.
+    """The replacements in a test: path of the instance, name of what replaces it.
 
     What is replaced by its contract is told apart (`of_contracts`).
     """
@@ -58,7 +58,7 @@ def replaced_in(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:
 def _replaces(
     system: typed.SystemSymbol, prefix: str = ""
 ) -> Iterator[tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract]]:
-    """Of a system and of the systems inside it, these first: who is around them speaks last."""
+    """The replacements in a system, after those in systems inside it, which it overrides."""
     for name, instance in system.by_name.items():
         if isinstance(instance.what, typed.SystemSymbol):
             yield from _replaces(instance.what, f"{prefix}{name}.")
@@ -107,7 +107,7 @@ def _held_to_it(system: System, of: str) -> str:
 
 
 def tests_by_contract(system: System) -> dict[str, list[str]]:
-    """What is replaced by its contract -> the tests in which it runs as it is."""
+    """For each instance that a contract replaces the tests in which it runs as it is."""
     names = {c.stands_for.of for c in system.components if c.stands_for is not None}
     return {of: [n for n, how in _asked_of(system, of) if not how] for of in sorted(names)}
 
@@ -145,7 +145,7 @@ def _set_parameters(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol,
 def _replaced(
     test: typed.TestSymbol, what: typed.ModuleSymbol | typed.NodeSymbol, of: str
 ) -> set[str]:
-    """What of it a test replaces, itself as `of`; what the system replaces is the same in all."""
+    """The paths in a module or node that a test replaces; `of` is the one of all of it."""
     inside = what.own if isinstance(what, typed.ModuleSymbol) else ()
     for m in what.below if isinstance(what, typed.ModuleSymbol) else ():
         inside = (*inside, *m.own)
@@ -161,7 +161,7 @@ def _replaced(
 
 
 NAMED = 12
-"""So many parameters that are as declared are named; those that are not are, however many."""
+"""The most parameters with declared values that are named; those that were set are always named."""
 
 
 def told(system: System) -> Iterator[str]:
@@ -185,7 +185,7 @@ def told(system: System) -> Iterator[str]:
 
 
 def picked(system: System) -> list[str]:
-    """Inputs that take some values of a set that has more."""
+    """The names of inputs that take only some values of their sets."""
     drives = [(system.topics[d.topic], d) for d in system.inputs if d.values]
     return [topic.name for topic, drive in drives if not has_all(topic, drive)]
 
@@ -210,7 +210,7 @@ def set_of(topic: Topic) -> str:
 
 
 def _count(t: Type, bound: Bound | None) -> float:
-    """How many values a leaf may have; of a float with more than one, no end of them."""
+    """How many values a leaf may have; infinity for a float that may have more than one."""
     if isinstance(t, BoolType):
         return 2
     if isinstance(t, EnumType):
@@ -223,7 +223,7 @@ def _count(t: Type, bound: Bound | None) -> float:
 
 
 def _parameters(system: System) -> Iterator[str]:
-    """Their values; of one that is set, its own as well: those come first, all of them."""
+    """Words for each parameter's value; those that were set come first, with the declared value."""
     changed, values = [], []
     for name, value in system.params.items():
         param = system.program.param(name)
@@ -242,7 +242,7 @@ def _parameters(system: System) -> Iterator[str]:
 
 FINGERPRINT_BITS = 64
 PLACES = 3
-"""So many places of the program are named."""
+"""The most places of the program that are named."""
 
 
 def of_test(
@@ -252,15 +252,15 @@ def of_test(
     replaced: Sequence[tuple[str, str]],
     times: TimeChoices | None,
 ) -> tuple[str, ...]:
-    """Everything; `replaced`: components and what stands in their place.
+    """All assumptions of a test; `replaced`: components and what stands in their place.
 
-    `times`: the grid of them; None where no step could choose.
+    `times`: the grid on which steps chose their times; None: no step could choose.
     """
     return tuple(_all(system, options, search_result, replaced, times))
 
 
 def undriven(system: System) -> list[str]:
-    """Inputs that somebody reads and nobody draws."""
+    """The names of inputs that somebody reads and nobody draws."""
     drawn = {d.topic for d in system.inputs}
     return [
         t.name
@@ -315,7 +315,7 @@ def _how_long(horizon: str, search_result: Found) -> str:
 
 
 def _does(f: TimingFault) -> str:
-    """What goes wrong with the steps of a component."""
+    """Words on what a fault does to the steps of a component."""
     if f.kind == "skip":
         return f"loses at most {f.at_most} release{_s(f.at_most)} in a row"
     if f.least_ns:
@@ -347,7 +347,7 @@ def _orders(plan: TestPlan, times: TimeChoices | None) -> str:
 
 
 def _calculated(times: TimeChoices | None) -> Iterator[str]:
-    """Where the program calculates with times, passes them on, or compares too many of them."""
+    """Notes on places where the program calculates with times, passes on or compares too many."""
     if times is None:
         return
     for spans, what in (
@@ -364,7 +364,7 @@ def _calculated(times: TimeChoices | None) -> Iterator[str]:
 
 
 def _uncounted(system: System) -> Iterator[str]:
-    """Scalars of topics that coverage has no room for."""
+    """A note on scalars of topics that coverage has no room for."""
     told = [t for t in system.topics if t.queue_of is None]
     scalars = sum("[]" not in path for t in told for path, _ in leaves(t.type))
     if scalars > LEAVES_MAX:
@@ -376,7 +376,7 @@ def _s(count: int) -> str:
 
 
 def _sampled(system: System) -> Iterator[str]:
-    """Continua of which three values were taken."""
+    """A note on continua of which only three values were taken."""
     names = [
         f"{c.name}.{d.variable.name}"
         for c in system.components
@@ -398,7 +398,7 @@ def _sampled(system: System) -> Iterator[str]:
 
 
 def held(system: System) -> list[str]:
-    """Disturbances that are drawn by chance from the seed, for all executions the same."""
+    """The names of disturbances drawn by chance from the seed, the same for all executions."""
     return [
         f"{c.name}.{d.variable.name}"
         for c in system.components

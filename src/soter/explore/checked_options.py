@@ -48,7 +48,7 @@ class CheckpointOptions:
 
 
 def asked(options: SearchOptions) -> CheckpointOptions | None:
-    """What is wanted, None: nothing; `SoterError` U001 where that cannot be."""
+    """The checkpoints that the options ask for; None: none; `SoterError` U001 if impossible."""
     checkpoint, resume, every = options.checkpoint, options.resume, options.checkpoint_every
     if (checkpoint, resume, every) == (None, None, None):
         return None
@@ -67,7 +67,7 @@ def asked(options: SearchOptions) -> CheckpointOptions | None:
 
 
 def _problems(options: SearchOptions) -> Iterator[tuple[str, str]]:
-    """What cannot be, each with a help."""
+    """The mistakes in the options, each with a help."""
     checkpoint, resume = options.checkpoint, options.resume
     if checkpoint is None and resume is None:
         yield "`checkpoint_every` alone writes nothing", "say where: `checkpoint`"
@@ -88,7 +88,7 @@ def checkpoints(
     options: SearchOptions,
     params: Mapping[str, object],
 ) -> list[Checkpoint | None]:
-    """One for each of the flattened tests, in order; `SoterError` D006, D012, D013, D014."""
+    """A checkpoint for each flattened test, in order; `SoterError` D006, D012, D013, D014."""
     if wanted is None:
         return [None for _ in systems]
     paths = [path_of(wanted.folder, plan_of(s).name) for s in systems]
@@ -116,7 +116,7 @@ def _nothing_there(folder: Path, path: Path) -> SoterError:
 def about(
     system: System, options: SearchOptions, params: Mapping[str, object]
 ) -> dict[str, object]:
-    """What has to be the same when it goes on: the keys of `files.ABOUT`."""
+    """What must be the same when a search goes on, by the keys of `checkpoints.ABOUT`."""
     plan = plan_of(system)
     return {
         "program_sha256": system.program.sha256,
@@ -152,7 +152,7 @@ def _one(wanted: CheckpointOptions, path: Path, facts: Mapping[str, object]) -> 
 def chosen(
     tests: Mapping[str, TestSymbol], path: str, names: str | Sequence[str] | None
 ) -> list[TestSymbol]:
-    """The tests that are meant, in the program's order; `SoterError` U010 where there is none."""
+    """The tests to explore, in the program's order; `SoterError` U010 where there is none."""
     wanted = [names] if isinstance(names, str) else names
     unknown = [n for n in wanted or () if n not in tests]
     if tests and not unknown:
@@ -168,7 +168,7 @@ def chosen(
 
 
 def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
-    """The same test with another skew or horizon; `SoterError` U001 where that cannot be."""
+    """The test with another skew or horizon; `SoterError` U001 where that is impossible."""
     plan = plan_of(system)
     for what, given, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
         if given is not None and not least <= given <= TIME_MAX:

@@ -1,10 +1,10 @@
-"""Checkpoints: the file in which a search is written down, and who writes it while it goes on.
+"""Checkpoints: the file in which a search is stored, and its writing while the search goes on.
 
-Purpose: a head of fixed size says of which search the file is and seals the rest, which the
-explorer wrote (`soter_explore_checkpoint.c`). The head is written last, then the file takes its
-place at once: it is there whole or not at all. A file is read only if every byte is as it was
-written; what differs from the search that is to go on is said in words. `Checkpoint` belongs to one
-test; `Saver` asks the explorer for it again and again while one part of the system is searched.
+Purpose: a head of fixed size names the search and seals the rest, which the explorer writes
+(`soter_explore_checkpoint.c`). The head is written last, then the file is moved into its place: it
+is there whole or not at all. A file is read only if every byte is as it was written; if it belongs
+to another search, the difference is told in words. A `Checkpoint` belongs to one test; its `Saver`
+asks the explorer for it again and again while one part of the system is searched.
 Non-goals: what the explorer wrote; options (`checked_options.py`). Whoever makes such a file by
 hand, seals included, is believed.
 """
@@ -54,16 +54,16 @@ ABOUT = {
     "seed": "the seed",
     "machine": "the machine",
 }
-"""What has to be the same for a search to go on, in the order of its telling."""
+"""What must be the same for a search to go on, with its words, in the order of telling."""
 
 
 class DamagedCheckpointError(Exception):
-    """What is in a file is no checkpoint; the message says why."""
+    """The content of a file is no checkpoint; the text says why."""
 
 
 @dataclass(frozen=True)
 class SavedCheckpoint:
-    """A checkpoint that was read and is whole: its head, and what the explorer wrote."""
+    """A checkpoint that was read whole: its head, and what the explorer wrote."""
 
     path: Path
     head: Mapping[str, Any]
@@ -71,12 +71,12 @@ class SavedCheckpoint:
 
 
 def machine() -> str:
-    """What numbers of the explorer look like here."""
+    """How this machine stores the explorer's numbers, in words."""
     return f"{sys.byteorder} endian, {sys.maxsize.bit_length() + 1} bits"
 
 
 def path_of(folder: Path, test: str) -> Path:
-    """Where the checkpoint of a test lies."""
+    """The path of a test's checkpoint."""
     return folder / (re.sub(r"[^A-Za-z0-9_.=+-]", "_", test) + ENDING)
 
 
@@ -84,9 +84,9 @@ def path_of(folder: Path, test: str) -> Path:
 
 
 def seal(file: int, head: Mapping[str, object]) -> None:
-    """Write the head of a file whose payload is there, and let all of it reach the disk.
+    """Writes the head of a file whose payload is there, and lets all of it reach the disk.
 
-    OSError where that cannot be.
+    `OSError` where that fails.
     """
     told = hashlib.sha256()
     size = os.fstat(file).st_size - HEAD
@@ -113,7 +113,7 @@ def seal(file: int, head: Mapping[str, object]) -> None:
 
 
 def take_place(made: Path, path: Path) -> None:
-    """Let a sealed file take the place of the last one; OSError."""
+    """Moves a sealed file to the place of the last one; `OSError`."""
     made.replace(path)
     folder = os.open(path.parent, os.O_RDONLY)
     try:
@@ -126,7 +126,7 @@ def take_place(made: Path, path: Path) -> None:
 
 
 def read(path: Path) -> SavedCheckpoint:
-    """A checkpoint; `SoterError` D012 where a file is none, or is not as it was written."""
+    """Reads a checkpoint; `SoterError` D012 where a file is none, or is not as it was written."""
     try:
         return _read(path)
     except OSError as error:
@@ -224,20 +224,20 @@ UNWRITTEN = "the last one could not be written"
 
 
 class EndedPart(Protocol):
-    """What the search of a part found (`SearchResult`): COUNTS and these."""
+    """What the search of a part found (`SearchResult`): the fields of COUNTS, and these."""
 
     @property
     def states(self) -> int:
-        """Configurations."""
+        """How many configurations it stored."""
 
     @property
     def seconds(self) -> float:
-        """Of the search."""
+        """How many seconds it took."""
 
 
 @dataclass
 class Checkpoint:
-    """Of one test: where it lies, of what it is, what it goes on from.
+    """The checkpoint of one test: its path, what it is about, and what the search goes on from.
 
     `states`: configurations of the last one written, of all parts; `problem`: why a later one could
     not be.
@@ -250,7 +250,7 @@ class Checkpoint:
     states: int = 0
     problem: str = ""
     resumed: int = field(init=False, default=0)
-    """Configurations that were there when it went on."""
+    """How many configurations were there when the search went on."""
 
     def __post_init__(self) -> None:
         if self.saved is not None:
@@ -263,31 +263,31 @@ class Checkpoint:
 
     @property
     def parts(self) -> int | None:
-        """How many parts were explored apart; None: it begins."""
+        """How many parts were explored apart; None: the search begins."""
         return None if self.saved is None else int(self.saved.head["parts"])
 
     @property
     def seconds(self) -> float:
-        """That the part had been searched for, s."""
+        """For how many seconds the part had been searched."""
         return 0.0 if self.saved is None else float(self.saved.head["seconds"])
 
     @property
     def ended(self) -> tuple[Mapping[str, Any], ...]:
-        """The parts before it, as `counts_of` told them."""
+        """The counts of the parts before it, as `counts_of` gave them."""
         return () if self.saved is None else tuple(self.saved.head["ended"])
 
     def try_out(self) -> None:
-        """Whether it could be written, now; `SoterError` D006, D014."""
+        """Tries whether a checkpoint could be written now; `SoterError` D006, D014."""
         os.close(self.open(".ending"))
         beside(self.path, ".ending").unlink()
 
     def saver(self, part: int, parts: int, ended: Sequence[EndedPart]) -> Saver:
-        """For the search of one part of so many; `ended` are those before it."""
+        """The saver for the search of one of `parts` parts; `ended`: results of those before."""
         resumes = self.saved is not None and part == self.part
         return Saver(self, part, parts, ended, self.saved if resumes else None)
 
     def open(self, ending: str) -> int:
-        """A new file beside it, behind the room for its head; `SoterError` D006, D014."""
+        """Opens a new file beside it, placed behind the head's room; `SoterError` D006, D014."""
         path = beside(self.path, ending)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -308,12 +308,12 @@ class Checkpoint:
 
 
 def beside(path: Path, ending: str) -> Path:
-    """A file that becomes the checkpoint when it is whole."""
+    """The path of the file that becomes the checkpoint when it is whole."""
     return path.with_name(path.name + ending)
 
 
 def counts_of(search_result: EndedPart) -> dict[str, float]:
-    """What a head keeps of the search of a part."""
+    """The counts that a head keeps of the search of a part."""
     return {
         "seconds": search_result.seconds,
         **{name: getattr(search_result, name) for name in COUNTS},
@@ -349,16 +349,16 @@ class Saver:
 
     @property
     def seconds(self) -> float:
-        """That this part was searched for before, s."""
+        """For how many seconds this part was searched before."""
         return self._to.seconds if self._saved is not None else 0.0
 
     @property
     def states(self) -> int:
-        """Of the last checkpoint that was written; 0: there is none."""
+        """How many configurations the last written checkpoint has; 0: there is none."""
         return self._to.states
 
     def begin(self, ffi: Any, options: Any) -> None:  # noqa: ANN401 - cffi has no types
-        """Say in `soter_explore_options` where to write, and what to go on from."""
+        """Enters in `soter_explore_options` where to write, and what to go on from."""
         self._end = self._to.open(".ending")
         options.save_to = self._end + 1
         if self._saved is not None:
@@ -367,7 +367,7 @@ class Saver:
             options.resume_bytes = len(self._saved.payload)
 
     def look(self, progress: Any) -> None:  # noqa: ANN401 - cdata
-        """Ask for one where it is time, take what was written (`soter_explore_progress`)."""
+        """Asks for a checkpoint if it is time, and takes one that was written."""
         if self._asked >= 0:
             if progress.save_to == 0:
                 self._take(progress)
@@ -381,7 +381,7 @@ class Saver:
                 progress.save_to = self._asked + 1
 
     def end(self, progress: Any, result: Any) -> None:  # noqa: ANN401 - cdata
-        """Take the last one; nothing is left beside it."""
+        """Takes the last checkpoint and leaves no other files."""
         if self._asked >= 0 and progress.save_to == 0:
             self._take(progress)
         if result.saved:
@@ -391,7 +391,7 @@ class Saver:
         self.close()
 
     def close(self) -> None:
-        """Give back what is open; files beside it go away."""
+        """Closes what is open, and removes the files beside the checkpoint."""
         for file, ending in ((self._end, ".ending"), (self._asked, ".writing")):
             if file >= 0:
                 os.close(file)
@@ -413,7 +413,7 @@ class Saver:
         self._last_s = time.perf_counter()
 
     def _seal(self, file: int, ending: str, states: int) -> None:
-        """Seal what was written and put it in its place; `problem` says why not."""
+        """Seals what was written and puts it in its place; `problem` says why it cannot."""
         head = {
             **self._head,
             "states": self._before + states,

@@ -75,7 +75,7 @@ ENDS = {
     "width": WIDTH,
     "length": LENGTH,
 }
-"""How a search ends, and the bound that is."""
+"""The bound that each end of a search means."""
 
 
 def vacuous_parts(
@@ -85,7 +85,7 @@ def vacuous_parts(
     search_result: Found,
     replaced: Sequence[tuple[str, str]],
 ) -> tuple[VacuousPart, ...]:
-    """What of a test says nothing; what was not met counts where the search came to its end."""
+    """The parts of a test that say nothing; unmet ones count if the search came to its end."""
     ended = search_result.status == "exhausted" and search.options.strategy not in SAMPLING
     never = coverage.modes.unreached
     return vacuous_tests.of_test(system, search.met(), never, replaced, ended=ended)
@@ -120,7 +120,7 @@ def verdict_of(
 
 
 def covered_before(search_result: Found, system: System, options: SearchOptions) -> int | None:
-    """Before which time everything was judged; None where executions are drawn by chance."""
+    """The time before which everything was judged; None where executions are drawn by chance."""
     if options.strategy in SAMPLING:
         return None
     return min(search_result.covered_ns, plan_of(system).horizon_ns)
@@ -129,20 +129,20 @@ def covered_before(search_result: Found, system: System, options: SearchOptions)
 FOLDER = Path(".soter")
 ENDING = ".trace.json"
 LONG = 500
-"""Steps that are replayed even where somebody waits for an answer."""
+"""Up to this many steps are replayed even after an interruption."""
 
 
 class Interruptions(Protocol):
-    """Who listens to signals: `wanted`, the end; while `running` no exception says so."""
+    """Receives signals; `wanted`: the search should end; while `running` none raises."""
 
     wanted: bool
     running: bool
 
 
 class UnreproducedError(RuntimeError):
-    """The explorer believes in a violation that the interpreter does not see: soter's defect.
+    """The explorer found a violation that the interpreter does not see: a defect of soter.
 
-    `trace`: what was believed, for whoever repairs it.
+    `trace`: the trace that was found, for whoever repairs it.
     """
 
     def __init__(self, replay_result: Replayed) -> None:
@@ -177,10 +177,10 @@ def explore_test(
     listener: Interruptions | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> TestResult:
-    """Explore a flattened test. A violation is minimised and replayed: `UnreproducedError`.
+    """Explores a flattened test; a violation is minimised and replayed: `UnreproducedError`.
 
-    Once it is compiled, who interrupts it gets what was covered. `SoterError` D006, D012, D014
-    where a checkpoint cannot be written or is none.
+    If it is interrupted after it was compiled, the result is what was covered. `SoterError` D006,
+    D012, D014 where a checkpoint cannot be written or is none.
     """
     from soter.explore.engine.search import Search as Engine  # noqa: PLC0415 - needs a compiler
 
@@ -243,7 +243,7 @@ def explore_test(
 
 @contextmanager
 def _quiet(listener: Interruptions | None) -> Iterator[None]:
-    """Inside, nothing is raised by signals."""
+    """A `with` block in which signals raise nothing."""
     if listener is None:
         yield
         return
@@ -255,7 +255,7 @@ def _quiet(listener: Interruptions | None) -> Iterator[None]:
 
 
 def _interrupted(result: TestResult) -> None:
-    """Somebody stopped what comes after a violation was found: what was had until then counts."""
+    """Notes in the result that an interruption came after the violation was found."""
     if result.replayed is None:
         result.unshown = INTERRUPTED
     else:
@@ -263,7 +263,7 @@ def _interrupted(result: TestResult) -> None:
 
 
 def _go_on(result: TestResult, search: Search, search_result: Found, told: TraceHeader) -> None:
-    """Look for other properties that can be violated, one search for each."""
+    """Looks for other properties that can be violated, with a search for each."""
     assert search_result.broken is not None
     known, others = [search_result.broken], []
     while True:
@@ -304,7 +304,7 @@ def _kept(c: Checkpoint | None) -> CheckpointState | None:
 
 
 def _why(bound: str | None, search: Search, search_result: Found) -> str:
-    """The bound for people."""
+    """The bound that was reached, in words."""
     if bound is None:
         return ""
     if search_result.status == "no_memory" and search_result.needed_bytes:
@@ -313,7 +313,7 @@ def _why(bound: str | None, search: Search, search_result: Found) -> str:
 
 
 def _explain(result: TestResult, search: Search, search_result: Found, told: TraceHeader) -> None:
-    """The trace of a violation: the least one, replayed by the interpreter."""
+    """Enters the trace of a violation: the least one, replayed by the interpreter."""
     assert search_result.broken is not None
     what, index = search_result.broken
     result.broken = violation_id_of(result.system, VIOLATION_KINDS[what], index)
@@ -331,7 +331,7 @@ def _explain(result: TestResult, search: Search, search_result: Found, told: Tra
 
 
 def _why_unshown(search_result: Found, *, interrupted: bool) -> str:
-    """Why there is no execution that shows a violation."""
+    """Why there is no execution that shows a violation, as a key of `UNSHOWN`."""
     if interrupted:
         return INTERRUPTED
     if search_result.stopped == TIME:
@@ -342,10 +342,10 @@ def _why_unshown(search_result: Found, *, interrupted: bool) -> str:
 
 
 def _smallest(result: TestResult, search: Search, search_result: Found) -> tuple[Step, ...]:
-    """The least trace to the violation that was found, or the smallest that was had, and why.
+    """The least trace to the violation, or the smallest that was found; the result says why.
 
-    What was sampled is long: it is shrunk first. Otherwise the search for the least comes first,
-    and shrinking where it does not end. Each has half of the time, and what the other has left.
+    A sampled trace is long, so it is shrunk first. Otherwise the least one is searched first, and
+    shrinking follows if that does not end. Each has half of the time, and what the other has left.
     """
     if search_result.stopped == INTERRUPTED:
         result.least_bound = INTERRUPTED
@@ -374,7 +374,7 @@ def _smallest(result: TestResult, search: Search, search_result: Found) -> tuple
 def _least(
     result: TestResult, search: Search, search_result: Found, patience_s: float
 ) -> tuple[Step, ...]:
-    """The least trace to the violation that was found; none where it was not had, and why."""
+    """The least trace to the violation; empty if it was not found, and the result says why."""
     least = search.least(search_result, patience_s)
     result.minimise_s += least.seconds
     result.minimal = least.status == "violated" and bool(least.steps)
@@ -386,7 +386,7 @@ def _least(
 
 
 def _shrunk(result: TestResult, search: Search, search_result: Found, patience_s: float) -> Found:
-    """What was found, or something smaller."""
+    """What was found, or a smaller one."""
     made = search.shrunk(search_result, patience_s) if search_result.steps else None
     if made is None:
         return search_result
@@ -427,9 +427,9 @@ def trace_of(result: TestResult, told: TraceHeader, steps: Sequence[Step]) -> Tr
 
 
 def save(result: TestResult, folder: Path = FOLDER) -> Path | None:
-    """Write the trace of a violated test; `SoterError` D006. None where there is nothing.
+    """Writes the trace of a violated test and returns its path; None: none; `SoterError` D006.
 
-    Those of other properties are beside it, `-2` after the name and so on.
+    Those of other properties are beside it, with `-2` after the name and so on.
     """
     if result.replayed is None:
         return None
@@ -443,7 +443,7 @@ def save(result: TestResult, folder: Path = FOLDER) -> Path | None:
 
 
 def file_stem(trace: Trace) -> str:
-    """`<program>-<test>`."""
+    """The name of a trace's file without its ending: `<program>-<test>`."""
     name = f"{Path(trace.program).stem}-{trace.test}"
     return re.sub(r"[^A-Za-z0-9_.=+-]", "_", name)
 
@@ -455,7 +455,7 @@ MEMORY_BYTES = 2**29
 
 @dataclass(frozen=True)
 class ViolatingRun:
-    """What a run violates: `property` or `fault` and the like, in words, when; its steps."""
+    """A run: the kind of its violation (`property`, `fault`, ...), words for it, time, steps."""
 
     what: str
     text: str

@@ -1,8 +1,8 @@
-"""Whether a condition has one truth value whatever is read.
+"""Whether a condition has one truth value whatever values it reads.
 
-Purpose: `holds_always` asks intervals first, cut at the constants that the condition compares with,
-and small sets value by value; then a solver, where z3 is installed, with floats as IEEE has them,
-for conditions that compare what is read with each other.
+Purpose: `holds_always` first evaluates the condition over intervals, cut at the constants that it
+compares with, and over small sets value by value; then, where z3 is installed, it asks that solver,
+with IEEE floats, about conditions that compare values with each other.
 Non-goals: what may be read and what is said of it (`explore/vacuous_tests.py`). The solver leaves
 loops, arrays with indices that are read, and functions of more than one `return` undecided.
 """
@@ -40,7 +40,7 @@ PATIENCE_MS = 1_000
 
 @lru_cache(maxsize=1)
 def _solver() -> Any:  # noqa: ANN401 - z3 has no types
-    """The module, or None."""
+    """The module z3; None where it is not installed."""
     try:
         import z3  # noqa: PLC0415 - an extra
     except ImportError:
@@ -55,7 +55,7 @@ def solved(
     asked: Mapping[ReadPlace, Range],
     period_ns: int,
 ) -> bool:
-    """Whether no values of these ranges make it anything else than `wanted`, or a fault."""
+    """Whether the solver shows that it is `wanted`, without a fault, for all these values."""
     z3 = _solver()
     if z3 is None:
         return False
@@ -72,7 +72,7 @@ def solved(
 
 
 class _Terms:
-    """Expressions as terms; what may fault is collected, whether or not it is evaluated."""
+    """Makes solver terms of expressions, and collects all that may fault, evaluated or not."""
 
     def __init__(
         self,
@@ -224,13 +224,13 @@ class _Terms:
 
 
 EACH_MAX = 64
-"""A set of at most so many ints is looked at value by value."""
+"""A set of up to this many ints is tried value by value."""
 BOXES_MAX = 2_048
 POINTS_MAX = 512
 DRAWN = 64
-"""Points that are tried first."""
+"""How many random points are tried first."""
 FEW = 3
-"""Numbers of an open part that are tried as examples."""
+"""How many numbers of an open interval are tried as examples."""
 
 
 def holds_always(
@@ -271,7 +271,7 @@ class _Condition:
         self.asked: dict[ReadPlace, Range] = {}
 
     def decided(self) -> bool:
-        """All values at once, then box by box, then by the solver."""
+        """Whether it is decided: for all values at once, box by box, or by the solver."""
         judgement = self._judged({})
         if judgement is not None:
             return judgement
@@ -318,7 +318,7 @@ class _Condition:
         return False
 
     def _range(self, place: ReadPlace, read: Callable[[ReadPlace], Range]) -> Range:
-        """Of what is read, or of a local."""
+        """The range of a place that is read, or of a local."""
         if place.kind != "local":
             return self.read(place)
         evaluator = RangeEvaluator(self.scope, self.period_ns, read)
@@ -326,7 +326,7 @@ class _Condition:
         return evaluator.part(self.given[place.index], place)
 
     def _constants(self) -> list[float]:
-        """Numbers that it, or a function that it calls, is written with."""
+        """The numbers that stand in the condition and in functions that it calls."""
         roots: list[object] = [self.condition]
         seen: set[typed.FunSymbol] = set()
         for root in roots:
@@ -347,7 +347,7 @@ class _Condition:
 
 
 def _parts(r: Range, constants: list[float]) -> list[Range]:
-    """A range cut at constants: each of them, and what lies between; NaN by itself."""
+    """A range cut at constants: each constant, what lies between, and NaN by itself."""
     parts: list[Range] = []
     if r.nan:
         parts.append(Range(math.inf, -math.inf, nan=True))
@@ -379,7 +379,7 @@ def _examples(boxes: list[tuple[Range, ...]]) -> Iterator[tuple[Range, ...]]:
 
 
 def _drawn(cuts: list[list[Range]]) -> Iterator[tuple[Range, ...]]:
-    """Points by chance, the same every time: of most conditions one of them is enough."""
+    """Random points, the same every time; for most conditions one of them decides."""
     dice = Random(0)  # noqa: S311 - no secret
     for _ in range(DRAWN):
         yield tuple([dice.choice(_some(dice.choice(parts))) for parts in cuts])

@@ -108,7 +108,7 @@ def plan_of(system: System) -> TestPlan:
 
 
 class ExecutionCalendar:
-    """The place of one execution in its calendar; `take` moves on by a step that is allowed."""
+    """The place of one execution in its calendar; `take` checks a step and moves on."""
 
     def __init__(self, system: System) -> None:
         self.actors = actors_of(system)
@@ -121,14 +121,14 @@ class ExecutionCalendar:
         self.done = [0] * len(self.actors)
         self._lost = [0] * len(self.actors)
         self._running: dict[int, int] = {}
-        """Overrunning actors and the times at which they began."""
+        """The time at which each actor began that still overruns."""
 
     # ------------------------------------------------------------ what is to come
 
     def window(self, i: int) -> tuple[int, int] | None:
-        """[lo, hi] of the next step of an actor; None where it has none up to the horizon.
+        """The window [lo, hi] of an actor's next step; None: it has none up to the horizon.
 
-        Of an actor that still runs, that is what it published taking effect.
+        For an actor that still runs, that step is its publications taking effect.
         """
         actor = self.actors[i]
         if i in self._running:
@@ -138,7 +138,7 @@ class ExecutionCalendar:
 
     @property
     def is_observable(self) -> bool:
-        """Whether time may pass: no step that has not happened has its hi by now."""
+        """Whether time may pass: no step that has not happened must happen by now."""
         return all(hi > self.now for _, hi in self._pending())
 
     @property
@@ -153,9 +153,9 @@ class ExecutionCalendar:
     # ------------------------------------------------------------ moving on
 
     def take(self, step: Step) -> int | None:
-        """Check a step and move on; the actor's number, None for the start.
+        """Checks a step and moves on; returns the actor's number, None for the start.
 
-        NotAllowedError for a step that the schedule has not there.
+        `NotAllowedError` for a step that the schedule does not allow there.
         """
         if step.kind == START:
             if self._born or self.now != -1 or any(self.done):
@@ -191,7 +191,7 @@ class ExecutionCalendar:
             raise NotAllowedError(f"the test does not let `{actor.name}` skip {many}")
 
     def _place(self, i: int) -> tuple[bool, int]:
-        """Where an actor stands in the deployed order: inputs come before components."""
+        """The place of an actor in the deployed order: inputs come before components."""
         return self.actors[i].drive is None, i
 
     def _check_time(self, step: Step, i: int, window: tuple[int, int]) -> None:
@@ -238,10 +238,10 @@ class TraceDraws(AnsweredDraws):
         super().__init__(system, self._pick, seed)
         self._given: dict[str, list[Choice]] = {}
         self._values: list[object] = []
-        """What was taken, as JSON, in the order of `asked`; None where the stream does not tell."""
+        """The values taken, as JSON, in the order of `asked`; None where the stream has none."""
 
     def begin(self, choices: Iterable[Choice]) -> None:
-        """A step begins, which has these picks."""
+        """Begins a step that has these picks."""
         self.asked.clear()
         self._values = []
         self._given = {}
@@ -257,7 +257,7 @@ class TraceDraws(AnsweredDraws):
         return tuple([Choice(a.stream, a.pick, a.count, value) for a, value in pairs])
 
     def tell(self, value: object) -> None:
-        """The value, as JSON, that the last answer to `choice` stood for."""
+        """Notes the value, as JSON, that the last answer to `choice` stood for."""
         if self._values:
             self._values[-1] = value
 
@@ -293,14 +293,14 @@ class TraceDraws(AnsweredDraws):
         return value
 
     def _keep(self, value: object) -> None:
-        """Beside the question that was asked last, if one was."""
+        """Keeps a value beside the question that was asked last, if one was."""
         if len(self.asked) > len(self._values):
             self._values.append(value)
 
 
 @dataclass
 class _ControlHistory:
-    """Of one module: when the DM last said AC (0: the start), and whether SC has acted since."""
+    """When a module's DM last said AC (0: the start), and whether SC has acted since."""
 
     verdict_ns: int = 0
     acted: bool = False
@@ -329,9 +329,9 @@ class Judge:
             p.index: p.within_ns for p in plan.timed if p.kind == "eventually"
         }
         self._since: dict[int, int] = {}
-        """When the premise held that a deadline waits for."""
+        """The time at which the premise of each open deadline held."""
         self._faulted: dict[int, str] = {}
-        """What went wrong, and when, as the condition of a deadline was judged."""
+        """Words on the fault when the condition of a deadline was judged, by number."""
         self._drop_beyond_horizon()
 
     def _code(self, prop: TimedProperty, expr: TypedExpr | None) -> Compiled | None:
@@ -343,7 +343,7 @@ class Judge:
     # ------------------------------------------------------------ what happened
 
     def note(self, event: DecisionVerdict | StepOutcome, c: Configuration) -> None:
-        """A step at `c.ct` that led to `c`."""
+        """Notes a step at `c.ct` that led to `c`."""
         if isinstance(event, DecisionVerdict):
             if event.after == AC:
                 self._clocks[event.module] = _ControlHistory(c.ct, said=True)
@@ -351,7 +351,7 @@ class Judge:
             self.note_published(event.component, c)
 
     def note_published(self, component: int, c: Configuration) -> None:
-        """What a component published has reached the topics."""
+        """Notes that what a component published has reached the topics."""
         publisher = self._system.components[component]
         if publisher.role == "sc" and publisher.module is not None:
             module = self._system.modules[publisher.module]
@@ -384,7 +384,7 @@ class Judge:
         ]
 
     def _meet_deadlines(self, c: Configuration) -> None:
-        """Every deadline that is met by what holds now goes; premises that hold make new ones."""
+        """Drops deadlines that are met now, and makes new ones for premises that hold."""
         for p in self._timed:
             due = self._due.get(p.index)
             if p.kind == "invariant" or (due is not None and due < c.ct):
@@ -398,7 +398,7 @@ class Judge:
         self._drop_beyond_horizon()
 
     def _drop_beyond_horizon(self) -> None:
-        """Deadlines beyond the horizon are not judged."""
+        """Drops deadlines beyond the horizon, which are not judged."""
         self._due = {i: due for i, due in self._due.items() if due <= self._horizon_ns}
 
     def _met(self, p: TimedProperty, c: Configuration) -> bool:
@@ -455,7 +455,7 @@ class Judge:
         return f"{held}, and {missed} from then on up to {_at(due_ns)}{faulted}"
 
     def _property_reason(self, index: int, c: Configuration, before: Configuration) -> str:
-        """Of an `always` or `never`: that judging it faults, and that another step is to blame."""
+        """Words for an `always` or `never`: that judging it faults, or another step is to blame."""
         fault = fault_of(self._machine, c, index)
         said = [] if fault is None else [f"judging it faults ({fault_text(fault)})"]
         if violated(self._machine, before)[index]:

@@ -1,8 +1,8 @@
-"""A trace run again, step by step, by the reference interpreter.
+"""Runs a trace again, step by step, in the reference interpreter.
 
-Purpose: a violation counts only if the interpreter, given the steps and choices of a trace and
-nothing else, finds every step allowed by docs/testing.md and the property violated in the end.
-What every step did is kept as plain records (`ReplayedStep`).
+Purpose: a violation counts only if `replay`, given the steps and choices of a trace and nothing
+else, finds every step allowed by docs/testing.md and the property violated in the end. What every
+step did is kept as plain records (`ReplayedStep`).
 Non-goals: speed; finding traces; files (`trace.py`), showing them (`trace_view.py`).
 """
 
@@ -80,7 +80,7 @@ class ReplayedStep:
     gated: bool
     decided: Mapping[str, object] | None
     switch: tuple[str, str, str] | None
-    """Module, mode before, mode after: where it changed."""
+    """(module, mode before, mode after) if a mode changed."""
     fault: str | None
     observable: bool
     violated: tuple[ViolationId, ...]
@@ -89,9 +89,9 @@ class ReplayedStep:
     truth: Mapping[str, object]
     """The states of the plants, by full name."""
     reasons: tuple[str, ...] = ()
-    """For each of `violated`, what failed, a clause; empty where it says itself."""
+    """For each of `violated` a clause on what failed; empty where it needs none."""
     dropped: tuple[DroppedMessage, ...] = ()
-    """What full queues lost as this step published."""
+    """The messages that full queues lost as this step published."""
     matters: bool | None = None
     """Whether the violation depends on this step; None where the trace does not say."""
 
@@ -128,7 +128,7 @@ class Replayed:
 
     @property
     def outcome(self) -> str:
-        """What came of it, in one sentence."""
+        """The outcome of the replay in one sentence."""
         if self.problem is not None:
             return self.problem
         if self.reproduced:
@@ -140,7 +140,7 @@ class Replayed:
 
 
 def replay(trace: Trace, system: System) -> Replayed:
-    """Run a trace; `system` is that of its test, flattened with its parameters, skew, horizon."""
+    """Runs a trace; `system`: that of its test, flattened with its parameters, skew, horizon."""
     actors = actors_of(system)
     if violation_id_of(system, trace.broken.what, trace.broken.index) != trace.broken:
         problem = f"the test has no such property: {trace.broken.text}"
@@ -169,7 +169,7 @@ def _followed(run: _TraceRun, trace: Trace) -> tuple[tuple[ReplayedStep, ...], s
 
 @dataclass
 class _Event:
-    """What a step did, as it is told."""
+    """What a step did, for its record."""
 
     published: dict[str, object] = field(default_factory=dict)
     gated: bool = False
@@ -195,17 +195,17 @@ class _TraceRun:
         first = trace.steps[0] if trace.steps else None
         born = first is not None and first.kind == START
         self.first_number = 0 if born else 1
-        """The start of the configuration is step 0, whether the trace says so or not."""
+        """The number of the trace's first step: the start is 0, whether the trace has it or not."""
         self.draws.begin(first.choices if first is not None and born else ())
         self.c: Configuration = self.interpreter.initial()
         self._before = self.c
-        """Where the last step was made."""
+        """The configuration in which the last step was made."""
         self.ended = False
-        """Something is violated: no execution goes on from there."""
+        """Whether something is violated, so that the execution ends."""
         self.steps: list[ReplayedStep] = []
         self.start = self._topics()
         self._waiting: dict[int, dict[int, Value]] = {}
-        """What overrunning steps will publish, by component."""
+        """The values that overrunning steps will publish, by component."""
 
     def step(self, number: int, step: Step) -> None:
         """One step; `NotAllowedError` where it is none of this execution."""
@@ -269,7 +269,7 @@ class _TraceRun:
         published: Mapping[int, Value],
         bursts: Mapping[int, tuple[Value, ...]] | None = None,
     ) -> list[DroppedMessage]:
-        """What queues lose as values reach the topics of `c`; no node reads what it publishes."""
+        """The messages that queues lose as values reach the topics of `c`."""
         topics, losses = self.system.topics, []
         for t in published:
             come = len((bursts or {}).get(t, (None,)))
@@ -288,7 +288,7 @@ class _TraceRun:
     def _contract_reasons(
         self, n: int, told: _Event, before: Configuration
     ) -> dict[ViolationId, str]:
-        """Of contracts that could not be judged: what went wrong."""
+        """Words on what went wrong for contracts that could not be judged."""
         component, reasons = self.system.components[n], {}
         for b in told.broken:
             if b.what == CONTRACT:
@@ -314,14 +314,14 @@ class _TraceRun:
         return _Event(decided=facts, switch=switch)
 
     def _broken(self, n: int, event: StepOutcome) -> list[ViolationId]:
-        """The contracts that the step broke, and that a trusted component faulted."""
+        """The violations of a step: contracts that it broke, and a fault of a trusted component."""
         named = [violation_id_of(self.system, CONTRACT, i) for i in event.broken]
         if event.latched:
             named.append(violation_id_of(self.system, FAULT, n))
         return [b for b in named if b is not None]
 
     def _hold_back(self, before: Configuration, n: int, event: StepOutcome) -> None:
-        """Take back what an overrunning step published: it takes effect later."""
+        """Takes back what an overrunning step published, as it takes effect later."""
         self._waiting[n] = dict(event.published)
         own = [t.index for t in self.system.topics if self._is_own_queue(t.index, n)]
         topics, stamps = list(before.Topics), list(before.stamps)
@@ -408,7 +408,7 @@ class _TraceRun:
 
 
 def violation_id_of(system: System, what: str, index: int) -> ViolationId | None:
-    """What can be violated under this kind and number; None where nothing can."""
+    """The violation of this kind and number; None where there can be none."""
     plan = plan_of(system)
     if what == FAULT and index < len(system.components):
         c = system.components[index]
@@ -427,7 +427,7 @@ def violation_id_of(system: System, what: str, index: int) -> ViolationId | None
 
 
 def with_values(replay_result: Replayed) -> Replayed:
-    """The same, its trace with the values that were chosen, as the interpreter saw them."""
+    """The replay with the chosen values, as the interpreter saw them, in its trace."""
     steps = tuple(
         replace(step, choices=done.choices)
         for step, done in zip(replay_result.trace.steps, replay_result.steps, strict=True)
@@ -436,7 +436,7 @@ def with_values(replay_result: Replayed) -> Replayed:
 
 
 def with_marks(replay_result: Replayed, matters: Sequence[bool]) -> Replayed:
-    """The same, its trace and its steps with whether each of them matters."""
+    """The replay with a mark at each step, also of its trace, whether it matters."""
     told = [replace(s, matters=m) for s, m in zip(replay_result.trace.steps, matters, strict=True)]
     done = [replace(s, matters=m) for s, m in zip(replay_result.steps, matters, strict=True)]
     return replace(

@@ -1,10 +1,10 @@
-"""What exploring a program's tests found, as plain data, and what the tests say together.
+"""The results of exploring a program's tests, as plain data, and what the tests show together.
 
-Purpose: one result a test: verdict, what was covered, what bound was reached, the trace of a
-violation and what all of it rests on. The theorem of docs/testing.md ("Contracts") is applied by
-code: tests of one system, each with some of it replaced, may say something of all of it; or it is
-said why not. A contract is judged as its owner steps, so contracts may rely on each other in a
-circle.
+Purpose: a `TestResult` has the verdict on a test, what was covered, which bound was reached, the
+trace of a violation, and the assumptions. `wholes` applies the theorem of docs/testing.md
+("Contracts"): tests of one system, each with some of it replaced, may together show something of
+the whole; if not, it says why. A contract is judged as its owner steps, so contracts may rely on
+each other in a circle.
 Non-goals: finding anything, printing; systems whose tests have no contract in place of anything.
 """
 
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class WholeByParts:
-    """What tests of one system say of all of it.
+    """What the tests of one system show of the whole, up to `horizon_ns`.
 
-    `horizon_ns`: up to then. `held`: what is replaced by its contract, and the tests in which it
-    runs as it is. `assumed`: (test, what, by whom) that stands for something and is heard.
-    `missing`: why nothing is said of the whole; empty where it is.
+    `held`: what is replaced by its contract, and the tests in which it runs as it is. `assumed`:
+    (test, what, by whom) for other replacements that somebody reads. `missing`: why nothing is
+    shown of the whole; empty where it is.
     """
 
     system: str
@@ -81,7 +81,7 @@ def wholes(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
 
 
 def _circumstances(result: TestResult, symbol: TestSymbol) -> Hashable:
-    """What has to be the same in all parts: executions are compared step by step."""
+    """The circumstances that must be equal in all parts, as executions are compared by steps."""
     plan, system = plan_of(result.system), result.system
     names = [c.name for c in system.components]
     faults = {(names[f.component], f.kind, f.by_ns, f.at_most, f.least_ns) for f in plan.faults}
@@ -119,7 +119,7 @@ def _whole(group: list[TestResult]) -> WholeByParts:
 
 
 def _missing(group: list[TestResult], as_it_is: dict[str, tuple[str, ...]]) -> Iterator[str]:
-    """What is not so of the tests."""
+    """Reasons why the tests do not show the whole."""
     for result in group:
         if result.verdict != EXHAUSTED:
             yield f"{result.name} is not exhausted and clean"
@@ -131,7 +131,7 @@ def _missing(group: list[TestResult], as_it_is: dict[str, tuple[str, ...]]) -> I
 ENDS_ONLY = ("all", "instants", "groups")
 """Reductions that store only ends of instants, where that can be."""
 DEAR, DEAR_S = 64, 2.0
-"""Transitions a configuration, and seconds, from which on it is said that others may be faster."""
+"""From this many transitions a configuration, and seconds, on another reduction is suggested."""
 EXHAUSTED, VIOLATED, BOUND = "exhausted", "violated", "bound"
 
 UNJUDGED, UNDRIVEN, PICKED = "unjudged", "undriven", "picked"
@@ -191,8 +191,8 @@ UNSHOWN = {
 class CheckpointState:
     """The checkpoint of a search: its file, and how many configurations it has (0: there is none).
 
-    `problem`: why a later one could not be written, or empty; `resumed`: configurations that were
-    there when it went on.
+    `problem`: why a later one could not be written, or ""; `resumed`: how many configurations were
+    there when the search went on.
     """
 
     path: Path
@@ -206,7 +206,7 @@ class Robustness:
     """How near `falsify` came to violating a property (docs/testing.md).
 
     `least`: the least robustness of it in any execution, negative where it is violated; None where
-    it was never looked at, or is not `guided`: a contract, or one that compares no numbers.
+    it was never judged, or is not `guided`: a contract, or one that compares no numbers.
     """
 
     text: str
@@ -216,7 +216,7 @@ class Robustness:
 
 @dataclass(eq=False)
 class TestResult:
-    """Of one test. `bits`: of a packed configuration; `seconds` of the search alone.
+    """The result of one test; `bits`: of a packed configuration; `seconds`: of the search alone.
 
     `broken`, `replayed` and `trace` (the file) are there where it is violated; `minimal` says
     that no execution to that violation has fewer steps. `least_bound`: why that was not shown.
@@ -243,35 +243,35 @@ class TestResult:
     quantum_ns: int | None = None
     """The grid on which steps that may be late chose their times; None where none had a choice."""
     total_bytes: int = 0
-    """Of tables, frontiers and remembered steps: what `SearchOptions.memory` bounds."""
+    """The bytes of tables, frontiers and remembered steps, which `SearchOptions.memory` bounds."""
     covered_ns: int | None = 0
-    """What is observed before that time was judged in all executions; None: of a sampling strategy.
+    """All that is observed before this time was judged, in all executions; None: sampling.
 
-    The horizon, where the search came to its end.
+    It is the horizon where the search came to its end.
     """
     closed_ns: int | None = None
-    """Whatever comes after this time was there before, so that the verdict holds for ever; None:
-    that was not seen before the horizon."""
+    """After this time only configurations come that were there before, so the verdict holds for
+    ever; None: that was not seen before the horizon."""
     checkpoint: CheckpointState | None = None
-    """Where it was written down; None: nowhere."""
+    """The checkpoint of the search; None: it was not stored."""
     short_of: str | None = None
     """What is left out besides, where the search did not end: one of ENDED."""
     threads: int = 1
-    """That searched."""
+    """How many threads searched."""
     why: str = ""
-    """Which bound was reached, for people."""
+    """Which bound was reached, in words."""
     parts: int = 1
     """How many parts of the system, which share no data, were explored apart."""
     equal_instances: tuple[tuple[str, ...], ...] = ()
-    """Names of instances of which only the places were told apart, so that one configuration was
-    stored for all orders of them; docs/testing.md."""
+    """Names of equal instances: one configuration was stored for all orders of them
+    (docs/testing.md)."""
     contracts: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    """What is replaced by its contract -> the tests of the program in which it runs as it is."""
+    """For each instance that a contract replaces the tests in which it runs as it is."""
     stands_for: tuple[tuple[str, str], ...] = ()
-    """What is replaced by a node or a plant that somebody else hears, and by which."""
+    """The instances replaced by a node or plant that somebody else reads, and by which."""
     coverage: Coverage = field(default_factory=Coverage)
     vacuous: tuple[VacuousPart, ...] = ()
-    """What of the test says nothing: each is a sentence of `assumptions` as well."""
+    """The parts of the test that say nothing; each is also a sentence of `assumptions`."""
     assumptions: tuple[str, ...] = ()
     broken: ViolationId | None = None
     replayed: Replayed | None = None
@@ -280,15 +280,15 @@ class TestResult:
     unshown: str | None = None
     minimise_s: float = 0.0
     shrunk_from: int = 0
-    """Steps of the trace that was found, the start included, where its own is shrunk; else 0."""
+    """How many steps the trace had, with the start, before it was shrunk; 0: it was not."""
     trace: Path | None = None
     page: Path | None = None
     others: tuple[TestResult, ...] = ()
-    """Of other properties that can be violated, each with a trace (`all_properties`)."""
+    """Results for other properties that can be violated, each with a trace (`all_properties`)."""
     robustness: tuple[Robustness, ...] = ()
-    """Of `falsify`: how near it came to violating each property."""
+    """How near `falsify` came to violating each property."""
     others_bound: str | None = None
-    """Why that may not be all of them; None: the search for more ended, or there was none."""
+    """Why `others` may not be all; None: the search for more ended, or there was none."""
 
     @property
     def threads_fewer(self) -> str:
@@ -297,7 +297,7 @@ class TestResult:
 
     @property
     def states_per_s(self) -> float:
-        """Configurations stored, or executions' steps where nothing is, per second."""
+        """Configurations stored per second, or steps of executions where none are stored."""
         count = self.states or self.transitions
         return count / self.seconds if self.seconds > 0 else 0.0
 
@@ -340,7 +340,7 @@ class TestResult:
 
     @property
     def covered(self) -> str:
-        """How far every execution was covered, a sentence; empty where it is not a bound."""
+        """A sentence on how far every execution was covered; "" where no bound was reached."""
         if self.bound is None or self.covered_ns is None:
             return ""
         assert self.system.test is not None
@@ -354,7 +354,7 @@ class TestResult:
 
     @property
     def divided(self) -> str:
-        """What of the system was explored apart, and taken as equal; part of a sentence."""
+        """A clause on parts that were explored apart, and instances taken as equal."""
         told = f"; {self.parts} parts that share no data, explored apart" if self.parts > 1 else ""
         for some in self.equal_instances:
             told += f"; {len(some)} equal instances: {', '.join(some)}"
@@ -362,10 +362,10 @@ class TestResult:
 
     @property
     def dear(self) -> str:
-        """That another reduction may be faster, and why; empty where nothing says so.
+        """A note that another reduction may be faster, and why; "" where nothing says so.
 
-        Between ends of instants a search goes anew from each beginning, so ways that meet in the
-        middle are gone many times.
+        Between ends of instants a search starts anew from each one, so paths that meet in between
+        are followed many times.
         """
         ends_only = self.options.strategy == "bfs" and self.options.reduction in ENDS_ONLY
         each = self.transitions / max(self.states, 1)
@@ -378,7 +378,7 @@ class TestResult:
 
     @property
     def for_ever(self) -> str:
-        """What it says of times after the horizon, part of a sentence; empty where nothing."""
+        """A clause on what is shown for times after the horizon; "" where nothing is."""
         if self.closed_ns is None:
             return ""
         return (
@@ -398,7 +398,7 @@ class TestResult:
 def bound_text(
     bound: str, options: SearchOptions, who: str = "a step", words: int = WORDS_MAX
 ) -> str:
-    """Which bound was reached, for people. `who` asks for too many choices; `words`: too many."""
+    """Which bound was reached, in words; `who` asks for too many choices; `words`: too many."""
     return BOUNDS[bound].format(strategy=options.strategy, who=who, words=words)
 
 
@@ -411,13 +411,13 @@ def why_not_shortest(bound: str, options: SearchOptions) -> str:
 
 @dataclass(eq=False)
 class ExploreReport:
-    """What `Program.explore` gives: one result a test, in the program's order."""
+    """What `Program.explore` returns: a result for each test, in the program's order."""
 
     path: str
     program_sha256: str
     tests: tuple[TestResult, ...]
     not_started: tuple[str, ...] = ()
-    """Tests that would have come after one that was interrupted."""
+    """The names of tests that would have come after one that was interrupted."""
 
     @property
     def verdict(self) -> str:
@@ -441,7 +441,7 @@ class ExploreReport:
         return notebook_table(f"{self.path}: {self.verdict}", heads, rows, self.not_started)
 
     def unsettled(self, test: TestResult) -> str:
-        """That tests here ask for contracts which `test` rests on, and are not clean; "": none."""
+        """Words on contracts that `test` relies on and whose tests here are not clean, or ""."""
         asked = {name for names in test.contracts.values() for name in names}
         unclean_tests = [t.name for t in self.tests if t.name in asked and t.verdict != EXHAUSTED]
         names = " and ".join(f"`{name}`" for name in unclean_tests)
@@ -450,7 +450,7 @@ class ExploreReport:
         )
 
     def __getitem__(self, test: str) -> TestResult:
-        """The result of one test by name; KeyError where there is none."""
+        """The result of one test by name; `KeyError` where there is none."""
         for t in self.tests:
             if t.name == test:
                 return t

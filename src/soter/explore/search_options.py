@@ -24,9 +24,9 @@ EXHAUSTIVE = ("bfs", "dfs", "deepening")
 FALSIFY = "falsify"
 SAMPLING = ("random", "pct", "coverage", FALSIFY)
 STRATEGIES = (*EXHAUSTIVE, *SAMPLING)
-"""The default first."""
+"""All strategies, the default first."""
 STORAGES = ("exact", "fingerprint")
-"""The default first."""
+"""All storages, the default first."""
 STATUSES = (
     "exhausted",
     "violated",
@@ -42,15 +42,15 @@ STATUSES = (
 )
 """How a search ends: `soter_explore_status`, in order."""
 CHOICES_MAX = 256
-"""Choices of one step (`SOTER_CHOICES`)."""
+"""The most choices of one step (`SOTER_CHOICES`)."""
 WORDS_MAX = 4096
-"""Words of 64 bits of a packed configuration (`SOTER_WORDS`)."""
+"""The most words of 64 bits of a packed configuration (`SOTER_WORDS`)."""
 THREADS_BFS = 16
-"""So many threads breadth-first search has room for (`SOTER_THREADS`)."""
+"""The most threads of a breadth-first search (`SOTER_THREADS`)."""
 LEAVES_MAX = 4096
-"""Leaves of topics that are told apart for coverage."""
+"""The most leaves of topics that coverage counts."""
 STEPS_MAX = 65_536
-"""Steps of a trace."""
+"""The most steps of a trace."""
 SLEEP, AMPLE, INSTANTS, GROUPS, SYMMETRY = 1, 2, 4, 12, 16
 REDUCTIONS = {
     "none": 0,
@@ -62,14 +62,14 @@ REDUCTIONS = {
     "parts": SLEEP | AMPLE | GROUPS,
     "all": SLEEP | AMPLE | GROUPS | SYMMETRY,
 }
-"""As bits: 1 sleep sets, 2 ample sets, 4 only ends of instants, 8 by groups, 16 equal instances.
-The default last."""
+"""The reductions as bits, the default last: 1 sleep sets, 2 ample sets, 4 only ends of instants,
+8 by groups, 16 equal instances."""
 PARTS = frozenset({"parts", "all"})
-"""With these, parts of a system that share nothing are explored apart."""
+"""The reductions with which parts of a system that share nothing are explored apart."""
 
 
 def knows_ends(reduction: str) -> bool:
-    """Whether it leaves out what lies between ends of instants."""
+    """Whether a reduction stores only the ends of instants."""
     return bool(REDUCTIONS[reduction] & INSTANTS)
 
 
@@ -80,7 +80,7 @@ def reduce_bits(reduction: str, *, between: bool) -> int:
 
 
 def constant(name: str) -> str:
-    """What a strategy or storage is called in C."""
+    """The name of a strategy or storage in C."""
     return f"SOTER_{name.upper()}"
 
 
@@ -89,11 +89,11 @@ CHECKPOINT_SECONDS = 60.0
 
 @dataclass(frozen=True)
 class SearchProgress:
-    """How far a search is: for a line of progress.
+    """How far a search is, for a line of progress.
 
-    It has found a violation: `tracing`, it looks for an execution that shows it; `minimising`, for
-    the shortest one. `bytes`: of all that it keeps. `answers`: of the one step that it tries, where
-    they are very many. `nearest`: least robustness of a property so far; None: nobody looks.
+    After it found a violation: `tracing`, it looks for an execution that shows it; `minimising`,
+    for the shortest one. `bytes`: all that it keeps. `answers`: how many the one step has that is
+    tried, if very many. `nearest`: the least robustness of a property so far; None: not computed.
     """
 
     test: str
@@ -106,9 +106,9 @@ class SearchProgress:
     tracing: bool = False
     answers: int = 0
     covered_ns: int = 0
-    """What is observed before was judged, in all executions (breadth first)."""
+    """All that is observed before this time was judged, in all executions (breadth first)."""
     saved: int = 0
-    """Configurations of its last checkpoint; 0: there is none."""
+    """How many configurations its last checkpoint has; 0: there is none."""
     nearest: float | None = None
 
 

@@ -1,9 +1,9 @@
 """A trace: one execution of a test as the steps and choices that make it, and its file.
 
-Purpose: plain data for the steps of docs/testing.md, written as JSON (docs/json.md) and read back
-with every field looked at: a file may be damaged, or made by somebody who means harm. What a pick
-of `choose` stands for is told in the words of the program, where these determine it without being
-run.
+Purpose: a `Trace` is plain data for the steps of docs/testing.md; it is written as JSON
+(docs/json.md) and read back with every field checked, as a file may be damaged or malicious.
+`ChoiceWords` puts what a pick of `choose` stands for into the words of the program, where these
+determine it without being run.
 Non-goals: whether the steps are allowed and what they lead to (`replay.py`); guesses about a pick
 that may be one of several choices.
 """
@@ -48,7 +48,7 @@ VIOLATION_KINDS = (PROPERTY, CONTRACT, FAULT, TIMED)
 TIME_MAX = 2**62
 COUNT_MAX = 2**32
 BYTES_MAX = 64 * 2**20
-"""A file that is larger is not read: a trace of a million steps takes about that."""
+"""A larger file is not read: a trace of a million steps takes about this many bytes."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Step:
     time_ns: int
     choices: tuple[Choice, ...] = ()
     matters: bool | None = None
-    """Whether the violation depends on this step; None where nobody has found out."""
+    """Whether the violation depends on this step; None: it is not known."""
 
 
 @dataclass(frozen=True)
@@ -103,17 +103,17 @@ class Trace:
     steps: tuple[Step, ...]
     minimal: bool
     not_shortest: str = ""
-    """Why it may not be the shortest one, for people; empty where it is, or nobody knows."""
+    """Why it may not be the shortest one, in words; "" where it is, or that is not known."""
     assumptions: tuple[str, ...] = ()
-    """What the verdict rests on; for people."""
+    """The assumptions of the verdict, in words."""
     shrunk_from: int = 0
-    """Steps of the trace that this one was shrunk from, the start included; 0: of none."""
+    """How many steps, with the start, the trace had that this one was shrunk from; 0: none."""
     path: Path | None = field(default=None, compare=False)
     """The file that it was read from."""
 
 
 class DamagedTraceError(Exception):
-    """A document that is no trace; the message says what is wrong with it."""
+    """A document is no trace; the text says what is wrong with it."""
 
 
 # ---------------------------------------------------------------- writing
@@ -169,7 +169,7 @@ def _relative(program: str, folder: Path | None) -> str:
 
 
 def write_trace(trace: Trace, path: Path) -> Path:
-    """Write it; `SoterError` D006. One line a step, so that a person can read and compare."""
+    """Writes a trace, a line for each step, so that people can compare; `SoterError` D006."""
     document = to_document(trace, path.parent)
     steps = document.pop("steps")
     assert isinstance(steps, list)
@@ -217,7 +217,7 @@ def trace_of(document: Mapping[str, Any], path: Path) -> Trace:
 
 
 def no_trace(path: Path, reason: str) -> SoterError:
-    """D010: what was given is no trace."""
+    """The error D010 that a file is no trace, with the reason."""
     hint = "`soter test` writes one for every violation, `.soter/<program>-<test>.trace.json`"
     problem = Diagnostic("D010", f"`{path}` is no trace: {reason}", helps=(hint,))
     return SoterError((problem,))
@@ -228,7 +228,7 @@ def _first_line(error: Exception) -> str:
 
 
 class _JsonFields:
-    """Fields of a JSON object, each with the type it has to have."""
+    """Reads fields of a JSON object, each with the type that it must have."""
 
     def __init__(self, given: object, where: str) -> None:
         if not isinstance(given, dict):
@@ -353,7 +353,7 @@ def _choice(d: _JsonFields) -> Choice:
 
 
 def program_path(trace: Trace) -> str:
-    """Where its program lies: relative to the file it was read from, or as it was given."""
+    """The path of a trace's program: relative to the file it was read from, or as it was given."""
     if trace.path is not None:
         beside = Path(os.path.normpath(trace.path.parent / trace.program))
         if beside.is_file() or not Path(trace.program).is_file():
@@ -381,7 +381,7 @@ class _ChoiceSite:
     component: Component
 
     def may_ask(self, count: int) -> bool:
-        """Whether it can have so many alternatives; a fair one sometimes has fewer."""
+        """Whether it can have this many alternatives; a fair `choose` sometimes has fewer."""
         return count == self.expr.count or (self.expr.ages is not None and count < self.expr.count)
 
     def value(self, pick: int, count: int) -> object:
@@ -400,7 +400,7 @@ class _ChoiceSite:
 
 
 class ChoiceWords:
-    """Of one system; `choices` of a step come back with values, `what` says who asked."""
+    """Words for the choices of one system: their values (`complete`), and who asked (`what`)."""
 
     def __init__(self, system: System) -> None:
         self._asked = {
@@ -411,7 +411,7 @@ class ChoiceWords:
         }
 
     def complete(self, choice: Choice) -> Choice:
-        """The same with its value, where it had none and the program tells it."""
+        """The choice with its value, if it had none and the program determines it."""
         one = self._one(choice)
         if choice.value is not None or one is None:
             return choice
@@ -423,7 +423,7 @@ class ChoiceWords:
         return choice.stream if one is None else _words(one)
 
     def _one(self, choice: Choice) -> _ChoiceSite | None:
-        """Who asked; of several the first, where they ask in the same words for the same values."""
+        """The `choose` that asked; of several with the same words and values the first."""
         fitting = [a for a in self._asked.get(choice.stream, ()) if a.may_ask(choice.of)]
         told = {(_words(a), str(a.value(choice.pick, choice.of))) for a in fitting}
         return fitting[0] if len(told) == 1 else None
@@ -435,14 +435,14 @@ def _words(asked: _ChoiceSite) -> str:
 
 
 def _code(component: Component) -> Iterable[object]:
-    """What a step of it evaluates."""
+    """The code that a step of a component evaluates."""
     if component.plant is not None:
         return plant_code(component.plant)
     return () if component.node is None else component.node.step
 
 
 def changed_program(trace: Trace, path: str) -> SoterError:
-    """D011: the program is not the one that the trace was found in."""
+    """The error D011 that the program is not the one that the trace was found in."""
     problem = Diagnostic(
         "D011",
         f"the trace belongs to another version of `{path}`",
@@ -453,7 +453,7 @@ def changed_program(trace: Trace, path: str) -> SoterError:
 
 
 def missing_program(trace: Trace, path: str) -> SoterError:
-    """D001: the program of a trace is not where the trace says."""
+    """The error D001 that the program of a trace is not where the trace says."""
     problem = Diagnostic(
         "D001",
         f"the program of the trace is not there: `{path}`",

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from soter.report.sequence_view import Kind, Mode, Role
 
 KINDS = {BEGIN: "overrun"}
-"""Kinds of steps that the view calls otherwise."""
+"""The view's words for kinds of steps, where they differ from the trace's."""
 UNTOLD = "the file of the trace does not say; the output of `soter test` does"
 DROPS = {
     "drop_oldest": "the oldest is dropped",
@@ -40,7 +40,7 @@ DROPS = {
     "fault": "the new one is lost, a fault of its reader",
 }
 ORDER = ("dm", "sc", "ac")
-"""Of the lanes of a module."""
+"""The order of the lanes of a module."""
 
 
 def view_of(
@@ -79,7 +79,7 @@ def view_of(
 
 
 def property_text(text: str) -> str:
-    """`always x < 1`, with what is code in backquotes."""
+    """The text of a property, as `always x < 1`, with its code in backquotes."""
     kind, _, rest = text.partition(" ")
     return f"{kind} `{rest}`" if kind in ("always", "never", "eventually") and rest else text
 
@@ -109,7 +109,7 @@ def _remark(replay: Replayed) -> str:
 
 
 def _durations(replay: Replayed) -> dict[int, int]:
-    """Of steps that overrun and of their effects: number of the step, ns between the two."""
+    """The ns between an overrunning step and its effect, by the number of either step."""
     begun: dict[str, ReplayedStep] = {}
     durations: dict[int, int] = {}
     for s in replay.steps:
@@ -176,7 +176,7 @@ def shown(value: object) -> str:
 
 
 def _note(s: ReplayedStep, replay: Replayed) -> str:
-    """What else is to be said of a step, one sentence."""
+    """Further words on a step, in one sentence."""
     clauses = [r for b, r in zip(s.violated, s.reasons, strict=False) if r and replay.names([b])]
     others = [f"`{b.text}`" for b in s.violated if not replay.names([b])]
     if others:
@@ -196,7 +196,7 @@ def _note(s: ReplayedStep, replay: Replayed) -> str:
 
 
 def _lanes(system: System, actors: Iterable[ScheduledActor]) -> tuple[Lane, ...]:
-    """In the order of the actors, but those of a module together: DM, SC, AC."""
+    """The lanes in the order of the actors, with those of a module together: DM, SC, AC."""
     lanes = [_lane(system, a) for a in actors]
     grouped: list[Lane] = []
     for lane in lanes:

@@ -1,9 +1,9 @@
-"""What of a test says nothing, whatever the search found.
+"""Finds the parts of a test that say nothing, whatever the search found.
 
-Purpose: one list for every format: properties that cannot fail, those that were never put to the
-test, contracts that permit nothing, faults, inputs and replacements that change nothing. For that,
-every scalar that a property reads has a range: its declared set and type, or one value where nobody
-can write another one.
+Purpose: `of_test` makes one list for every output: properties that cannot fail or were never put to
+the test, contracts that permit nothing, faults, inputs and replacements that change nothing. For
+that every scalar that a property reads has a range: its declared set and type, or one value where
+nobody can write another one.
 Non-goals: deciding conditions (`constant_truth.py`); verdicts (`command.py`); what steps compute,
 which a search answers.
 """
@@ -109,7 +109,7 @@ def _range(known: Known, of: Type) -> Range:
 
 
 def permits_nothing(c: Component, read: Read) -> bool:
-    """Whether no values of its topics keep the guarantees, whatever else is read."""
+    """Whether a component's guarantees fail for all values of its topics, whatever else is read."""
     if c.node is None or not c.node.publishes:
         return False
     given = {
@@ -130,7 +130,7 @@ def permits_nothing(c: Component, read: Read) -> bool:
 def _and_publishes(
     condition: typed.TypedExpr, body: tuple[typed.TypedStmt, ...]
 ) -> typed.TypedExpr:
-    """That it holds, and that something is published: with several outputs perhaps none is."""
+    """The condition and that something is published: with several outputs perhaps none is."""
     if any(isinstance(s, typed.TypedPublish) for s in body):
         return condition
     published: typed.TypedExpr | None = None
@@ -144,12 +144,12 @@ def _and_publishes(
 
 
 def _is_guarantee(condition: typed.TypedExpr) -> bool:
-    """Not the choice whether something is published at all."""
+    """Whether a condition is a guarantee, not the choice whether anything is published."""
     return not isinstance(condition, (typed.TypedChoose, typed.VarRead))
 
 
 def _statements(body: object) -> list[object]:
-    """All of them, those inside others as well."""
+    """All statements, also those inside others."""
     parts = list(body) if isinstance(body, tuple) else children(body)
     statements = [p for p in parts if isinstance(p, typed.TypedStmt)]
     return statements + [inner for p in statements for inner in _statements(p)]
@@ -163,7 +163,7 @@ class VacuousPart:
     """One part of a test that says nothing.
 
     `what`: property (it cannot fail), premise (it was never put to the test), contract, module,
-    fault, input or replacement; `name` of it as people write it; `why` it says nothing.
+    fault, input or replacement; `name`: as people write it; `why` it says nothing.
     """
 
     what: str
@@ -172,7 +172,7 @@ class VacuousPart:
 
     @property
     def text(self) -> str:
-        """A sentence."""
+        """The part and the reason in a sentence."""
         return f"{self.name} {self.why}"
 
     @property
@@ -189,10 +189,11 @@ def of_test(
     *,
     ended: bool,
 ) -> tuple[VacuousPart, ...]:
-    """Everything; `met`: of properties, then timed ones: judged, and put to the test.
+    """All parts of a test that say nothing.
 
+    `met`: for each property, then each timed one, whether it was judged, and put to the test.
     `unreached`: modes, as coverage names them. `replaced`: components and what stands in their
-    place. `ended`: the search saw all executions, so what was not met is not to be met.
+    place. `ended`: the search saw all executions, so what was not met cannot be met.
     """
     vacuities = [*_all(system, met, ended=ended), *_unread(system, replaced)]
     for m in system.modules:
@@ -238,7 +239,7 @@ def _property(
 
 
 def _why(condition: typed.TypedExpr, wanted: bool, p: Property, domains: Domains) -> str:
-    """Why it cannot fail."""
+    """Why a property that cannot fail cannot, in words."""
     reads = [n for n in nodes([condition]) if isinstance(n, _READS)]
     if not reads:
         return "cannot fail: it reads nothing"
@@ -299,7 +300,7 @@ def _holds_anyway(
 
 
 def _implies(premise: typed.TypedExpr, condition: typed.TypedExpr) -> typed.TypedExpr:
-    """That the condition holds wherever the premise does."""
+    """An expression: the condition holds wherever the premise does."""
     fails = typed.TypedUnary(BOOL, premise.span, "!", premise)
     return typed.TypedBinary(BOOL, condition.span, "||", fails, condition)
 
@@ -337,9 +338,9 @@ def _faults(system: System) -> Iterator[VacuousPart]:
 
 
 def _unread(system: System, replaced: Sequence[tuple[str, str]]) -> Iterator[VacuousPart]:
-    """Inputs that are drawn, and replacements that publish, for nobody.
+    """Inputs that are drawn, and replacements that publish, though nobody reads them.
 
-    Not what its contract replaces: that makes a test smaller, and its node is not meant to be read.
+    Replacements by contracts are left out: they make a test smaller, and are not meant to be read.
     """
     read = _read(system)
     for drive in system.inputs:
@@ -359,7 +360,7 @@ def _unread(system: System, replaced: Sequence[tuple[str, str]]) -> Iterator[Vac
 
 
 def _is_extern(system: System, path: str) -> bool:
-    """Whether what was replaced could not stay: nothing else can be put to a test."""
+    """Whether the replaced component is extern, so that it had to be replaced."""
     test = system.program.tests.get(plan_of(system).name)
     was = None if test is None else at(test, path)
     return not isinstance(was, typed.NodeSymbol) or was.extern

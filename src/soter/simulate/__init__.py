@@ -1,1 +1,1 @@
-"""Virtual-time runs on either engine."""
+"""Runs of systems, in virtual time on either engine or in real time, and their results."""

@@ -1,7 +1,7 @@
 """What the decision modules of a run saw and did, with reasons in words.
 
-Purpose: every DM step of a trace, and every change of mode, as plain records for logs, reports
-and terminals.
+Purpose: `steps` gives every DM step of a trace, and `changes` every change of mode, as plain
+records for logs, reports and terminals.
 Non-goals: deciding (the generated DM did), drawing.
 """
 
@@ -31,9 +31,9 @@ Mode = Literal["SC", "AC"]
 
 @dataclass(frozen=True)
 class PredicateValues:
-    """The predicates of a DM step; `clean_needed`: outputs AC still owes after a gate fault.
+    """The facts of a DM step; `clean_needed`: how many clean outputs AC owes after a gate fault.
 
-    `latched`: why its latch, where it has one, lets AC have no control; "" where it does.
+    `latched`: why its latch, if it has one, lets AC have no control; "": it does.
     """
 
     ttf: bool
@@ -44,7 +44,7 @@ class PredicateValues:
     latched: str = ""
 
     def predicates(self) -> dict[str, bool]:
-        """Name to value, as logs and reports show them."""
+        """The facts by name, as logs and reports show them."""
         return {
             "ttf": self.ttf,
             "safer": self.safer,
@@ -66,18 +66,18 @@ class DecisionStepRecord:
     margin_s: float
     """margin(M) right after it."""
     why: DecisionReason | None = None
-    """On which values; None where nothing changed, and where the states are not kept."""
+    """The values behind it; None where nothing changed, and where the states are not kept."""
     reads: tuple[TopicRead, ...] = ()
     """What the step read, of a module with `rest`: the estimate from which SC was followed."""
 
     @property
     def words(self) -> list[str]:
-        """What made it decide so, one phrase each."""
+        """The reasons for the decision, one phrase each."""
         return [] if self.why is None else self.why.words(self.before, self.after)
 
 
 class ObservedRun(Protocol):
-    """What is asked of a run (`result.Run`)."""
+    """What this file needs of a run (`result.Run`)."""
 
     system: System
     layout: StateLayout
@@ -87,7 +87,7 @@ class ObservedRun(Protocol):
 def changes(run: ObservedRun) -> list[DecisionStepRecord]:
     """The DM steps that changed a mode, in order of time.
 
-    Where SC was followed and a step took control from AC they tell which part of the tube failed.
+    For modules with `rest` a step that took control from AC has the part of the tube that failed.
     """
     explainer = Explainer(run.system, run.layout)
     found = [of_change(run.system, change, explainer) for change in run.changes]
@@ -99,7 +99,7 @@ def changes(run: ObservedRun) -> list[DecisionStepRecord]:
 
 
 def _failed_parts(run: ObservedRun) -> dict[int, str]:
-    """Of changes by number; nothing where no compiler of C can ask the check again."""
+    """The failed parts of tubes, by number of the change; empty without a compiler of C."""
     rests = [m.index for m in run.system.modules if m.symbol.rest is not None]
     lost = [(k, c) for k, c in enumerate(run.changes) if c.to != "AC" and c.ttf and c.states]
     lost = [(k, c) for k, c in lost if c.module in rests]
@@ -117,7 +117,7 @@ def _failed_parts(run: ObservedRun) -> dict[int, str]:
 def of_change(
     system: System, change: ModeChange, explainer: Explainer | None = None
 ) -> DecisionStepRecord:
-    """A change of mode, with its reason; by an `explainer` with the values, too."""
+    """The record of a change of mode with its reason; with an `explainer` also the values."""
     module = system.modules[change.module]
     saw = PredicateValues(change.ttf, change.safer, change.stale, change.gate_fault)
     after: Mode = "AC" if change.to == "AC" else "SC"
@@ -138,11 +138,11 @@ def steps(
     earlier: Any = None,  # noqa: ANN401 - a state
     explainer: Explainer | None = None,
 ) -> Iterator[DecisionStepRecord]:
-    """Every DM step of states that follow each other, (n,), in order of time, ties by module.
+    """Every DM step of consecutive states, (n,), in order of time, ties by module.
 
-    `earlier`: the state before the first, None at the start of a run. With an `explainer` those
-    that saw or did something else than the one before tell on which values, and those of modules
-    with `rest` what they read.
+    `earlier`: the state before the first, None at the start of a run. With an `explainer` a step
+    that saw or did something else than the one before has the values, and one of a module with
+    `rest` what it read.
     """
     due = decided_at(system, states)
     modules = states["modules"]
@@ -177,7 +177,7 @@ def margins(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDA
 
 
 def latched(module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """Where its latch lets AC of a module have no control, (n,), after instants; `states` (n,)."""
+    """Whether a module's latch lets AC have no control, (n,), after each of `states`, (n,)."""
     in_sc = states["modules"]["mode"][:, module.index] == 0
     if module.latch is None:
         return np.zeros_like(in_sc)
@@ -207,7 +207,7 @@ def _step(
     time_ns: int,
     waits: str,
 ) -> DecisionStepRecord:
-    """The DM step of an instant. Debts of AC are as they were before it: AC steps after DM."""
+    """The record of a DM step; AC's owed outputs are those before it, as AC steps after the DM."""
     now = modules[module.index]
     earlier = None if before is None else before[module.index]
     was_ac = module.forced == "ac" if earlier is None else bool(earlier["mode"])
@@ -241,14 +241,14 @@ def _is_new(now: Any, before: Any, module: int) -> bool:  # noqa: ANN401 - rows 
 
 
 def reason(before: Mode, after: Mode, saw: PredicateValues) -> str:
-    """Why a DM step decided as it did; "" where there is nothing to say."""
+    """Words on why a DM step decided as it did; "" where there is nothing to say."""
     if after == "SC":
         return " and ".join(_against(saw, staying=before == "SC"))
     return "safer: far enough inside φ_safe" if before == "SC" else ""
 
 
 def _against(saw: PredicateValues, *, staying: bool) -> Iterator[str]:
-    """What speaks against AC."""
+    """The reasons against AC having control, in words."""
     if saw.ttf and not staying:
         yield "ttf: must hold wherever φ_safe could be left within 2Δ (`soter verify` checks that)"
     if saw.stale:

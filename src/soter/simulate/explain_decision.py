@@ -1,8 +1,8 @@
-"""Why a decision module decided: which predicate, on which values.
+"""Explains why a decision module decided as it did: which predicate was true, on which values.
 
-Purpose: `Explainer`: of a DM step in a trace which topic was how old, which part of `ttf` or
-`safer` was true on what, which fault of AC the gate refused. The checked predicates are evaluated
-once more on what the step read, so that the C records nothing but its facts.
+Purpose: an `Explainer` finds, for a DM step of a trace, which topic was too old, which part of
+`ttf` or `safer` was true on which values, and which output of AC the gate refused. It evaluates the
+checked predicates once more on what the step read, so that the C has to record nothing but facts.
 Non-goals: deciding; words for a change as such (`decisions.py`).
 
 What a DM read is put together from two states. A topic has its value of this instant where who
@@ -53,12 +53,12 @@ NEAR, BEYOND = 0.1, 0.01
 """Shares of an axis: what is near its end, and where it is asked whether `safe` holds beyond."""
 NEAR_AN_END = "; the grid ends at {} = {}: `safe` holds beyond, which counts as unsafe there"
 SHOWN = 6
-"""Digits of a number, where these tell the two sides of a comparison apart."""
+"""The digits of a number in words, if they show that two compared sides differ."""
 
 
 @dataclass(frozen=True)
 class Operand:
-    """One side of a comparison: as it is written, and its value."""
+    """One side of a comparison: its text, and its value."""
 
     text: str
     value: Number
@@ -66,10 +66,10 @@ class Operand:
 
 @dataclass(frozen=True)
 class PredicatePart:
-    """A part of a predicate. `value` is None where it faulted: `fault` says how.
+    """A part of a predicate; `value` is None where it faulted, and `fault` says how.
 
-    `operands`: of a comparison both sides; of computed predicates the estimate, and its `level`: 0
-    outside S_0, 1 in S_0, 2 in S_(m-2).
+    `operands`: both sides of a comparison; for computed predicates the estimate, with its `level`:
+    0 outside S_0, 1 in S_0, 2 in S_(m-2).
     """
 
     text: str
@@ -105,11 +105,11 @@ class GateFault(NamedTuple):
 
 @dataclass(frozen=True)
 class DecisionReason:
-    """What a DM step went by.
+    """The reason of a DM step.
 
-    `ttf`, `safer`: their parts, any and all of which decide; empty where they are not `known`.
-    `owed`: outputs that AC owed. `led`: which part of the tube failed that SC was followed in; only
-    of changes of mode (`decisions.changes`).
+    `ttf`, `safer`: their parts (any part makes `ttf` true, all make `safer`); empty where they are
+    not `known`. `owed`: how many outputs AC owed. `led`: which part of the tube around SC's runs
+    failed; only for changes of mode (`decisions.changes`).
     """
 
     known: bool
@@ -121,7 +121,7 @@ class DecisionReason:
     led: str = ""
 
     def words(self, before: str, after: str) -> list[str]:
-        """What made the step decide as it did, one phrase each; nothing where AC just stays."""
+        """The reasons in words, one phrase each; empty where AC just stays."""
         if after == "AC":
             return [str(p) for p in self.safer] if before == "SC" else []
         phrases = [str(s) for s in self.stale]
@@ -136,7 +136,7 @@ class DecisionReason:
 
 
 class TopicRead(NamedTuple):
-    """What a step read of a topic; `age_ns` is None where nothing was ever published."""
+    """What a step read of a topic; `age_ns`: None where nothing was ever published."""
 
     topic: str
     type: Type
@@ -153,14 +153,14 @@ class Explainer:
         self._readers: dict[int, _PredicateReader] = {}
 
     def of(self, module: int, before: bytes | None, at: bytes) -> DecisionReason:
-        """Of the DM step of a module in the instant that ended in the state `at`.
+        """The reason of a module's DM step in the instant that ended in the state `at`.
 
         `before`: the state at the end of the instant before, None at the first one.
         """
         return self._reader(module).explain(before, at)
 
     def reads(self, module: int, before: bytes | None, at: bytes) -> tuple[TopicRead, ...]:
-        """What the same step read; nothing where steps are in any order, so that nobody knows."""
+        """What that DM step read; empty where steps come in any order, as it is not known then."""
         return () if self.system.shuffled else self._reader(module).reads(before, at)
 
     def _reader(self, module: int) -> _PredicateReader:
@@ -171,9 +171,9 @@ class Explainer:
         return self._readers[module]
 
     def safe(self, module: int) -> Callable[[bytes], bool] | None:
-        """Whether a module's `safe` holds on what topics hold in a state; a fault in it: no.
+        """A function: whether a module's `safe` holds on the topics of a state; a fault: no.
 
-        None where it asks an extern function.
+        None where `safe` calls an extern function.
         """
         reader = _PredicateReader(self.system, self.layout, self.system.modules[module])
         return reader.safe()
@@ -188,9 +188,9 @@ class _PredicateReader:
         self._early = published_before(system, module.dm)
         symbol = module.symbol
         self._level_known: int | None = None
-        """What the facts of a step say of the one level that there is; None: it is computed."""
+        """The level that the facts of a step imply, if there is one level; None: compute it."""
         self._refused_known: bool | None = None
-        """The same of commands that are judged."""
+        """Whether the judged commands were refused, if the facts imply it; None: compute it."""
         evaluator = Evaluator.of(module.scope)
         holds = evaluator.expression(symbol.safe)
         self._safe = None if evaluator.unbound else holds
@@ -198,7 +198,7 @@ class _PredicateReader:
         self._safer = [] if symbol.safer is None else self._parts(conjuncts(symbol.safer))
 
     def explain(self, before: bytes | None, at: bytes) -> DecisionReason:
-        """What the step went by."""
+        """The reason of a step; see `Explainer.of`."""
         facts = self._module_of(at, self.module)
         env = self._environment(before, at)
         ttf: tuple[PredicatePart, ...] = ()
@@ -221,7 +221,7 @@ class _PredicateReader:
         )
 
     def safe(self) -> Callable[[bytes], bool] | None:
-        """As `Explainer.safe` says."""
+        """See `Explainer.safe`."""
         return None if self._safe is None else lambda at: self._held(self._environment(at, at))
 
     def _held(self, env: Environment) -> bool:
@@ -234,7 +234,7 @@ class _PredicateReader:
     # ------------------------------------------------------------ what the step read
 
     def reads(self, before: bytes | None, at: bytes) -> tuple[TopicRead, ...]:
-        """As `Explainer.reads` says."""
+        """See `Explainer.reads`."""
         env, topics = self._environment(before, at), self.system.topics
         ages = {
             i: env.time_ns - env.stamps[i] for i in self.module.inputs if env.stamps[i] != NEVER
@@ -300,7 +300,7 @@ class _PredicateReader:
                 yield Stale(topic.name, age, topic.max_age_ns / 1e9)
 
     def _gate_fault(self, before: bytes | None) -> GateFault | None:
-        """AC steps after its DM: what the DM saw is of the instants before."""
+        """The gate fault that the DM saw, of an instant before, as AC steps after its DM."""
         if before is None:
             return None
         at = self.layout.component_offset + self.module.ac * COMPONENT.size
@@ -314,13 +314,13 @@ class _PredicateReader:
         return [self._computed(e) if self.module.computed else self._part(e) for e in parts]
 
     def _computed(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
-        """A level of the estimate is compared, or commands are judged."""
+        """A part of a computed predicate: a level of the estimate, or judged commands."""
         if isinstance(e, typed.TypedUnary) and self.module.shield is None:
             return self._level(e.operand, for_ttf=True)  # not `safer`
         return self._level(e) if isinstance(e, typed.TypedBinary) else self._shield(e)
 
     def _shield(self, e: typed.TypedExpr) -> Callable[[Environment], PredicatePart]:
-        """`!permits` of a shield, with what the DM read and the command that is held."""
+        """The part `!permits` of a shield, with what the DM read and the command that is held."""
         refused = self._evaluator.expression(e)
         module, topics = self.module, self.system.topics
         named = [
@@ -385,7 +385,7 @@ class _PredicateReader:
     def _level(
         self, e: typed.TypedExpr, *, for_ttf: bool = False
     ) -> Callable[[Environment], PredicatePart]:
-        """`level(x, ...) < 1` or `>= 2` of a computed predicate."""
+        """The part `level(x, ...) < 1` or `>= 2` of a computed predicate."""
         assert isinstance(e, typed.TypedBinary)
         assert isinstance(e.left, typed.TypedCall)
         level = self._evaluator.expression(e.left)
@@ -415,7 +415,7 @@ class _PredicateReader:
 
 
 class _Lazy(Sequence[T]):
-    """Values by index, asked for when they are needed."""
+    """A sequence whose values are computed when they are asked for."""
 
     def __init__(self, of: Callable[[int], T], size: int) -> None:
         self._of = of
@@ -437,7 +437,7 @@ def _changed(value: Sequence[Value], where: Sequence[int], x: float) -> Sequence
 
 
 def _leaf(t: Type, value: Any, path: Sequence[str]) -> Number:  # noqa: ANN401 - of a topic
-    """The number below a path of `leaves`."""
+    """The number at a path of `leaves` in a topic's value."""
     for k in positions(t, path):
         value = value[k]
     number: Number = value
@@ -454,7 +454,7 @@ def published_before(system: System, dm: int) -> frozenset[int]:
 
 
 def _any(parts: tuple[PredicatePart, ...]) -> bool:
-    """As a DM takes `ttf`: left to right, a fault counts as true; true where there is none."""
+    """The value of `ttf` by its parts, as a DM takes it: a fault is true; no part: true."""
     return next((True for p in parts if p.value or p.value is None), not parts)
 
 
@@ -478,7 +478,7 @@ def _number(e: typed.TypedExpr, value: Value) -> Number:
 
 
 def _compared(left: Operand, op: str, right: Operand, of: typed.TypedExpr) -> str:
-    """`Room(m) = 0.11 < LIMIT = 0.0`; a literal is told once."""
+    """Words for a comparison, as `Room(m) = 0.11 < LIMIT = 0.0`; a literal appears once."""
     a, b = _short(left.value), _short(right.value)
     if a == b and left.value != right.value:
         a, b = repr(left.value), repr(right.value)
@@ -491,7 +491,7 @@ def _short(value: Number) -> str:
 
 
 def path_of(e: typed.TypedExpr) -> str:
-    """A leaf of a topic by its name: what a computed predicate reads."""
+    """The name of the leaf of a topic that a computed predicate reads."""
     if isinstance(e, typed.TypedField):
         assert hasattr(e.target.type, "fields")
         return f"{path_of(e.target)}.{e.target.type.fields[e.index][0]}"

@@ -26,7 +26,7 @@ ANY_END = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class StopRequest:
-    """`wanted` once a signal came, `signal` which; `in_extern` while an extern's code runs."""
+    """`wanted`: a signal came, `signal` which one; `in_extern`: an extern's code is running."""
 
     def __init__(self) -> None:
         self.wanted = False
@@ -35,9 +35,9 @@ class StopRequest:
         self.signal = 0
 
     def on_signal(self, number: int, _frame: FrameType | None) -> None:
-        """Note it; a run stops by itself, what is no run is broken off, once.
+        """Notes a signal; a run then stops by itself, at the end of an instant.
 
-        Raises Stop in an extern's code, KeyboardInterrupt in what is no run.
+        It raises `Stop` in an extern's code, and `KeyboardInterrupt`, once, outside of a run.
         """
         again, self.wanted = self.wanted, True
         self.signal = self.signal or number
@@ -48,11 +48,11 @@ class StopRequest:
 
 
 _listening: list[StopRequest] = []
-"""The request that has the signals, if there is one."""
+"""The request that receives the signals, if there is one."""
 
 
 def stop_request() -> StopRequest:
-    """The request that has the signals already, or a new one."""
+    """The request that receives the signals already, or a new one."""
     return _listening[-1] if _listening else StopRequest()
 
 
@@ -60,7 +60,7 @@ def stop_request() -> StopRequest:
 def listening(
     request: StopRequest, numbers: tuple[signal.Signals, ...] = INTERRUPT
 ) -> Iterator[None]:
-    """Let signals reach the request, while inside; whoever else handles one keeps doing so."""
+    """A `with` block in which signals reach the request; other handlers stay as they are."""
     if threading.current_thread() is not threading.main_thread() or request in _listening:
         yield
         return
@@ -80,7 +80,7 @@ def listening(
 def stoppable(
     request: StopRequest, numbers: tuple[signal.Signals, ...] = INTERRUPT
 ) -> Iterator[None]:
-    """A run goes on inside: signals stop it at an instant."""
+    """A `with` block for a run, which signals stop at the end of an instant."""
     with listening(request, numbers):
         request.running = True
         try:
@@ -90,12 +90,12 @@ def stoppable(
 
 
 def stopped_by(request: StopRequest) -> str:
-    """The name of the signal that asked."""
+    """The name of the signal that asked for the stop."""
     return signal.Signals(request.signal).name if request.signal else "interrupted"
 
 
 def raise_again(request: StopRequest) -> NoReturn:
-    """What the signal would have done without the run: end the process, or `KeyboardInterrupt`."""
+    """Does what the signal would have done without a run: ends the process or KeyboardInterrupt."""
     if request.signal not in (0, signal.SIGINT):
         signal.raise_signal(request.signal)
     raise KeyboardInterrupt

@@ -1,8 +1,8 @@
-"""Where SC would lead from what a decision module with `rest` read: the check itself, watched.
+"""Shows where SC would lead from what a decision module with `rest` read, by watching its check.
 
-Purpose: `LedLooks`: the compiled predicates of a system, asked again about a state, with a note
-behind each call of `flow`, `safe`, `rests` and `settles` (`verify/tubes/*.soter`): the boxes of the
-tube, and the part that is not shown. All arithmetic is that of the C that flies.
+Purpose: `LedLooks` compiles the predicates of a system and asks them again about a state, with a
+note behind each call of `flow`, `safe`, `rests` and `settles` (`verify/tubes/*.soter`): boxes of
+the tube, and the part that is not shown. All arithmetic is that of the C that flies.
 Non-goals: deciding, drawing (`report/run/live_diagram.py`).
 """
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 ROOM = 8192
-"""Boxes of one look that are kept."""
+"""The most boxes of one look that are kept."""
 GOOD, SAFE, REST, MOVES, BOUNDED = range(5)
 TOLD = {
     SAFE: "on the way `safe` is not shown",
@@ -92,14 +92,14 @@ NOTED = {
     "rests": ("", "led_rests(led_said);"),
     "settles": (f"{BEGUN}\n  led_settles(true, led_from);", "led_settles(false, led_from);"),
 }
-"""What is noted before and after each function; its parameters by number."""
+"""The C notes before and after each watched function; its parameters go by number."""
 CHECK = "tubes.soter"
-"""Where functions of a check say that they stand."""
+"""The file name that functions of a check have in their places (`NAME` of verify/tubes)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Led:
-    """A look: `boxes` (k, 3 + 2 n) as in a `LedPicture`; `failed`: the part that is not shown.
+    """The tube of a look: `boxes` (k, 3 + 2 n) as in a `LedPicture`; `failed`: the part not shown.
 
     SC may begin early or late, so boxes overlap in time. They hold all states until SC is at rest.
     """
@@ -109,21 +109,21 @@ class Led:
 
 
 def _judgement(m: Module, name: str) -> str:
-    """What asks the predicates of a module, in C."""
+    """The C that asks the predicates of a module."""
     ttf, safer = (f"{name}_{p}(state, &nan)" for p in ("ttf", "safer"))
     good = f"!{ttf}" if m.shield is None else f"judged ? !{ttf} : {safer}"
     return f"if (m == {m.index}) {{ good = {good}; }}"
 
 
 class LedLooks:
-    """The checks of some modules of a system; SoterError, OSError where they are not compiled."""
+    """The checks of a system's modules; `SoterError`, `OSError` where they cannot be compiled."""
 
     def __init__(self, system: System, modules: Sequence[Module]) -> None:
         self.modules = modules
         asked = {m.index: calls_in(m.symbol.safer)[0].arguments for m in self.modules}
         read = {m: [a for a in of if not _of_map(a)] for m, of in asked.items()}
         self.names = {m: tuple([path_of(a) for a in every]) for m, every in read.items()}
-        """What the check of a module reads of each state that it follows."""
+        """The names of what a module's check reads, one for each state that it follows."""
         self.units = {m: tuple([getattr(a.type, "unit", "") for a in of]) for m, of in read.items()}
         self._late = {}
         builder = UnitBuilder(system, lower(system), None)
@@ -139,10 +139,10 @@ class LedLooks:
         self._ask = getattr(held, f"{unit.prefix}_led")
 
     def of(self, module: int, before: bytes | None, at: bytes, *, judged: bool = False) -> Led:
-        """Of the DM step in the instant that ended in the state `at`; `before`: the one before it.
+        """The tube of the DM step in the instant that ended in the state `at`, after `before`.
 
-        What is asked: whether the estimate is good with any command, or with those that were
-        `judged`, of a module that does so.
+        The check is asked whether the estimate is good with any command, or with those that were
+        `judged`, in a module that judges them.
         """
         state = np.frombuffer(at, dtype=self._dtype).copy()
         for name in self._late[module] if before is not None else ():
@@ -158,7 +158,7 @@ class LedLooks:
         return Led(boxes, failed.value)
 
     def told(self, module: Module, led: Led) -> str:
-        """The part that failed, and where; of a good look until when SC comes to rest."""
+        """Words on the part that failed, and where; for a good look on when SC comes to rest."""
         until = float(led.boxes[:, 2].max(initial=0.0))
         if led.failed == GOOD:
             return f"SC would be at rest {until:.3g} s after the estimate at the latest"
@@ -177,7 +177,7 @@ class LedLooks:
 
 
 def looks_of(system: System) -> LedLooks | None:
-    """Of its modules that follow SC; None: there is none, or no compiler that makes them."""
+    """The looks of modules with `rest`; None: there is none, or no compiler."""
     modules = [m for m in system.modules if m.symbol.rest is not None and m.computed]
     with contextlib.suppress(SoterError, OSError):
         return LedLooks(system, modules) if modules else None
@@ -185,7 +185,7 @@ def looks_of(system: System) -> LedLooks | None:
 
 
 def _of_map(e: typed.TypedExpr) -> bool:
-    """Whether a number is of a map, which no tube moves."""
+    """Whether an expression is a number of a map, which no tube moves."""
     while isinstance(e, (typed.TypedField, typed.Index)):
         e = e.target
     assert isinstance(e, typed.TopicRead)
@@ -193,7 +193,7 @@ def _of_map(e: typed.TypedExpr) -> bool:
 
 
 def _paths(e: object) -> Iterator[str]:
-    """What an expression reads of topics."""
+    """The names of the leaves of topics that an expression reads."""
     if isinstance(e, (typed.TopicRead, typed.TypedField, typed.Index)):
         with contextlib.suppress(AssertionError):
             yield path_of(e)
@@ -203,7 +203,7 @@ def _paths(e: object) -> Iterator[str]:
 
 
 def _asked(prefix: str, cases: Sequence[str]) -> str:
-    """The function that is called from here."""
+    """The C function that Python calls."""
     return f"""
 int {prefix}_led(int m, bool judged, const void *state, double *rows, int width, int *failed) {{
   bool nan = false, good = false;
@@ -230,7 +230,7 @@ def _all_watched(source: str, builder: UnitBuilder) -> str:
 
 
 def _watched(source: str, name: str, before: str, after: str) -> str:
-    """The C in which a function is called through one that notes what it gave."""
+    """The C with a function replaced by one that calls it and notes what it returned."""
     signature = rf"^SOTER_INLINE\s+([\w\s]+?)\s{name}\(([^)]*)\)\s*{{$"  # lines end where they like
     found = re.search(signature, source, re.MULTILINE)
     assert found is not None, name

@@ -1,8 +1,8 @@
-"""Whether a module's own `safe` holds on what its topics hold when an instant is over.
+"""Checks whether a module's own `safe` holds on its topics when an instant is over.
 
-Purpose: `CompiledSafe`, the predicates in C beside the program that runs natively, and
-`InterpretedSafe`, the same by the interpreter's evaluator, for runs of other programs. `SafeTally`
-counts the looks of each DM after whose instant `safe` was false: nodes behind the DM have stepped.
+Purpose: `CompiledSafe` evaluates the predicates in C, beside a program that runs natively;
+`InterpretedSafe` in the interpreter, for other runs. `SafeTally` counts the looks of each DM after
+whose instant `safe` was false, that is, after nodes behind the DM have stepped.
 Non-goals: properties, which are judged on the truth; why a DM decided (`explain_decision.py`).
 """
 
@@ -44,9 +44,9 @@ class SafeJudge(Protocol):
     """Judges `safe` of a module."""
 
     def is_false(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
-        """Per row of the states, (n,), whether it is false there; a fault in it counts as false.
+        """For each row of the states, (n,), whether `safe` is false there; a fault counts as false.
 
-        None where it asks an extern function, which is the run's alone to ask.
+        None where it calls an extern function, which only the run itself may call.
         """
 
 
@@ -70,11 +70,11 @@ class JudgedUnit(UnitBuilder):
 
     @staticmethod
     def names_of_more(system: System) -> tuple[str, ...]:
-        """The table and the predicate of each module."""
+        """The names of the table and of each module's predicate."""
         return ("safe", *(f"safe_{m.index}" for m in system.modules))
 
     def more(self) -> list[c.CTop]:
-        """The predicates, and the table by which they are found."""
+        """The C of the predicates, and of the table by which they are found."""
         functions: list[c.CTop] = []
         rows: list[tuple[None, c.CExpr]] = []
         for module, predicate in self.judged.items():
@@ -96,7 +96,7 @@ def _calls(p: Predicate) -> set[str]:
 
 
 def extern_functions(core: CoreSystem) -> set[str]:
-    """Functions that are extern, or call one; those that are called come first."""
+    """The names of functions that are extern, or call one."""
     extern: set[str] = set()
     for f in core.functions:
         called = {x.function for x in walk(f.body) if isinstance(x, Call)}
@@ -117,7 +117,7 @@ class CompiledSafe:
             self._table = address(library.ffi, path, name, "const soter_property_info *")
 
     def is_false(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
-        """As `SafeJudge` says; `states`, (n,), lie in order."""
+        """See `SafeJudge.is_false`; `states`, (n,), lie in order."""
         if module not in self._row:
             return None
         judge, size = self._table[self._row[module]].violated, states.dtype.itemsize
@@ -136,7 +136,7 @@ class InterpretedSafe:
         self._holds = [explainer.safe(m.index) for m in system.modules]
 
     def is_false(self, module: int, states: States, rows: Sequence[int]) -> list[bool] | None:
-        """As `SafeJudge` says, of `states`, (n,)."""
+        """See `SafeJudge.is_false`, for `states`, (n,)."""
         holds = self._holds[module]
         return None if holds is None else [not holds(states[row].tobytes()) for row in rows]
 
@@ -146,9 +146,9 @@ class InterpretedSafe:
 
 @dataclass(frozen=True)
 class SafeLooks:
-    """Of one module: looks of its DM with fresh reads, those in which `safe` was false, and when.
+    """Looks of a module's DM with fresh reads, those in which `safe` was false, and when.
 
-    `outside` is None where nobody judged.
+    `outside` is None where `safe` was not judged.
     """
 
     looks: int = 0
@@ -165,7 +165,7 @@ class SafeTally:
         self.looks = [SafeLooks() for _ in system.modules]
 
     def see(self, states: States, due: npt.NDArray[np.bool_]) -> None:
-        """The next states, (n,), and which modules have just looked in them, (n, modules)."""
+        """Takes the next states, (n,), and which modules have just looked in them, (n, modules)."""
         fresh = due & (states["modules"]["stale"] == 0)
         for module, needed in enumerate(self._inputs):
             own = fresh[:, module]
@@ -183,6 +183,6 @@ class SafeTally:
 
 
 def _needed(system: System, m: Module) -> list[int]:
-    """Topics that `safe` reads and a component publishes: before that they show nobody's state."""
+    """Topics that `safe` reads and components publish; before that they hold only defaults."""
     read = {m.scope.topics[t] for t in topic_reads(m.symbol.safe)}
     return sorted(read - set(environment_topics(system)))

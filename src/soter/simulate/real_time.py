@@ -1,4 +1,4 @@
-"""One run of a system in real time: the package of target `posix`, compiled, kept and run.
+"""One run of a system in real time: the package of target `posix` is compiled, kept and run.
 
 Purpose: `soter run --real-time`, and `--recorded` of a run that somebody made with the package
 (`FlightRecording`: the states after all instants, in order, and how late decision modules were). A
@@ -70,8 +70,8 @@ CUT = "its end is missing: the program that flew was killed, or the file was cut
 class FlightRecording:
     """A recording of a system, whose beginning was read.
 
-    `cut`: why it was not read to its end, "" where it was. `misses`: of the trusted part, as the
-    driver counted them. `last_ns`: the time of the last instant that was read.
+    `cut`: why it was not read to its end, "" where it was. `misses`: how often the trusted part
+    was late, as the driver counted. `last_ns`: the time of the last instant that was read.
     """
 
     path: Path
@@ -83,7 +83,7 @@ class FlightRecording:
     _looks: dict[tuple[int, str], tuple[int, int]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """SoterError D006 for what is no recording, D023 for one of something else."""
+        """Reads the beginning; `SoterError` D006 for no recording, D023 for another system's."""
         self._layout = state_layout(self.system)
         modules = max(len(self.system.modules), 1)
         self._record = np.dtype(
@@ -99,9 +99,9 @@ class FlightRecording:
             self.seed = self._head(file)
 
     def observed_by(self, observer: Observer, also: Callable[..., None] | None = None) -> None:
-        """Show all states to an observer; `also` is then given the `Looks` of its states.
+        """Shows all states to an observer; `also` is then given the `Looks` of its states.
 
-        SoterError D006 where the recording contradicts itself, or has a state that is none.
+        `SoterError` D006 where the recording contradicts itself, or has an impossible state.
         """
         if also is not None:
             observer.also = partial(also, looks=self._looks)
@@ -123,7 +123,7 @@ class FlightRecording:
             raise self._unreadable(reason(error)) from error
 
     def _head(self, file: BinaryIO) -> int:
-        """Reads what flew, and compares it; the seed."""
+        """Reads and compares which system flew; returns the seed."""
         head, _, _ = file.read(HEAD_MAX).partition(b"\n\n")
         file.seek(len(head) + 2)
         first, *lines = head.decode("utf-8", "replace").split("\n")
@@ -141,7 +141,7 @@ class FlightRecording:
         return int(seed)
 
     def _blocks(self) -> Iterator[npt.NDArray[np.uint8]]:
-        """States, (n, size) bytes, up to where something is missing."""
+        """The states in blocks, (n, size) bytes, up to where something is missing."""
         with self._opened() as file:
             self._head(file)
             begin, said, size = file.tell(), self._end(file), self._record.itemsize
@@ -165,7 +165,7 @@ class FlightRecording:
             self.cut = self._missing(said - number)
 
     def _end(self, file: BinaryIO) -> int | None:
-        """How many instants it says it has; None where its end is missing. The hash is compared."""
+        """How many instants it claims to have, with its hash compared; None: its end is missing."""
         begin = file.tell()
         size = file.seek(0, 2)
         file.seek(max(size - END_BYTES, begin))
@@ -182,7 +182,7 @@ class FlightRecording:
         return int(end[1])
 
     def _in_order(self, records: npt.NDArray[Any], number: int) -> npt.NDArray[Any]:
-        """The records up to the first one that is not the next; SoterError D006 for wrong ones."""
+        """The records up to the first one out of sequence; `SoterError` D006 for wrong ones."""
         numbers = records["number"].astype(np.int64)
         due = np.arange(number, number + len(records))
         fits = numbers == due
@@ -195,7 +195,7 @@ class FlightRecording:
         return whole
 
     def _told(self, records: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
-        """The states of records, of which the rest is noted."""
+        """The states of records; what else they say is noted."""
         self.misses += int(records["misses"].sum())
         self.last_ns = int(records["ct"][-1])
         self._looks.clear()
@@ -226,12 +226,12 @@ class FlightRecording:
 
 LOOK_S = 0.05
 WAIT_S = 60
-"""How long workers may load."""
+"""How many seconds the processes of externs may take to load."""
 MEMORY_MIB = 16_384
-"""Of a worker: Python reserves much more than it uses."""
+"""The memory limit of such a process, in MiB: Python reserves much more than it uses."""
 FINE = (0, 3, 4, 130)
 RECORDED = "recorded"
-"""In place of an engine."""
+"""Stands in the place of an engine's name."""
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ class BuiltPackage:
 
 
 def why_not(bindings: Bindings, engine: str) -> str:
-    """Why a run cannot be in real time but only be paced; empty where it can."""
+    """Why a run cannot be in real time, only paced by the clock; "": it can."""
     if engine != "native":
         return "the interpreter has no clock"
     if sys.platform != "linux":
@@ -258,7 +258,7 @@ def why_not(bindings: Bindings, engine: str) -> str:
 
 
 def build(system: System, core: CoreSystem) -> BuiltPackage:
-    """The package, from the cache or compiled now; SoterError X004, X008."""
+    """The package, from the cache or compiled now; `SoterError` X004, X008."""
     if system.externals:
         raise SoterError((_nobody_speaks(system),))
     compiler = find()
@@ -301,9 +301,9 @@ def run_real_time(
     also: Callable[..., None] | None = None,
     quiet: bool = False,
 ) -> Run:
-    """Run against the clock, to `until_ns` or until `stop` is wanted; its trace is (instants,).
+    """Runs in real time, to `until_ns` or until `stop` is wanted; the trace is (instants,).
 
-    SoterError X004, X008 where it cannot be built, X011 where the driver does not run.
+    `SoterError` X004, X008 where it cannot be built, X011 where the driver does not run.
     """
     system = bindings.system
     built = build(system, bindings.core)
@@ -331,7 +331,7 @@ def run_recorded(
     hash_trace: bool = False,
     also: Callable[..., None] | None = None,
 ) -> Run:
-    """The run that a recording is of; `cut` where that was not read to its end."""
+    """The run that was recorded; `cut` says why the recording was not read to its end."""
     system, began = recording.system, time.perf_counter()
     observer = _observer(system, keep_trace, hash_trace=hash_trace)
     recording.observed_by(observer, also)
@@ -342,7 +342,7 @@ def run_recorded(
 
 
 def _observer(system: System, keep_trace: Kept, *, hash_trace: bool) -> Observer:
-    """SoterError U001 where `keep_trace` names no part of the system."""
+    """The observer of a run; `SoterError` U001 where `keep_trace` names no part of the system."""
     layout = state_layout(system)
     dtype, names = state_dtype(layout), names_of(keep_trace)
     return Observer(
@@ -364,7 +364,7 @@ def _run_of(
     wall_s: float,
     duration_s: float,
 ) -> Run:
-    """What an observer saw."""
+    """The result of what an observer saw."""
     layout = state_layout(system)
     dtype = state_dtype(layout)
     last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
@@ -392,7 +392,7 @@ def _driven(
     *,
     quiet: bool,
 ) -> dict[str, Any]:
-    """The driver's report; SoterError X011 where there is none."""
+    """Runs the driver and returns its report; `SoterError` X011 where there is none."""
     program = _runnable(built, work)
     command = [str(program), "--json", "--seed", str(seed), "--until", f"{until_ns / 1e9!r}"]
     command += ["--record", str(work / "states"), "--wait", str(WAIT_S)]
@@ -426,7 +426,7 @@ def _driven(
 
 
 def _runnable(built: BuiltPackage, work: Path) -> Path:
-    """Copies of the programs that may be executed: what is kept may not."""
+    """The path of an executable copy of the program: files in the cache may not be executed."""
     for path in built.folder.iterdir():
         if path.name != "seals":
             (work / path.name).symlink_to(path) if path.is_dir() else shutil.copy2(path, work)

@@ -1,7 +1,7 @@
 """The result of a run: what happened, by the names people use.
 
-Purpose: the final state and, where one was kept, the trace as violations, modules, topics, truths
-and plain arrays; notes on results that look fine and probably are not.
+Purpose: a `Run` gives the final state and, if a trace was kept, violations, modules, topics, truths
+and plain arrays; its notes point at results that look fine and probably are not.
 Non-goals: running (`run.py`), decoding single values (`run_fields.py`), drawing.
 """
 
@@ -36,12 +36,12 @@ if TYPE_CHECKING:
     from soter.simulate.run_observer import FirstFault, ModeChange
 
 TOGETHER_MIN = 4
-"""In so many decisions ttf and safer must have held together before it is worth a note."""
+"""In at least this many decisions ttf and safer must have held together for a note."""
 
 
 @dataclass(frozen=True)
 class Violation:
-    """Something that counts: an onset of a violated property, or a latched component.
+    """A violation: an onset of a violated property, or a latched component.
 
     `time_s` is the first onset; `count` how many onsets there were; `span` where the property
     or the component's declaration stands.
@@ -71,7 +71,7 @@ class ModuleSummary:
     outside: int | None = None
     first_outside_s: float | None = None
     nan_looks: int = 0
-    """Steps of its DM in which `ttf` or `safer` compared a NaN; 65,535 says so many or more."""
+    """How many DM steps compared a NaN in `ttf` or `safer`; 65,535: that many or more."""
 
 
 @dataclass(eq=False, repr=False, kw_only=True)
@@ -113,7 +113,7 @@ class Run:
     externs: dict[str, str] = field(default_factory=dict)
     """What answered each extern, in words."""
     extern_files: dict[str, dict[str, str]] = field(default_factory=dict)
-    """SHA-256 of the files that answered each extern: weights beside a policy, what C includes."""
+    """The SHA-256 of the files behind each extern: weights of a policy, what C includes."""
     computed: list[str] = field(default_factory=list)
     """A note on each module whose `ttf` and `safer` were computed."""
     proofs: dict[str, Proof] = field(default_factory=dict)
@@ -128,11 +128,11 @@ class Run:
     safe_looks: list[SafeLooks] = field(default_factory=list)
     """By module: in which looks of its DM its own `safe` was false (hashed or traced runs)."""
     cut: str = ""
-    """Why what was recorded of it was not read to its end; "" where it was, and in virtual time."""
+    """Why a recording of it was not read to its end; "" where it was, and in virtual time."""
     misses_recorded: int = 0
-    """Of a flight that was recorded: how often the trusted part was late."""
+    """How often the trusted part was late in a recorded flight."""
     page: Callable[[Run], str] | None = field(default=None, repr=False, compare=False)
-    """Gives the report as one HTML text, "" where it cannot be made; for notebooks."""
+    """Makes the report as one HTML text, "" where it cannot be made; for notebooks."""
 
     def __repr__(self) -> str:
         count = f"{self.violations} violation{'' if self.violations == 1 else 's'}"
@@ -144,7 +144,7 @@ class Run:
 
     @property
     def never_answered(self) -> dict[str, int]:
-        """Externs that failed in every step that they were asked for, and in how many."""
+        """The externs that failed in every step that they were asked for, and in how many."""
         faults = self._faults
         return {
             name: tally.steps
@@ -154,13 +154,13 @@ class Run:
 
     @property
     def late(self) -> bool:
-        """In real time: whether the trusted part missed more than is allowed."""
+        """Whether, in real time, the trusted part was late more often than is allowed."""
         timing = self.timing
         return timing is not None and bool(timing["misses"] > timing["misses_allowed"])
 
     @property
     def failures(self) -> list[str]:
-        """What externs had to say when they failed first, a sentence each."""
+        """A sentence on the first failure of each extern."""
         often = {n: "once" if k == 1 else f"{k:,} times" for n, k in self._faults.items()}
         for name, steps in self.never_answered.items():
             often[name] = f"in every step ({steps:,}), nothing of it was tried"
@@ -189,7 +189,7 @@ class Run:
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know about this run, in words."""
+        """Sentences that a person should read about this run."""
         return _notes_of(self)
 
     @property
@@ -199,7 +199,7 @@ class Run:
 
     @property
     def reached_s(self) -> float:
-        """Time of the last instant, s."""
+        """The time of the last instant in s."""
         return max(int(self.final["header"]["ct"]), 0) / 1e9
 
     @property
@@ -316,7 +316,7 @@ class Run:
 
 
 def _declaration(x: Component) -> Span:
-    """Where the code of a component stands, not where a system makes use of it."""
+    """The place of a component's code, not the place where a system uses it."""
     declared = x.node or x.plant
     return declared.span if declared is not None else x.span
 
@@ -325,7 +325,7 @@ def _declaration(x: Component) -> Span:
 
 
 def _kept(run: Run, name: str = "") -> npt.NDArray[Any]:
-    """What was kept of the trace, (n,); SoterError U001 where `name` is not in it."""
+    """What was kept of the trace, (n,); `SoterError` U001 where `name` is not in it."""
     if run.trace is None:
         raise mistake("U001", "this run kept no trace", "ask for it: simulate(trace=True)")
     if name and run.recorded is not None and name not in run.recorded:
@@ -385,13 +385,13 @@ def _names(run: Run) -> list[str]:
 
 
 def _notes_of(run: Run) -> list[str]:
-    """One sentence each."""
+    """The notes of a run, one sentence each."""
     more = (*_late(run), *_silent(run), *_together(run))
     return [*_outside(run), *_compared_nan(run), *_moved(run), *run.computed, *more]
 
 
 def _outside(run: Run) -> Iterator[str]:
-    """A module's own `safe`, on estimates: properties say what was so in truth."""
+    """Notes that a module's own `safe` was false on estimates; properties are about the truth."""
     for name, m in run.modules.items():
         if m.outside:
             yield (
@@ -401,7 +401,7 @@ def _outside(run: Run) -> Iterator[str]:
 
 
 def _compared_nan(run: Run) -> Iterator[str]:
-    """A NaN in a predicate is danger, and hardly what anybody meant."""
+    """Notes that predicates compared a NaN, which counts as danger and is hardly intended."""
     for name, m in run.modules.items():
         if m.nan_looks:
             looks = f"{m.nan_looks:,}{' or more' if m.nan_looks == NAN_LOOKS_MAX else ''}"
@@ -409,7 +409,7 @@ def _compared_nan(run: Run) -> Iterator[str]:
 
 
 def _moved(run: Run) -> Iterator[str]:
-    """A share of AC says little where its commands were moved."""
+    """Notes that commands of AC were moved, so that AC's share of the time says little."""
     for m, (published, moved) in zip(run.system.modules, run.moved_commands, strict=False):
         if moved:
             share = f"{moved:,} of {published:,} commands of AC"
@@ -417,7 +417,7 @@ def _moved(run: Run) -> Iterator[str]:
 
 
 def _late(run: Run) -> Iterator[str]:
-    """In real time: more misses of the trusted part than are allowed; what rests on it is void."""
+    """Notes, in real time, that the trusted part was late too often, which voids proofs."""
     timing = run.timing
     if run.misses_recorded:
         yield f"the trusted part was late in this flight: {run.misses_recorded} misses"
@@ -430,7 +430,7 @@ def _late(run: Run) -> Iterator[str]:
 
 
 def silence_of(timing: dict[str, Any]) -> list[str]:
-    """What actuators did in the longest silence of a real-time run: words for each module."""
+    """Words, for each module, on what actuators did in a real-time run's longest silence."""
     laws = {name: of["silence_law_ns"] for name, of in timing["leases"].items()}
     return [
         f"{name} was held by its law for the last {laws[name] / 1e6:.1f} ms of it"
@@ -441,7 +441,7 @@ def silence_of(timing: dict[str, Any]) -> list[str]:
 
 
 def _silent(run: Run) -> Iterator[str]:
-    """Externs without anything to say in more than half of their steps."""
+    """Notes on externs that published nothing in more than half of their steps."""
     plants = {x.name for x in run.system.components if x.plant is not None}
     for name, tally in run.extern_tallies.items():
         if 2 * tally.silent > tally.steps:
@@ -450,7 +450,7 @@ def _silent(run: Run) -> Iterator[str]:
 
 
 def _together(run: Run) -> Iterator[str]:
-    """`ttf` says that φ_safe could be left, `safer` that there is room: hardly both."""
+    """Notes that `ttf` (`safe` could be left) and `safer` (there is room) held together."""
     for module, (steps, together) in zip(run.system.modules, run.decided, strict=False):
         if together >= TOGETHER_MIN:
             yield (

@@ -1,7 +1,7 @@
-"""What a result rests on, and what it does not show: assumptions are output.
+"""The assumptions of a result, and what it does not show: assumptions are output.
 
-Purpose: per module which of the paper's properties are proved, and in words everything that a
-run or a check takes for granted.
+Purpose: `verdicts` says which of the paper's properties of a module are proved; `of_run` puts
+everything that a run takes for granted into words.
 Non-goals: proving (`verify/`).
 """
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 PROVED = ("P1a", "P1b")
 ASSUMED = ("P1c", "P2a", "P2b", "P3")
 NAMED_MAX = 2
-"""More signals that one bound is of are counted."""
+"""If a bound is that of more signals than this, the others are only counted."""
 
 
 def verdicts(module: Module) -> dict[str, str]:
-    """Property to `proved` or `assumed`; what is ill-formed never gets this far."""
+    """`proved` or `assumed` for each property; an ill-formed program never gets this far."""
     del module  # all alike: nothing is proved here
     return {**dict.fromkeys(PROVED, "proved"), **dict.fromkeys(ASSUMED, "assumed")}
 
@@ -43,7 +43,7 @@ def _stays_free(system: System, modules: Iterable[Module]) -> Iterator[str]:
 
 
 def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
-    """What is taken for granted about code: modules that may switch, externs that are trusted.
+    """Assumptions about code: modules that may switch, externs that are trusted.
 
     `proofs`: by module, where exactly this system was verified.
     """
@@ -62,7 +62,7 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
 
 
 def _of_proofs(system: System, free: list[Module], proofs: Mapping[str, Proof]) -> list[str]:
-    """What is proved of modules, claimed of none, or assumed."""
+    """Sentences on what is proved of modules, not claimed, or assumed."""
     assumptions = [
         _proved(m.name, proofs[m.name], _whilst(system, m)) + _outside(system)
         for m in free
@@ -81,7 +81,7 @@ def _of_proofs(system: System, free: list[Module], proofs: Mapping[str, Proof]) 
 
 
 def _acts_ns(m: Module) -> int:
-    """How late its commands may act, as declared for its proof."""
+    """How late a module's commands may act, in ns, as declared for its proof."""
     acts = m.symbol.verify.acts
     return 0 if acts is None else int(Evaluator(m.scope.params).value(acts))
 
@@ -104,13 +104,13 @@ def _at_once(m: Module) -> str:
 
 
 def _whilst(system: System, m: Module) -> str:
-    """Of a module below others: when what is said of it holds."""
+    """Words on when a claim about a module below others holds; "": always."""
     names = " and ".join(x.name for x in modules_above(system, m.index))
     return f" (while {names} is in AC)" if names else ""
 
 
 def _proved(name: str, proof: Proof, whilst: str) -> str:
-    """What is known of a module, and what is still taken for granted."""
+    """A sentence on what is proved of a module, and what is still assumed."""
     count = len(proof.assumptions)
     parts = []
     if shown := proof.of("proved", *ASSUMED):
@@ -125,7 +125,7 @@ def _proved(name: str, proof: Proof, whilst: str) -> str:
 
 
 def _outside(system: System) -> str:
-    """What the claim of exactly this does not cover."""
+    """Words on what in the system no proof covers."""
     names = [x.name for x in system.components if x.extern and x.role != "ac"]
     names += [f.name for f in system.program.funs.values() if f.extern]
     if not names:
@@ -140,7 +140,7 @@ def _who_checks(system: System) -> str:
 
 
 def forced(system: System) -> list[str]:
-    """Modules that are an experiment's control arm."""
+    """Sentences on modules that are forced, as the control arm of an experiment."""
     return [
         f"{m.name} is forced to {m.forced.upper()}: it protects nothing in this system"
         for m in system.modules
@@ -149,7 +149,7 @@ def forced(system: System) -> list[str]:
 
 
 def of_environment(system: System) -> list[str]:
-    """What is taken for granted about the plants and the inputs of a system."""
+    """Assumptions about the plants and the inputs of a system."""
     assumptions = []
     for x in system.components:
         if x.plant is not None:
@@ -170,7 +170,7 @@ def of_environment(system: System) -> list[str]:
 
 
 def of_steps(system: System) -> list[str]:
-    """How long steps are said to take."""
+    """Assumptions about how long steps take."""
     return [
         f"{x.name} takes {_interval(*x.takes_ns)} a step, drawn evenly; what it publishes counts "
         "then, and releases meanwhile are lost"
@@ -184,7 +184,7 @@ def _interval(low: int, high: int) -> str:
 
 
 def of_faults(system: System) -> list[str]:
-    """What goes wrong on purpose, and whether proofs permit it."""
+    """Sentences on declared faults, and whether proofs permit them."""
     said: dict[str, bool] = {}
     for f in system.faults:
         if f.on is None:
@@ -201,7 +201,7 @@ def of_faults(system: System) -> list[str]:
 
 
 def of_run(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
-    """Everything a run of this system rests on; `proofs` as of `unproved`."""
+    """All assumptions of a run of this system; `proofs` as in `unproved`."""
     taken = [*unproved(system, proofs), *forced(system), *of_steps(system), *of_environment(system)]
     return [*taken, *of_faults(system)]
 
@@ -223,7 +223,7 @@ def _plant(system: System, x: Component) -> list[str]:
 
 
 def _errors(system: System, x: Component) -> str:
-    """Each bound with its unit; of several, which signals it is of."""
+    """Words for each error bound with its unit and, if there are several, its signals."""
     signals: dict[str, list[str]] = {}
     for m in x.measured:
         topic = system.topics[m.topic]
@@ -239,5 +239,5 @@ def _errors(system: System, x: Component) -> str:
 
 
 def _unit(t: Type) -> str:
-    """The unit of a number behind it; of what has several leaves each may have its own."""
+    """The unit to write behind a number; "" for a type with several leaves."""
     return f" {t.unit}" if isinstance(t, (FloatType, IntType)) and t.unit else ""

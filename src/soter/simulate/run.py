@@ -1,10 +1,10 @@
 """One virtual-time run of a system, on either engine, as fast as it can or against the wall clock.
 
-Purpose: run, hash and keep what is asked for; the result is the final state plus, if wanted, the
-state after every instant, both as numpy records of the documented layout. A run that is stopped
-half-way is a run until there. `state_bytes`: the configuration of the interpreter as the bytes of
-the generated program's state, so that both engines give one trace. `Pacer`: no instant happens
-before its time on the clock, and how late the worst was.
+Purpose: `NativeProgram.run` and `run_interpreted` run, hash and keep what is asked for; the result
+is the final state and, if wanted, the state after every instant, as numpy records of the documented
+layout. A run that is stopped half-way is a run until there. `state_bytes` writes a configuration of
+the interpreter as the bytes of the generated program's state, so that both engines give one trace.
+A `Pacer` lets no instant happen before its time on the clock, and notes how late the worst was.
 Non-goals: guarantees of time (the real-time runtime has priorities and a driver of its own);
 printing, logs, many runs at once (campaigns), finding externs (`bindings.py`).
 """
@@ -62,7 +62,7 @@ if TYPE_CHECKING:
 
 
 NAP_S = 0.01
-"""Longest single sleep, so that Ctrl-C is answered at once."""
+"""The longest single sleep in s, so that Ctrl-C is answered at once."""
 
 
 class Pacer:
@@ -73,7 +73,7 @@ class Pacer:
         self.lag_s_max = 0.0
 
     def wait(self, time_ns: int, stop: StopRequest) -> None:
-        """Sleep until virtual time `time_ns`, or until a stop is wanted."""
+        """Sleeps until virtual time `time_ns`, or until a stop is wanted."""
         now_s = time.perf_counter()
         if self._began_s is None:
             self._began_s = now_s - time_ns / 1e9
@@ -90,7 +90,7 @@ MASK = 2**64 - 1
 def state_bytes(
     system: System, layout: StateLayout, c: Configuration, record: Record, seed: int
 ) -> bytes:
-    """The state struct of a configuration at the end of an instant."""
+    """The bytes of the state struct for a configuration at the end of an instant."""
     out = bytearray(layout.size)
     HEADER.pack_into(
         out,
@@ -150,7 +150,7 @@ def state_bytes(
 
 
 def _following(x: Component, ct: int) -> int:
-    """The release of a component after `ct`, ns."""
+    """The first release of a component after `ct`, in ns."""
     if ct < x.phase_ns:
         return x.phase_ns
     return x.phase_ns + ((ct - x.phase_ns) // x.period_ns + 1) * x.period_ns
@@ -158,14 +158,14 @@ def _following(x: Component, ct: int) -> int:
 
 CHUNK_BYTES = 4 * 1024 * 1024
 BLOCK = 1024
-"""So many states at most are kept from the observer, and so from the log, by externs."""
+"""With externs, after this many states at most the observer, and so the log, gets them."""
 SLICE_NS = 1_000_000_000
 """Without a trace, how much virtual time may pass until Ctrl-C is looked at."""
 LARGE_C = 800_000
-"""Characters of C from which a run does not wait for all that a compiler can do: of a thousand
-nodes it takes 2 s in place of 5, and the program 1.4 times as long, to the same bits."""
+"""From this many characters of C on it is compiled with less optimisation: for a thousand nodes in
+2 s instead of 5; the program then takes 1.4 times as long, to the same bits."""
 BATCH = 64
-"""States of the interpreter that are observed together."""
+"""How many states of the interpreter are observed together."""
 
 
 class LoadedProgram(NamedTuple):
@@ -202,7 +202,7 @@ class NativeProgram:
         self._keeps = bool(kept_by(self.unit))
 
     def loaded(self) -> LoadedProgram:
-        """What is run; C that may keep something from call to call begins with nothing kept."""
+        """The loaded library; C that may keep state between calls is loaded afresh."""
         if not self._keeps:
             return self._shared
         with another_copy(self._path) as path:
@@ -229,11 +229,11 @@ class NativeProgram:
         pacer: Pacer | None = None,
         also: Also | None = None,
     ) -> Run:
-        """Run from the start to `until_ns`, or until `stop` is wanted.
+        """Runs from the start to `until_ns`, or until `stop` is wanted.
 
-        What is hashed, traced or `observed` counts instants, changes of mode and first faults.
-        `also` is given what is observed, block by block: records (n,) and the changes of mode in
-        them. SoterError U001 where `keep_trace` names no part of the system.
+        Instants, changes of mode and first faults are counted if the run is hashed, traced or
+        `observed`. `also` is given what is observed, block by block: records (n,) and the changes
+        of mode in them. `SoterError` U001 where `keep_trace` names no part of the system.
         """
         require_plain()
         bound = bound or {}
@@ -294,7 +294,7 @@ class _Drive:
             self.buffer = np.zeros((room, program.layout.size), dtype=np.uint8)
 
     def to(self, until_ns: int, progress: Progress | None, pacer: Pacer | None) -> bool:
-        """Run; False where a stop was wanted before the end."""
+        """Runs to `until_ns`; False where a stop was wanted before."""
         limit_ns = -1
         try:
             while True:
@@ -313,7 +313,7 @@ class _Drive:
             self._flush()
 
     def _next_limit(self, limit_ns: int, until_ns: int, pacer: Pacer | None) -> int:
-        """How far to run before looking up again."""
+        """The virtual time until which to run before Ctrl-C, progress and clock are looked at."""
         if pacer is not None:
             due_ns = min(self.library.next_instant(self.state), until_ns)
             pacer.wait(due_ns, self.stop)
@@ -321,7 +321,7 @@ class _Drive:
         return until_ns if self.buffer is not None else min(limit_ns + SLICE_NS, until_ns)
 
     def _advance(self, limit_ns: int) -> bool:
-        """Run to `limit_ns`, a full trace, or an extern, which is answered; True at the limit."""
+        """Runs to `limit_ns`, a full trace, or an extern, which is answered; True at the limit."""
         part = self.buffer[self.filled :] if self.buffer is not None else None
         status, written, due = self.library.run(self.state, limit_ns, part)
         _undisturbed(self.process)
@@ -353,7 +353,7 @@ def run_interpreted(
     pacer: Pacer | None = None,
     also: Also | None = None,
 ) -> Run:
-    """The same run in the reference interpreter; SoterError X003 where an extern's `reset` raises.
+    """A run in the reference interpreter; `SoterError` X003 where an extern's `reset` raises.
 
     `also` is given what is observed, block by block: records (n,) and the changes of mode in them.
     """
@@ -414,9 +414,9 @@ def _observer(
     also: Also | None,
     judge: SafeJudge | None = None,
 ) -> Observer:
-    """What watches a run; `judge`: by default the evaluator of the interpreter.
+    """The observer of a run; `judge`: by default the evaluator of the interpreter.
 
-    SoterError U001 where `keep_trace` names no part of the system.
+    `SoterError` U001 where `keep_trace` names no part of the system.
     """
     names = names_of(keep_trace)
     parts = None if names is None else TraceParts(system, layout, dtype, names)
@@ -430,7 +430,7 @@ def _observer(
 def _interpret(
     interpreter: Interpreter, until_ns: int, observe: Callable[[Configuration, Record], None]
 ) -> bool:
-    """Run; False where a stop was wanted before the end."""
+    """Runs the interpreter to `until_ns`; False where a stop was wanted before."""
     require_plain()
     try:
         interpreter.run(until_ns, observe)
@@ -442,7 +442,7 @@ def _interpret(
 
 
 def _undisturbed(process: int) -> None:
-    """What externs were called for is done, in this process, which computes as before."""
+    """Ends this process if an extern forked it; `SoterError` X012 if floats changed in it."""
     end_copy(process)
     require_plain()
 

@@ -1,7 +1,7 @@
 """The figures of a run as plain data: what `soter run --json` prints and a script reads.
 
-Purpose: the document's run fields, final values of topics and plants by full name, faults of
-components; numbers as JSON knows them.
+Purpose: `DOCUMENT` lists the document's fields of a run; `final_values` gives the last values of
+topics and plants by full name, `component_faults` the faults; numbers are as JSON has them.
 Non-goals: printing; what only one example cares about, which it adds itself.
 """
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 
 CHANGES_MAX = 1000
-"""More mode changes than anybody reads: the document says how many there were."""
+"""The most mode changes in the document, which also says how many there were."""
 
 
 class ExplainedStep(Protocol):
-    """A DM step of which is known on which values it decided."""
+    """A DM step with the values on which it decided."""
 
     words: list[str]
     why: DecisionReason

@@ -72,7 +72,7 @@ if TYPE_CHECKING:
 
 
 def write_log(run: Run, path: str | Path, version: str) -> Path:
-    """Write the log of a traced run to `path`; SoterError D006 where it cannot be written."""
+    """Writes the log of a traced run to `path`; `SoterError` D006 where it cannot be written."""
     trace = run.require_trace()
     log = RunLog(Path(path), version)
     log.begin(run.system, run.layout, run.seed, run.engine, run.externs)
@@ -108,7 +108,7 @@ class RunLog:
         engine: str,
         externs: Mapping[str, str],
     ) -> None:
-        """What is going to run. The file is not touched before there is something to log."""
+        """Takes what is going to run; the file is not touched before there is something to log."""
         self._system, self._layout = system, layout
         self._explainer = Explainer(system, layout)
         self.path = self.path(system) if callable(self.path) else self.path
@@ -139,14 +139,14 @@ class RunLog:
         changes: Sequence[ChangeSeen],
         looks: Looks = MappingProxyType({}),
     ) -> None:
-        """The next states, (n,), the changes of mode among them, and how late DMs were."""
+        """Takes the next states, (n,), the changes of mode among them, and how late DMs were."""
         if self.problem is None:
             with self._kept_problem():
                 self._opened().add(self._blocks(states, changes, looks))
                 self._earlier = states[-1:].copy()
 
     def end(self, run: Run | None, why: str) -> None:
-        """The run is over; `why` it did not reach its end, "" where it did."""
+        """Ends the log of a run; `why` it did not reach its end, "" where it did."""
         if self.problem is None:
             hash_ = run.trace_sha256 if run is not None else None
             ended = f"{ABNORMALLY}{why}" if why else "at its end"
@@ -154,7 +154,7 @@ class RunLog:
                 self._opened().close({"ended": ended, "trace_sha256": hash_ or ""})
 
     def end_by(self, error: BaseException) -> None:
-        """The run was broken off; before its first instant there is nothing to keep."""
+        """Ends the log of a run that an error broke off; without an instant nothing is kept."""
         if self._log is not None:
             self.end(None, type(error).__name__)
 
@@ -192,7 +192,7 @@ class RunLog:
             yield LogChannel(name, schema, of)
 
     def _topic(self, states: npt.NDArray[Any], topic: Topic) -> Iterator[Message]:
-        """The first value, and then every publication."""
+        """The messages of a topic: its first value, then every publication."""
         offset, stamps = self._layout.topic_offset(topic.index), states["stamps"][:, topic.index]
         published = stamps == states["header"]["ct"]
         if topic.index in {e.topic for e in self._system.externals}:  # stamped as it was measured
@@ -203,7 +203,7 @@ class RunLog:
             yield time_ns, _message(topic.type, value)
 
     def _truth(self, states: npt.NDArray[Any], plant: Component) -> Iterator[Message]:
-        """The true state after every release of a plant."""
+        """The messages of a plant's true state, after each of its releases."""
         assert plant.plant is not None
         truth = plant.plant.truth
         released = (states["header"]["ct"] - plant.phase_ns) % plant.period_ns == 0
@@ -214,7 +214,7 @@ class RunLog:
     def _rows(
         self, states: npt.NDArray[Any], chosen: npt.NDArray[np.bool_]
     ) -> Iterator[tuple[int, memoryview]]:
-        """Time and image of the run's first state and of all chosen ones."""
+        """The time and bytes of the run's first state and of all chosen ones."""
         chosen = chosen.copy()
         chosen[:1] |= self._earlier is None
         for row in np.flatnonzero(chosen):
@@ -248,7 +248,7 @@ def _decision(d: decisions.DecisionStepRecord, look: tuple[int, int] | None) -> 
 
 
 def _message(t: Type, value: object) -> Mapping[str, object]:
-    """A message is always an object."""
+    """The message for a value: always an object."""
     return value if isinstance(t, RecordType) else {"value": value}  # type: ignore[return-value]
 
 
@@ -270,7 +270,7 @@ def _schema(t: Type) -> JsonSchema:
 
 
 def _told(system: System) -> list[Topic]:
-    """The topics of the program; what nodes hold back is told when it is published."""
+    """The topics to log, without those that hold back what nodes publish later."""
     return [t for t in system.topics if not t.held]
 
 
@@ -288,7 +288,7 @@ class RecordedRun:
 
 
 MISSED = ("late", "skip", "wait", "overrun", "silent")
-"""Faults with which a component may publish nothing when it is released."""
+"""The faults with which a component may publish nothing at its release."""
 
 
 def recorded(run: Run) -> RecordedRun:
@@ -309,7 +309,7 @@ def recorded(run: Run) -> RecordedRun:
 
 
 def _begin(record: RecordedRun, system: System) -> None:
-    """Take from what is said of the first instant the values that nobody published.
+    """Removes first values from `published` that nobody published.
 
     A log has a first value of every topic, which may be its default.
     """
@@ -332,7 +332,7 @@ def _publishes(c: Component) -> list[TopicSymbol]:
 
 
 def read_log(path: Path, system: System) -> RecordedRun:
-    """The values of a log that `soter run --log` wrote of this system; SoterError D006."""
+    """The values of a log that `soter run --log` wrote of this system; `SoterError` D006."""
     require_log_package()
     types: dict[str, Type] = {t.name: t.type for t in system.topics}
     truths = {f"{c.name}.truth": c for c in system.components if c.plant is not None}
@@ -362,7 +362,7 @@ def read_log(path: Path, system: System) -> RecordedRun:
 
 
 def logged_value(path: Path, system: System, channel: str, t: Type, message: Any) -> Any:  # noqa: ANN401
-    """The value of a message of a log; SoterError D006."""
+    """The value of a message of a log; `SoterError` D006."""
     try:
         return from_json(t, message if isinstance(t, RecordType) else message["value"], channel)
     except (ValueShapeError, LookupError, TypeError) as error:
@@ -372,7 +372,7 @@ def logged_value(path: Path, system: System, channel: str, t: Type, message: Any
 def _keep(
     record: RecordedRun, topics: dict[str, Any], states: dict[str, Any], since: set[str]
 ) -> None:
-    """What stood when the instant that was read last was over, and what was published in it."""
+    """Adds what stood at the end of the instant read last, and what was published in it."""
     if record.times_ns:
         record.published.append(since)
         record.topics.append(dict(topics))

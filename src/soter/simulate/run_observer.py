@@ -1,11 +1,10 @@
-"""What is kept of a run while it goes on.
+"""Observes a run while it goes on, and keeps what is wanted of it.
 
-Purpose: every state after an instant passes here once, in blocks: hashed, kept where a trace is
-wanted, and looked through for what a summary names (mode changes, first faults). Both engines
-feed the same observer, so both give the same record. `TraceParts`: from names (topics,
-`<plant>.truth`, modules) to the parts of a trace that somebody wants to keep. `decided_at` and
-`moved_at`: in which states of a trace which decision modules decided, and where a shield moved a
-command.
+Purpose: every state after an instant passes an `Observer` once, in blocks: it hashes them, keeps
+them if a trace is wanted, and notes what a summary names (mode changes, first faults). Both engines
+feed the same observer, so both give the same record. `TraceParts` finds the parts of a trace by
+names (topics, `<plant>.truth`, modules). `decided_at` and `moved_at` find the states in which
+decision modules decided, and in which a shield moved a command.
 Non-goals: meaning (`decisions.py`), reading a trace (`result.py`); a run that nobody observes is
 the same run.
 """
@@ -45,7 +44,7 @@ if TYPE_CHECKING:
 
 
 def decided_at(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """In which of these states (n,) each module has just decided, (n, modules)."""
+    """Whether each module has just decided in these states (n,): (n, modules)."""
     times_ns = states["header"]["ct"]
     periods = np.array([m.period_ns for m in system.modules], dtype=np.int64)
     due: npt.NDArray[np.bool_] = times_ns[:, np.newaxis] % periods == 0
@@ -61,9 +60,9 @@ def decided_at(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_
 def moved_at(
     system: System, module: Module, states: npt.NDArray[Any]
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """In which states (n,) AC, in control, has just published, and where its shield moved that.
+    """Whether, in states (n,), AC in control has just published, and its shield moved that.
 
-    (n,) both; nowhere where the module has no shield `toward sc`.
+    Both are (n,); False everywhere where the module has no shield `toward sc`.
     """
     published, was_moved = np.zeros((2, len(states)), dtype=np.bool_)
     shield = module.shield
@@ -83,7 +82,7 @@ def moved_at(
 
 
 def numbers_of(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
-    """(..., k): the k numbers of every value of a type without lists, in declared order."""
+    """The k numbers of every value, (..., k), of a type without lists, in declared order."""
     if isinstance(t, RecordType):
         return np.concatenate([numbers_of(f, values[n]) for n, f in t.fields], axis=-1)
     if isinstance(t, ArrayType):
@@ -93,19 +92,19 @@ def numbers_of(t: Type, values: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
 
 
 def names_of(keep: Kept) -> tuple[str, ...] | None:
-    """The parts that are named, perhaps none; None where all or nothing is kept."""
+    """The names of the parts to keep, perhaps none; None where all or nothing is kept."""
     if isinstance(keep, str):
         return (keep,)
     return tuple(dict.fromkeys(keep)) if isinstance(keep, Collection) else None
 
 
 def wanted(keep: Kept) -> bool:
-    """Whether anything is kept, and be it only the times."""
+    """Whether anything is kept, even if only the times."""
     return names_of(keep) is not None or bool(keep)
 
 
 def _fields_of_truths(system: System, layout: StateLayout) -> dict[str, str]:
-    """`c.truth` of each plant -> the field of a state that holds it."""
+    """The field of a state that holds the truth of each plant, by `<plant>.truth`."""
     return {
         f"{system.components[g.owner].name}.truth": group_field(g)
         for g in layout.groups
@@ -114,7 +113,7 @@ def _fields_of_truths(system: System, layout: StateLayout) -> dict[str, str]:
 
 
 class TraceParts:
-    """Some parts of the states of a system: `header`, and what is named."""
+    """The chosen parts of a system's states: `header`, and what was named."""
 
     def __init__(
         self, system: System, layout: StateLayout, dtype: np.dtype[Any], names: tuple[str, ...]
@@ -152,7 +151,7 @@ IN_MEMORY_BYTES = 512 * 1024 * 1024
 """A longer trace lies in a temporary file, which is gone with the process."""
 EXPLAINED_MAX = 1000
 EXPLAINED_BYTES = 64 * 1024 * 1024
-"""Of so many changes, in so many bytes of states, is kept what the decision module read."""
+"""For this many changes, in this many bytes of states, what their DM read is kept."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +192,7 @@ class Observer:
         parts: TraceParts | None = None,
         also: Also | None = None,
     ) -> None:
-        """`judge`: of modules' `safe`; `parts`: what is kept of each state, by default all."""
+        """`judge`: judges modules' `safe`; `parts`: what is kept of each state, by default all."""
         self.instants = 0
         self.changes: list[ModeChange] = []
         self.first_faults: dict[int, FirstFault] = {}
@@ -213,7 +212,7 @@ class Observer:
         self._safe = SafeTally(system, judge)
 
     def see(self, rows: Rows) -> None:
-        """The next states, (n, size) bytes; the array may be reused afterwards."""
+        """Takes the next states, (n, size) bytes; the array may be reused afterwards."""
         if len(rows) == 0:
             return
         self.instants += len(rows)
@@ -232,7 +231,7 @@ class Observer:
             self.also(states, self.changes[known:])
 
     def told(self) -> dict[str, Any]:
-        """The fields of a `Run` that are observed."""
+        """The fields of a `Run` that come from the observer."""
         asked = ("instants", "changes", "first_faults", "decided", "moved_commands", "safe_looks")
         observed = {name: getattr(self, name) for name in asked}
         return {"trace": self.trace(), "trace_sha256": self.sha256, **observed}
@@ -284,7 +283,7 @@ class Observer:
             self._spill()
 
     def _spill(self) -> None:
-        """Move what is held in memory to the temporary file."""
+        """Moves what is held in memory to the temporary file."""
         assert self._kept is not None
         if self._file is None:
             self._file = tempfile.TemporaryFile(prefix="soter-trace-")  # noqa: SIM115 - lives on
@@ -343,5 +342,5 @@ class Observer:
 
 
 def _bytes(records: npt.NDArray[Any]) -> Rows:
-    """The same memory, (n, size) bytes, of records, (n,)."""
+    """The memory of records, (n,), as (n, size) bytes, without a copy."""
     return records.view(np.uint8).reshape(len(records), -1)

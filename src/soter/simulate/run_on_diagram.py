@@ -1,7 +1,7 @@
 """What the diagram of a system shows while a run is replayed, and the page that replays a log.
 
-Purpose: rows of values, steps, modes and what decision modules saw, as `report/run/live_diagram.py`
-has them, read off a trace. `log_page`: what `soter show FILE --log LOG` writes.
+Purpose: `live_of_run` reads values, steps, modes and what decision modules saw off a trace, for
+`report/run/live_diagram.py`. `write_log_page` writes the page of `soter show FILE --log LOG`.
 Non-goals: the page; logs that `soter run --log` did not write; time lines (`soter run --report`). A
 log does not tell when a component latched: it goes on lighting up by its calendar.
 """
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 SAW = (("ttf", "ttf"), ("safer", "safer"), ("stale", "stale"), ("saw_gate_fault", "gate fault"))
-"""What a decision module can see: the field of a state, and in words."""
+"""What a decision module can see, as fields of a state, with words."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class HeldValues:
 
 
 def live_of_run(run: Run, trace: npt.NDArray[Any]) -> Live:
-    """Of the states `trace`, (n,), of a run: all of them, or thinned."""
+    """The rows of a run's states `trace`, (n,), all of them or thinned."""
     system = run.system
     time_s = trace["header"]["ct"] / 1e9
     held = {
@@ -105,7 +105,7 @@ def values_of(system: System, held: Mapping[str, HeldValues]) -> tuple[Values, .
 def steps_of(
     system: System, seed: int, end_s: float, latched: Mapping[str, int]
 ) -> tuple[Steps, ...]:
-    """When each component steps: its calendar, or, where faults move it, its releases."""
+    """When each component steps: by its calendar, or, where faults move it, by its releases."""
     late, end_ns = by_component(system, of_time=True), round(end_s * 1e9)
     calendars = []
     for x in system.components:
@@ -148,7 +148,7 @@ def _control(system: System, m: Module, time_s: npt.NDArray[Any], own: npt.NDArr
 
 
 def _changes(told: Iterable[tuple[float, T]]) -> Iterable[tuple[float, T]]:
-    """Those that say something else than the one before."""
+    """The items whose value differs from the one before."""
     before: list[T] = []
     for t, value in told:
         if before != [value]:
@@ -157,7 +157,7 @@ def _changes(told: Iterable[tuple[float, T]]) -> Iterable[tuple[float, T]]:
 
 
 def _column(held: HeldValues, path: Sequence[int]) -> npt.NDArray[np.float64]:
-    """(n,): what stands at a path of each of n values."""
+    """The numbers, (n,), at a path of each of n values."""
     if isinstance(held.values, list):
         return np.array([reduce(getitem, path, v) for v in held.values], dtype=np.float64)
     values, t = held.values, held.t
@@ -175,7 +175,7 @@ PREDICATES = [name.replace("saw_", "") for name, _ in SAW]
 
 
 def write_log_page(log: str | Path, system: System, path: str | Path) -> Path:
-    """Write the page on which a log of this system is replayed; SoterError D006, D007."""
+    """Writes the page on which a log of this system is replayed; `SoterError` D006, D007."""
     require_log_package()
     source = Path(log)
     said = metadata(source)
@@ -193,7 +193,7 @@ def write_log_page(log: str | Path, system: System, path: str | Path) -> Path:
 
 @dataclass
 class _LoggedValues:
-    """What is read of a log, by full name: times in s, and what stood from then on."""
+    """The values read of a log: times in s, and what stood from each on."""
 
     t: Type
     times_s: list[float] = field(default_factory=list)
@@ -207,7 +207,7 @@ def _read(
     modes: Mapping[str, list[tuple[float, bool]]],
     saw: Mapping[str, list[tuple[float, Sequence[bool]]]],
 ) -> float:
-    """Fill values, modes and what DMs saw from a log; its end in s."""
+    """Fills in values, modes and what DMs saw from a log; returns its end in s."""
     end_s = 0.0
     for time_ns, channel, message in messages(path):
         end_s = max(end_s, time_ns / 1e9)

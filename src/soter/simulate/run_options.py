@@ -1,8 +1,8 @@
-"""The options of a run, and what a person may set from outside: parameters, lengths of time.
+"""The options of a run, and the values that are set from outside: parameters, lengths of time.
 
-Purpose: each option once, with its range, its default, its words and its flag. `--set K=3`,
-`--until 30s` and their twins in Python become values of the program's types, or a diagnostic that
-says what would have been right (U001, U004).
+Purpose: `RunOptions` has each option once, with its range, its default, its words and its flag.
+`--set K=3`, `--until 30s` and their twins in Python become values of the program's types, or a
+diagnostic that says what would have been right (U001, U004).
 Non-goals: how options are read (`diagnostics/command_records.py`), bounds of parameters
 (`language/elaborate/elaborator.py`), bindings (`bindings.py`).
 """
@@ -121,7 +121,7 @@ _NUMBER = re.compile(r"[+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?")
 
 
 def until_ns(given: float | str) -> int:
-    """The length of a run in ns; SoterError U001 unless it is a time longer than zero."""
+    """The length of a run in ns; `SoterError` U001 unless it is a time longer than zero."""
     try:
         ns = duration_ns(given)
     except WrongTextError as error:
@@ -132,7 +132,7 @@ def until_ns(given: float | str) -> int:
 
 
 def seed_value(given: object) -> int:
-    """A seed as an int, from anything that is a whole number; SoterError U001."""
+    """A seed as an int, from anything that is a whole number; `SoterError` U001."""
     try:
         number = operator.index(given)  # type: ignore[arg-type]  # it checks
     except TypeError:
@@ -147,7 +147,7 @@ def seed_value(given: object) -> int:
 
 
 def param_values(program: TypedProgram, given: Mapping[str, object]) -> dict[str, Value]:
-    """The values of parameters by full name; SoterError U001, U004 with all mistakes at once."""
+    """The values of parameters by full name; `SoterError` U001, U004 with all mistakes at once."""
     values: dict[str, Value] = {}
     problems: list[Diagnostic] = []
     for name, value in given.items():

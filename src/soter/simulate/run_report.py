@@ -1,4 +1,4 @@
-"""A traced run as the report that a person opens.
+"""Makes the report of a traced run that a person opens.
 
 Purpose: signals of topics and plants, modes, decisions with reasons, violations and what the result
 rests on, for any program; one file of HTML (`report/html.py` writes it). Of a tower, which
@@ -77,19 +77,19 @@ def towers(system: System) -> list[tuple[Module, ...]]:
 
 
 def controllers(system: System, tower: tuple[Module, ...]) -> list[str]:
-    """Who may have control, the SC of the topmost module first, the AC of the lowest last."""
+    """The names of who may have control, from the topmost module's SC to the lowest one's AC."""
     return [system.components[i].name for i in (*(m.sc for m in tower), tower[-1].ac)]
 
 
 def levels_of(tower: tuple[Module, ...], trace: npt.NDArray[np.void]) -> npt.NDArray[np.intp]:
-    """Of each state, (states,), the number of the one in `controllers` that has control."""
+    """For each state, (states,), the number of the one in `controllers` that has control."""
     modes = trace["modules"]["mode"][:, [m.index for m in tower]] == 1
     held: npt.NDArray[np.intp] = np.cumprod(modes, axis=1).sum(axis=1)
     return held
 
 
 def told(run: Run) -> list[str]:
-    """A line for each tower: shares of the time, and how often each took or was given control."""
+    """A line for each tower: shares of the time, and how often each took or got control."""
     trace = run.require_trace()
     time_ns = trace["header"]["ct"].astype(np.float64)
     lasts = np.diff(time_ns, append=run.reached_s * 1e9)
@@ -107,12 +107,12 @@ def told(run: Run) -> list[str]:
 
 
 LOOKS_MAX = 120
-"""Of a module on one page; those that took control are among them."""
+"""The most looks of a module on one page; those that took control are among them."""
 JUDGED = " (after the commands that might act at this look)"
 
 
 def led_of_run(run: Run) -> tuple[LedPicture, ...]:
-    """Of each module; none where steps are in any order, or no compiler of C is there."""
+    """The pictures of modules with `rest`; none if steps come in any order, or no C compiler is."""
     looks = None if run.system.shuffled else looks_of(run.system)
     if looks is None:
         return ()
@@ -139,18 +139,18 @@ def _picture(run: Run, looks: LedLooks, m: Module) -> LedPicture:
 
 
 SERIES_MAX = 24
-"""More signals than that nobody reads below each other."""
+"""The most signals that are drawn below each other."""
 ELEMENTS_MAX = 7
-"""An arm has as many joints; of longer arrays nothing is drawn."""
+"""Arrays that are longer are not drawn; an arm has this many joints."""
 SAMPLES_MAX = 20_000
 """Longer runs are thinned: a screen has a few thousand columns."""
 SIGNAL_SHARE_MIN = 20
-"""A signal keeps at least this part of its panel's height."""
+"""A signal keeps at least one part in this many of its panel's height."""
 AXES = {"x", "y", "z"}
 
 
 def require_report_package() -> None:
-    """SoterError D007 where the package that draws reports is not installed."""
+    """`SoterError` D007 where the package that draws reports is not installed."""
     if find_spec("plotly") is None:
         raise mistake(
             "D007",
@@ -167,7 +167,7 @@ def write_report(
     *,
     self_contained: bool = False,
 ) -> Path:
-    """Write the report of a traced run; SoterError D006 where it cannot be written.
+    """Writes the report of a traced run; `SoterError` D006 where it cannot be written.
 
     With `self_contained` it needs no script beside it.
     """
@@ -205,9 +205,9 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
 
 
 def _headline(run: Run) -> str:
-    """Where an extern never answered that comes first, then what is not shown of a rest.
+    """The headline: first that an extern never answered, then what is not shown of a rest.
 
-    That it is a system, and one run: a system may be called `Proved`.
+    It says that it is a system, and one run, as a system may be called `Proved`.
     """
     count = count_text(run.violations, "violation")
     told = f"System {run.system.name}: {count} in this run."
@@ -220,7 +220,7 @@ def _headline(run: Run) -> str:
 
 
 def _thinned(run: Run) -> npt.NDArray[np.void]:
-    """The trace, of long runs every n-th state."""
+    """The trace; for long runs every n-th state of it."""
     whole = run.require_trace()
     return whole[:: max(1, len(whole) // SAMPLES_MAX)]
 
@@ -261,7 +261,7 @@ def _all_series(run: Run, trace: npt.NDArray[np.void], thin: int) -> tuple[Serie
 
 
 def _of_signals(run: Run) -> Iterator[str]:
-    """What a margin is, where one is drawn, and that signals are left out, where there are many."""
+    """Notes on what a margin is, if one is drawn, and on signals that are left out."""
     for m in run.system.modules:
         if m.looks > 1:
             yield f"margin of {m.name}: for how long AC surely keeps control from then on"
@@ -275,7 +275,7 @@ def _of_signals(run: Run) -> Iterator[str]:
 
 
 def _share_told(run: Run, module: str) -> str:
-    """What one of several modules did."""
+    """Words on what one of several modules did."""
     m = run.modules[module]
     return f"AC in control {m.ac_share:.1%}, SC took over {m.switches_to_sc} {TIMES}"
 
@@ -297,7 +297,7 @@ def _summary(run: Run) -> dict[str, float | int | str]:
 
 
 def _held(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
-    """Who has control in each tower, by number: 0 is the SC of the topmost module."""
+    """The signal of who has control in each tower, by number: 0 is the topmost module's SC."""
     for tower in towers(run.system):
         names = controllers(run.system, tower)
         who = ", ".join(f"{k}: {name}" for k, name in enumerate(names))
@@ -307,7 +307,7 @@ def _held(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
 
 
 def _margins(run: Run, thin: int) -> Iterator[Series]:
-    """For how long AC surely keeps control, of modules whose levels say more than the calendar."""
+    """The signal of margins, for modules whose levels say more than the calendar."""
     for m in run.system.modules:
         if m.looks > 1:
             yield Series(
@@ -316,7 +316,7 @@ def _margins(run: Run, thin: int) -> Iterator[Series]:
 
 
 def _latches(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
-    """Where SC has control and no acknowledgement is in force: 1, else 0."""
+    """The signal of latches: 1 where SC has control and no acknowledgement is in force, else 0."""
     for m in run.system.modules:
         if m.latch is not None:
             latched = decisions.latched(m, trace).astype(float)
@@ -324,7 +324,7 @@ def _latches(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
 
 
 def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
-    """Plants' true states first: they are what the properties speak of."""
+    """All signals; plants' true states come first, as the properties are about them."""
     demanded = _demanded(run.system)
     measured = _measured(run.system)
     compared = frozenset(measured.values())
@@ -355,7 +355,7 @@ def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
 
 
 def _demanded(system: System) -> dict[str, list[Threshold]]:
-    """Signal -> its limits; where several demand the same level it is drawn once."""
+    """The limits of each signal; a level that several properties demand is drawn once."""
     thresholds_by_signal: dict[str, list[Threshold]] = {}
     for limit in limits(system):
         levels = thresholds_by_signal.setdefault(limit.signal, [])
@@ -369,13 +369,13 @@ def _demanded(system: System) -> dict[str, list[Threshold]]:
 
 
 def _limited(series: Series, demanded: Mapping[str, list[Threshold]]) -> Series:
-    """With the limits of a signal that are in sight beside its declared set."""
+    """A signal with its limits that are in sight, beside its declared set."""
     marks = _in_sight(series.values, tuple(demanded.get(series.name, ())))
     return replace(series, thresholds=(*series.thresholds, *marks)) if marks else series
 
 
 def _measured(system: System) -> dict[str, str]:
-    """Signal of a topic -> the true state that it is, or is a measurement of."""
+    """For each signal of a topic the true state that it is, or that it measures."""
     state_by_signal: dict[str, str] = {}
     for x in system.components:
         if x.plant is None:
@@ -390,7 +390,7 @@ def _measured(system: System) -> dict[str, str]:
 def _states_in(
     name: str, e: typed.TypedExpr, own: Mapping[typed.Variable, str]
 ) -> Iterator[tuple[str, str]]:
-    """Signals of what a plant drives that are states of its, leaf by leaf."""
+    """Pairs of a driven signal and the plant's state that it equals, leaf by leaf."""
     if isinstance(e, typed.VarRead) and e.variable in own:
         for path, _ in leaves(e.type):
             yield leaf_name(name, path), leaf_name(own[e.variable], path)
@@ -406,7 +406,7 @@ def _states_in(
 def _in_sight(
     numbers: npt.NDArray[np.float64], marks: tuple[Threshold, ...]
 ) -> tuple[Threshold, ...]:
-    """The levels, or none where with them the signal would be a flat line."""
+    """The levels to draw; none where with them the signal would look like a flat line."""
     levels = [m.value for m in marks]
     if not marks or not numbers.size:
         return ()
@@ -418,7 +418,7 @@ def _in_sight(
 def _signals(
     name: str, t: Type, values: npt.NDArray[np.void], marks: tuple[Threshold, ...]
 ) -> Iterator[Series]:
-    """The numbers and bools (0, 1) of a value; coordinates share a panel."""
+    """The signals of a value: its numbers and bools (0, 1); coordinates share a panel."""
     if isinstance(t, (FloatType, IntType, BoolType)):
         unit = "" if isinstance(t, BoolType) else t.unit
         numbers = np.ascontiguousarray(values, dtype=np.float64)

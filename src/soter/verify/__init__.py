@@ -1,4 +1,4 @@
-"""P2a, P2b, P3: problem, sets, fixpoints, verdicts, certificates (docs/verification.md).
+"""The prover: shows P2a, P2b and P3 of modules, and writes certificates (docs/verification.md).
 
 `problem/` reads what is to be shown, and its times, off a flat system; `enclose/` reads Core over
 first-order forms with intervals; `grid/` (before `engine/`, C) and `polytope/` show groups of

@@ -80,13 +80,13 @@ class AdviceRow:
     starts: bool = False
     written: bool | None = None
     why: str = ""
-    """What stands in the way, where something does."""
+    """What is not proved, in words; "": nothing."""
     covered: bool = True
-    """Whether the theorem is about such times; no set was computed where not."""
+    """Whether the theorem covers such times; if not, no set was computed."""
 
     @property
     def in_time(self) -> bool:
-        """P1c."""
+        """Whether P1c holds: the look-ahead is long enough."""
         return self.horizon_ns >= self.h_star_ns
 
     def verifies(self, levels: int) -> bool:
@@ -121,7 +121,7 @@ class Advice:
 
     @property
     def legend(self) -> str:
-        """What the columns are shares of the grid of."""
+        """Words on what the columns are shares of."""
         return (
             "shares of the grid: K, where SC keeps `safe`; S_0, where AC may have control; "
             "S_(m-2), where it gets it back with m levels of hysteresis"
@@ -129,7 +129,7 @@ class Advice:
 
     @property
     def summary(self) -> str:
-        """One sentence."""
+        """The result in one sentence."""
         best = self.best_ns
         if best is None:
             return (
@@ -153,7 +153,7 @@ class Advice:
         return f"{deltas}; SC's period {' and '.join(says)}" if says else deltas
 
     def table(self) -> tuple[list[str], list[list[str]]]:
-        """(head, rows) for people."""
+        """The table for people as (head, rows)."""
         tried = sorted({m for r in self.rows for m in r.levels})
         alone = 2 not in tried  # with two levels AC gets control back where it may have it: S_0
         head = ["period", "SC", "H*", "K", *(["S_0"] if alone else [])]
@@ -173,7 +173,7 @@ class Advice:
         return [*cells, "yes" if verifies else "no", "" if verifies else r.why]
 
     def page(self, program: str = "") -> AdvicePage:
-        """What the figure shows; `program`: its file."""
+        """The data of the page with the figure; `program`: the program's file."""
         tried = sorted({m for r in self.rows for m in r.levels})
         drawn = self._drawn
         curves = [Line("K", self._points(lambda r: r.core), tuple(r.core > 0 for r in drawn))]
@@ -204,7 +204,7 @@ class Advice:
 
     @property
     def _undrawn(self) -> tuple[str, ...]:
-        """What the figure leaves to the table."""
+        """Notes on what only the table shows, not the figure."""
         if sum(r.covered for r in self.rows) == len(self._drawn):
             return ()
         return ("Drawn where SC's period is changed with \u0394; the table has both.",)
@@ -215,9 +215,9 @@ def advise(
     factors: Sequence[float] = FACTORS,
     levels: Sequence[int] = LEVELS,
 ) -> Advice:
-    """Sweep Delta over multiples of the declared one, and m over `levels`.
+    """Sweeps Delta over multiples of the declared one, and m over `levels`.
 
-    SoterError U001 where a group is no grid, R031 where there are no groups but an induction.
+    `SoterError` U001 where a group is no grid, R031 for a module that is proved by induction.
     """
     require_sets(problem)
     for other in (m.kind for m in map(method_of, problem.groups) if not isinstance(m, Grids)):
@@ -318,7 +318,7 @@ def _uncovered(problem: Problem) -> str:
 
 
 def _opened(problem: Problem, library: ReachLibrary) -> list[Case]:
-    """Engines, C and K of every case: they do not depend on Delta."""
+    """Every case with its engines, C and K, which do not depend on Delta."""
     open_cases = []
     for parameter in cases(problem):
         case = claims.open_case(problem, library, problem.groups, parameter)
@@ -356,7 +356,7 @@ def _fill(row: AdviceRow, problem: Problem, opened: list[Case], wanted: list[int
 
 
 def _at(case: Case, problem: Problem) -> Case:
-    """The same engines and sets for another problem; nothing has failed yet."""
+    """The case with the same engines and sets for another problem, without failures."""
     proofs: list[GroupProof] = [replace(p, found=replace(p.found)) for p in grids(case.proofs)]
     return replace(case, problem=problem, proofs=proofs, failures=[], spent={}, counts={})
 
@@ -390,9 +390,9 @@ def _share(done: list[Case], cells: Callable[[GroupSets], Bools]) -> float:
 
 
 CLOSE = 0.1
-"""The search ends where the least that failed is that share above the largest that was proved."""
+"""The search ends where the least value that failed is within this share of the largest proved."""
 TRIES_MAX = 14
-"""So many verifications of a module at most."""
+"""The most verifications of a module."""
 FIRST = 0.1
 """The first step, as a share of SC's period."""
 
@@ -404,9 +404,9 @@ class DelayAdvice:
     module: str
     declared_ns: int
     least_ns: int = 0
-    """The least time of each, which stays."""
+    """The declared least time, which is not changed."""
     why_not: dict[int, str] = field(default_factory=dict)
-    """By value in ns, in the order of the trials: "" where everything was proved."""
+    """For each value in ns, in the order of trials, what was not proved; "": all was proved."""
 
     @property
     def largest_ns(self) -> int | None:
@@ -421,7 +421,7 @@ class DelayAdvice:
 
     @property
     def summary(self) -> str:
-        """One or two sentences."""
+        """The result in one or two sentences."""
         largest, refused = self.largest_ns, self.refused_ns
         if largest is None:
             why = self.why_not[self.declared_ns]
@@ -434,13 +434,13 @@ class DelayAdvice:
         return f"{said}; not with {show_ns(refused)}: {self.why_not[refused]}"
 
     def _written(self, most_ns: int) -> str:
-        """As a program says it."""
+        """The clause of the program with this longest delay."""
         least = f"{write_ns(self.least_ns)} to " if self.least_ns else ""
         return f"acts within {least}{write_ns(most_ns)}"
 
 
 def largest_delay(flat: System, module: Module) -> DelayAdvice:
-    """Verify a module of a flat system with longer and longer delays of its commands.
+    """Verifies a module of a flat system with longer and longer delays of its commands.
 
     Times that the theorem does not cover count as not proved. `SoterError` where the problem
     cannot be posed as it is declared.
@@ -482,7 +482,7 @@ def _rounded(ns: float) -> int:
 
 
 def _what_fails(flat: System, module: Module, acts_ns: int) -> str:
-    """The first of all that is not proved with commands that act so late; "" for nothing."""
+    """The first claim that is not proved with commands that act so late, in words; "": none."""
     at = module.symbol.verify.span or module.symbol.span
     verify = replace(module.symbol.verify, acts=typed.Literal(DURATION, at, acts_ns))
     changed = replace(module, symbol=replace(module.symbol, verify=verify))

@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 
 OWN, DRAWN = "own", "drawn"
-"""Whose outputs the AC's are: those of the program's AC, or the adversary's draws."""
+"""The controller in the place of AC: the program's own AC, or the adversary's draws."""
 
 
 class NotAttackableError(Exception):
-    """The closed system cannot be run as an attack; the message says why, in words."""
+    """The closed system cannot be run as an attack; the text says why."""
 
 
 def attacked(system: System, module: int, controller: str = DRAWN) -> System:
@@ -70,7 +70,7 @@ def reads_time(system: System, module: int) -> bool:
 
 
 def _safe_watched(system: System, module: Module) -> System:
-    """One property: `safe` over twins of its topics that carry no measurement error."""
+    """The system with one property: `safe` over twins of its topics without measurement errors."""
     safe, scope = module.symbol.safe, module.scope
     seen = {}
     for symbol in topic_reads(safe):
@@ -81,7 +81,7 @@ def _safe_watched(system: System, module: Module) -> System:
 
 
 def _with_twin(system: System, symbol: typed.TopicSymbol, index: int) -> tuple[System, int]:
-    """A topic that its plant drives with the true value of the topic `index`."""
+    """The system with a twin topic that shows the true value of topic `index`; its number."""
     for c in system.components:
         if c.plant is None:
             continue
@@ -116,7 +116,7 @@ def _with_driven_twin(
 
 
 def _inputs_drawn(system: System, module: Module) -> System:
-    """Inputs nobody drives take values of their declared sets, one a module period."""
+    """The system whose free inputs take values of their sets, a new one each module period."""
     already = {i.topic for i in system.inputs}
     for t in system.topics:
         if (
@@ -129,7 +129,7 @@ def _inputs_drawn(system: System, module: Module) -> System:
 
 
 def _controls_drawn(system: System, module: Module) -> System:
-    """The AC publishes, at each step, values drawn from its outputs' sets."""
+    """The system whose AC publishes, at each step, values drawn from its outputs' sets."""
     ac = system.components[module.ac]
     node = ac.node
     assert node is not None, ac.name
@@ -162,7 +162,7 @@ def _controls_drawn(system: System, module: Module) -> System:
 
 
 def _can_be_drawn(topic: Topic) -> bool:
-    """Whether every leaf has a bounded set; lists have no fixed leaves."""
+    """Whether every leaf of a topic has a bounded set; a list has no fixed leaves."""
     leaf_types = list(leaves(topic.type))
     return len(leaf_types) == len(topic.bounds) and all(
         "[]" not in path and (bound is not None or not isinstance(t, FloatType))

@@ -1,4 +1,4 @@
-"""`soter verify` without a terminal: which modules, in which systems, in which order.
+"""`soter verify` without a terminal: which modules are proved, in which systems, in which order.
 
 Purpose: from a checked program to a `VerifyReport`; where it is asked for the page of a report, and
 the folder for `soter recheck` (docs/verification.md, section 4): program files, tables and
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 NO_FAULTS = "nothing goes wrong of what the `faults` of system {} say"
 LOOK_S = 0.05
-"""How often who was interrupted looks whether the compiler beside a proof has ended."""
+"""Seconds between two looks, after an interruption, whether the compiler has ended."""
 
 
 def verify(
@@ -67,9 +67,9 @@ def verify(
     given: Mapping[str, object] | None = None,
     search: Search | None = None,
 ) -> VerifyReport:
-    """Verify the modules of a checked program; `SoterError` where a problem is not determined.
+    """Verifies the modules of a checked program; `SoterError` where a problem is not determined.
 
-    `explain`: measure why something is not proved, and try what may help; None: where `refute` is.
+    `explain`: find out why something is not proved, and try what may help; None: as `refute`.
     `given`: the parameters as the user wrote them, for the report's command line; `search`: see
     `verify_by_induction`.
     """
@@ -113,7 +113,7 @@ def verify(
 
 
 def _without_faults(program: TypedProgram, flat: System, problem: Problem) -> Problem:
-    """That none of a system's faults happens is an assumption."""
+    """The problem with the assumption that none of the system's declared faults happens."""
     declared = program.systems.get(flat.name)
     if declared is None or not declared.faults:
         return problem
@@ -122,7 +122,7 @@ def _without_faults(program: TypedProgram, flat: System, problem: Problem) -> Pr
 
 
 def _beyond_rechecker(flat: System, result: ModuleResult) -> str:
-    """What of a module in that system the re-checker does not know; "": nothing."""
+    """Why the re-checker cannot check a module of that system; "": it can."""
     from soter.certificate.rechecker import beyond  # noqa: PLC0415 - an extra
 
     files: dict[str, bytes] = {}
@@ -136,9 +136,9 @@ def _proved(
     explain: bool | None,
     search: Search | None,
 ) -> list[ModuleResult]:
-    """One after the other; what the next ones need is compiled meanwhile, in the same order.
+    """Verifies one problem after the other; the C of the next ones is compiled meanwhile, in order.
 
-    Nothing of this process forks meanwhile: runs that refute ask no externs.
+    Nothing in this process forks meanwhile, as refuting runs call no externs.
     """
     results = []
     methods = [module_method(p) for p in problems]
@@ -174,7 +174,7 @@ def _proved(
 def _say_what_is_settled(
     stopped: KeyboardInterrupt, results: Sequence[ModuleResult], open_: Sequence[Problem]
 ) -> None:
-    """In notes of the interruption; the first of what is open has them already, where it began."""
+    """Adds what is settled to an interruption's notes; a module under way has added its own."""
     later = [f"{p.name}: no claim settled" for p in open_]
     vars(stopped)["__notes__"] = [
         *settled(*results),
@@ -184,10 +184,10 @@ def _say_what_is_settled(
 
 
 def _may_be_attacked(problem: Problem) -> bool:
-    """Whether a run that leaves C is one of the vehicle.
+    """Whether a run of the problem's system that leaves C would be a run of the vehicle.
 
-    One of a view, or of a plant that others move as they like, is none; one of another AC, or of
-    an SC that nobody takes control from, is none of a tower.
+    It would not in a view, nor where others move the plant arbitrarily, nor in a tower, which has
+    another AC, or an SC that control is taken from.
     """
     return not (problem.view or problem.influences or problem.above or problem.below)
 
@@ -199,7 +199,7 @@ def _page(report: VerifyReport) -> str:
 
 
 def refuse_forced(chosen: list[tuple[System, Module]]) -> None:
-    """SoterError R019: of a module whose DM does not switch the theorem says nothing."""
+    """`SoterError` R019 for a module that is forced: the theorem is about a DM that switches."""
     diagnostics = Diagnostics()
     for flat, m in chosen:
         if m.forced is not None:
@@ -238,10 +238,7 @@ def _systems_by_preference(checked: CheckResult, params: Mapping[str, Value]) ->
 def modules_of(
     checked: CheckResult, module: str | None, system: str | None, params: Mapping[str, Value]
 ) -> list[tuple[System, Module]]:
-    """The modules that are meant, each in a flat system that has it.
-
-    SoterError U008 where there is none.
-    """
+    """The modules to verify, each in a flat system that has it; `SoterError` U008 for none."""
     _not_deployed(checked, system)
     names = [system] if system else _systems_by_preference(checked, params)
     modules: list[tuple[System, Module]] = []
@@ -264,12 +261,12 @@ def modules_of(
 
 
 def _forces(checked: CheckResult, system: str, params: Mapping[str, Value]) -> bool:
-    """Whether a system forces a module; of the default one that does not count."""
+    """Whether a system forces a module; the default system counts as one that does not."""
     return any(m.forced for m in system_to_prove(checked, system, params, exact=False).modules)
 
 
 def _not_deployed(checked: CheckResult, system: str | None) -> None:
-    """U008 for a system in the world: what it deploys is proved."""
+    """U008 for a deployed system: the system that it deploys has to be proved instead."""
     every = list(checked.systems.values())
     meant = [s for s in every if s.name == system or system is None]
     if not meant or any(s.deploys is None for s in meant):
@@ -290,7 +287,7 @@ def _no_module(module: str, known: list[str]) -> Diagnostic:
 
 
 def _views(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
-    """Every module once for each of its views; SoterError with all diagnostics at once."""
+    """Every module once for each of its views; `SoterError` with all diagnostics at once."""
     views: list[tuple[System, Module]] = []
     diagnostics = Diagnostics()
     for flat, m in chosen:
@@ -304,7 +301,7 @@ def _views(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
 
 
 def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
-    """The problem of every module; SoterError with all diagnostics at once."""
+    """The problem of every module; `SoterError` with all diagnostics at once."""
     problems: list[Problem] = []
     refused: list[Diagnostic] = []
     names = dict.fromkeys(m.name for _, m in chosen)
@@ -325,7 +322,7 @@ def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
 def write(
     folder: Path, program: TypedProgram, results: Sequence[ModuleResult], systems: Sequence[str]
 ) -> None:
-    """Write the certificate of `results`, each of a module in the system of that name.
+    """Writes the certificate of `results`, each of a module in the system of that name.
 
     An old certificate in the folder is replaced. `SoterError` D008 where something else lies
     there, D006 where the system refuses.
@@ -355,7 +352,7 @@ def write(
 
 
 def _sources(program: TypedProgram) -> Iterator[tuple[str, bytes]]:
-    """Each file by its path below the deepest folder that holds all of them."""
+    """The program's files, by their paths below the deepest folder that holds all of them."""
     paths = list(dict.fromkeys(p.resolve() for p in files_of(program.path)))
     root = Path(os.path.commonpath([p.parent for p in paths]))
     for path in paths:
@@ -363,7 +360,7 @@ def _sources(program: TypedProgram) -> Iterator[tuple[str, bytes]]:
 
 
 def _main(program: TypedProgram, files: dict[str, bytes]) -> str:
-    """The main file is the first."""
+    """The path of the program's main file among `files`, the first."""
     name = next(iter(files)).removeprefix("program/")
     assert name.endswith(Path(program.path).name)
     return name
@@ -389,7 +386,7 @@ def _params(results: Sequence[ModuleResult]) -> dict[str, object]:
 
 
 def _replace(folder: Path, files: dict[str, bytes]) -> None:
-    """Only files of an old certificate are removed, and only where it is one."""
+    """Replaces an old certificate in the folder; no other files are ever removed."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         old = [p for p in folder.rglob("*") if not p.is_dir() or p.is_symlink()]

@@ -55,23 +55,23 @@ class Counterexample:
 
     module: str
     shows: str
-    """LEAVES or CYCLE."""
+    """What it shows: LEAVES or CYCLE."""
     controller: str
-    """`drawn`: the AC's outputs are choices too; `own`: the program's AC stepped."""
+    """DRAWN: the AC's outputs are choices, too; OWN: the program's AC ran."""
     seed: int
-    """How the choices were found: pattern in the top byte. The choices are what counts."""
+    """The seed with which the choices were found, with the pattern in its top byte."""
     time_ns: int
-    """LEAVES: the instant outside C. CYCLE: the end of one turn."""
+    """For LEAVES the instant outside C; for CYCLE the end of one turn."""
     cycle_ns: int | None
-    """CYCLE: how long one turn takes."""
+    """For CYCLE the length of one turn."""
     choices: Choices
     steps: tuple[dict[str, Any], ...] = ()
     """The last instants: time_s, modes, topics, what was chosen, true states; for people."""
     facts: dict[str, Any] = field(default_factory=dict)
-    """Where it belongs: program, sha256, system, params."""
+    """The program that it belongs to: program, sha256, system, params."""
 
     def __str__(self) -> str:
-        """What a person wants to know first, in lines."""
+        """A summary for people, in lines."""
         whose = "with the program's own AC" if self.controller == OWN else "with some AC"
         if self.shows == LEAVES:
             head = f"{whose}, the true state leaves `safe` of {self.module} at {_s(self.time_ns)}"
@@ -99,7 +99,7 @@ def _s(ns: int) -> str:
 
 
 def _chosen(choices: Choices) -> list[str]:
-    """One line a stream: its value, or how often it changes."""
+    """A line for each stream of choices: its value, or how often it changes."""
     lines = []
     for stream, values in choices.items():
         first = values[0][1]
@@ -113,7 +113,7 @@ def _chosen(choices: Choices) -> list[str]:
 
 @dataclass(frozen=True)
 class Replay:
-    """What the interpreter saw; `time_ns` of the instant outside C, or of the end of the turn."""
+    """What the interpreter saw; `time_ns`: the instant outside C, or the end of the turn."""
 
     time_ns: int
     steps: tuple[dict[str, Any], ...]
@@ -123,7 +123,7 @@ class Replay:
 
 
 def replay(c: Counterexample, system: System) -> Replay | None:
-    """Run a counterexample in the interpreter; None where it does not show what it says.
+    """Runs a counterexample in the interpreter; None where it does not show what it says.
 
     `system`: the verification system of the module, not yet attacked.
     """
@@ -159,10 +159,10 @@ def leaving(variant: System, draws: Draws, until_ns: int) -> Replay | None:
 def cycling(
     variant: System, module: int, draws: Draws, until_ns: int, cycle_ns: int
 ) -> Replay | None:
-    """Whether the run is, at `until_ns`, where it was `cycle_ns` before, SC in control all along.
+    """The run if at `until_ns` it is where it was `cycle_ns` before, with SC in control all along.
 
-    Then, the choices being constant, it goes on like this for ever: no DM step of the turn saw
-    `safer` on a fresh reading.
+    As choices are constant it then goes on like this for ever: no DM step of the turn saw `safer`
+    on a fresh reading. Else None.
     """
     if cycle_ns % variant.hyperperiod_ns or reads_time(variant, module):
         return None
@@ -190,7 +190,7 @@ class _AttackedRun:
         self.interpreter = Interpreter(variant, draws=self._drawn)
         self.c: Configuration = self.interpreter.initial()
         self.returned = False
-        """Whether a DM step since then was in AC, or could have been, or was stale."""
+        """Whether since then a DM step said AC, could have said it, or had a stale read."""
         self._last: deque[_Instant] = deque(maxlen=STEPS_KEPT)
 
     @property
@@ -207,7 +207,7 @@ class _AttackedRun:
         return self.c
 
     def _chosen(self) -> dict[str, Value]:
-        """By stream the value that was drawn last: what acts on the plants from here on."""
+        """The value drawn last of each stream, which acts on the plants from here on."""
         return {stream: noted[-1][1] for stream, noted in self._drawn.choices.items()}
 
     def is_unsafe(self) -> bool:
@@ -219,7 +219,7 @@ class _AttackedRun:
             return False
 
     def place(self, module: int) -> object:
-        """Everything that the future depends on, but for the time of day."""
+        """Everything that the future depends on, but for the time itself."""
         c = self.c
         ages = tuple(c.ct - c.stamps[t] for t in self.system.modules[module].inputs)
         return (
@@ -259,7 +259,7 @@ class _AttackedRun:
 
 
 class _Events:
-    """A record that keeps only what DMs said."""
+    """A record of events that keeps only the verdicts of DMs."""
 
     def __init__(self) -> None:
         self.verdicts: list[DecisionVerdict] = []
@@ -269,14 +269,14 @@ class _Events:
             self.verdicts.append(event)
 
     def note_properties(self, _violated: object, _ct: int) -> None:
-        """Properties are judged by `is_unsafe`: a fault is not a violation here."""
+        """Ignores violations: `is_unsafe` judges `safe`, since a fault is none here."""
 
 
 # ---------------------------------------------------------------- files
 
 
 def write_counterexample(c: Counterexample, path: Path) -> Path:
-    """Write it as JSON (docs/json.md)."""
+    """Writes a counterexample as JSON (docs/json.md)."""
     document = {
         "schema": SCHEMA,
         "kind": "counterexample",
@@ -294,7 +294,7 @@ TIME_MAX = 10**15
 
 
 def read_counterexample(path: Path) -> Counterexample:
-    """Read it; ValueError where the file is no counterexample of this schema."""
+    """Reads a counterexample; `ValueError` where the file is none of this schema."""
     d = parse_json(read_json_text(path))
     if not isinstance(d, dict) or d.get("kind") != "counterexample":
         raise ValueError(f"`{path}` is no counterexample")
@@ -342,7 +342,7 @@ def _time(given: object) -> int:
 
 
 def _chosen_values(given: object) -> list[tuple[int, Any]]:
-    """Choices of one stream, by index; what they mean is checked where they are drawn."""
+    """The choices of one stream as (index, value); they are checked when they are drawn."""
     choices = []
     for entry in _checked(given, list):
         index, value = _checked(entry, list)
@@ -358,11 +358,11 @@ FOLDER = Path(".soter")
 
 
 class AnotherVersionError(ValueError):
-    """A counterexample of a program that has changed since."""
+    """A counterexample belongs to another version of the program's text."""
 
 
 def save_runs(report: VerifyReport, folder: Path = FOLDER) -> None:
-    """Write every counterexample; its finding says where. SoterError D006."""
+    """Writes every counterexample and notes its file in the finding; `SoterError` D006."""
     for module in report.modules:
         for name, finding in module.findings.items():
             run = finding.counterexample
@@ -404,10 +404,10 @@ def _write(run: Counterexample, path: Path) -> None:
 
 
 def replay_file(path: Path) -> Replay | None:
-    """Run a counterexample again in the interpreter; None where it does not show what it says.
+    """Runs the counterexample of a file in the interpreter; None: it does not show what it says.
 
-    ValueError where the file is none, AnotherVersionError where it belongs to another text of the
-    program. SoterError where the program cannot be read or has no such module any more.
+    `ValueError` where the file is none, `AnotherVersionError` where it belongs to another text of
+    the program, `SoterError` where the program cannot be read or has no such module any more.
     """
     run = read_counterexample(path)
     facts = run.facts
@@ -430,7 +430,7 @@ def replay_file(path: Path) -> Replay | None:
 
 
 def _program(path: Path, named: str) -> str:
-    """Where the program of a counterexample lies: as it was named, or beside the file's folder."""
+    """The path of a counterexample's program: as it was named, or beside the file's folder."""
     if not Path(named).is_file():
         for folder in (path.resolve().parent.parent, path.resolve().parent):
             if (folder / named).is_file():

@@ -1,12 +1,12 @@
-"""`soter verify --synthesize`: find the safe controllers that a program leaves open.
+"""`soter verify --synthesize`: finds the safe controllers that a program leaves open.
 
 Purpose: ask the engine what `synthesized_sc.py` wants to know about each such module, above all K
 with a table of commands on estimates (`core_synthesis`, for one group), and write the program with
 the controllers found.
 Non-goals: proofs. What is written is an ordinary program; `soter verify` judges it.
 
-K is looked for with one command held for `hold` periods of SC at a time: in one period of a fast SC
-a state moves less than a cell, and a fixpoint over such steps eats itself.
+K, the core, is computed with each command held for `hold` periods of SC: in one period of a fast SC
+a state moves less than a cell, and then rounding to whole cells leaves nothing of K.
 
 A table has one entry per cell of the estimate: [low, high) along each axis, the last cell closed.
 True cell c and estimate cell e are *compatible* when x in c, x + error in e for some error of E.
@@ -58,19 +58,19 @@ ALL = np.uint64(2**64 - 1)
 class CommandTable:
     """A synthesised SC: `cells` is K; `choice` the row of `commands` per estimate cell, 255: none.
 
-    Every state of K stays in C for one period under the command of every estimate of it, and is in
-    K again then.
+    From every state of K the command for any of its estimates, held for one period, keeps C and
+    leads back into K.
     """
 
     cells: Bools
     choice: Bytes
     commands: Floats
     admits: Masks
-    """Per true cell of K: bit k says that command k, held for a period, leads back into K."""
+    """For each true cell of K, bit k is set if command k, held for a period, leads back into K."""
 
 
 def _spread(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: ANN401 - int arrays
-    """AND over first[i]..last[i] along an axis (within the grid)."""
+    """The bitwise AND of the masks first[i]..last[i] along an axis (within the grid)."""
     n = masks.shape[axis]
     low, high = np.clip(first, 0, n - 1), np.clip(last, 0, n - 1)
     conjunction: Masks = np.take(masks, low, axis=axis)
@@ -104,14 +104,14 @@ class _Synthesis:
         w.count = len(commands)
 
     def settle(self) -> Bools:
-        """Down to the fixpoint; gives K so far."""
+        """Runs the engine to its fixpoint and returns K so far."""
         group, lib = self.group, self.group.library.lib
         while not lib.soter_reach_choice_continue(group.c, self.work, grids.SLICE_S, group.threads):
             share_done(0.0, "synthesis")  # nobody knows how many rounds are left
         return group.cells_of(self.memory["kept"])
 
     def of_estimates(self, kept: Bools) -> Masks:
-        """Per estimate cell the commands that serve every compatible cell of K; ALL where none is.
+        """Masks, by estimate cell, of the commands that serve all compatible cells of K; ALL: none.
 
         Where an axis has no error, an estimate on the lower face of its cell also is of the cell
         below, unless its own cell is in K: then it is that cell's as well.
@@ -168,10 +168,9 @@ class _Synthesis:
             share_done(0.0, "synthesis")
 
     def chosen(self, kept: Bools, masks: Masks) -> Bytes:
-        """One of the commands that serve; 255 where no state of K can be.
+        """For each cell one of the commands that serve; 255 where no state of K can be.
 
-        The one whose image of the cell has the least `prefer` at its middle; the first one where
-        it does not matter.
+        It is the one whose image of the cell has the least `prefer` at its middle, else the first.
         """
         count = len(self.commands)
         serves = (masks[..., None] >> np.arange(count, dtype=np.uint64)) & np.uint64(1) != 0
@@ -212,12 +211,12 @@ def core_synthesis(
 
 
 HOLDS = (1, 2, 5, 10, 20, 50)
-"""Periods of SC for which a command is held while K is looked for; a map's are taken one by one."""
+"""For how many periods of SC a command is held while K is computed; 1 for maps."""
 COMMANDS_MAX = 64
-"""What the engine takes, all combinations counted."""
+"""The most commands that the engine takes, all combinations counted."""
 
 BEGINNING = 1 << 20
-"""Letters of a file by which it is known who wrote it."""
+"""How many characters of a file are read to see whether soter wrote it."""
 
 
 def synthesize(
@@ -228,9 +227,9 @@ def synthesize(
     system: str | None = None,
     params: Mapping[str, Value] | None = None,
 ) -> list[Path]:
-    """Write the program with every open safe controller found; the files written, program first.
+    """Writes the program with every open safe controller found; returns the files, program first.
 
-    `output` lies in the program's folder, so that its imports and data are found. SoterError R0..
+    `output` lies in the program's folder, so that its imports and data are found. `SoterError` R...
     where there is no problem, U009 where no controller was found, U001, D006, D008 for `output`.
     """
     assert checked.program is not None
@@ -270,7 +269,7 @@ def _is_written(output: Path) -> bool:
 
 
 def _require_place(main: Path, output: Path) -> None:
-    """SoterError U001, D008 where the program cannot be written to `output`."""
+    """`SoterError` U001, D008 where the program cannot be written to `output`."""
     if output.resolve().parent != main.resolve().parent:
         message = f"`{output}` does not lie in the folder of `{main}`"
         helps = ("its imports and data are looked for beside it: choose a name there",)
@@ -287,7 +286,7 @@ UNSUPPORTED = ("write a controller of your own: `sc NAME;`",)
 
 
 def find(problem: Problem, stride: int = STRIDE) -> LawTable:
-    """A law for the only group of a problem; SoterError U009 where there is none."""
+    """A law for the only group of a problem; `SoterError` U009 where none was found."""
     if len(problem.groups) != 1 or problem.groups[0].representation != "grid":
         raise _none_for(
             problem.module, "it has several groups, or one that is no grid", UNSUPPORTED
@@ -322,7 +321,7 @@ def _none_for(module: Module, why: str, helps: tuple[str, ...] = MORE) -> SoterE
 
 
 def _choices(problem: Problem, library: ReachLibrary) -> tuple[CellCommands, int]:
-    """The choices with the largest K over all holds, and the hold."""
+    """The engine's answers for the hold with the largest K, and that hold."""
     best: tuple[CellCommands, int] | None = None
     for hold in HOLDS if problem.kind == "flow" else HOLDS[:1]:
         try:
@@ -348,7 +347,7 @@ def _choices_for(problem: Problem, library: ReachLibrary, hold: int) -> CellComm
 def _core(
     group: GridGroup, allowed: Bools, commands: Sequence[tuple[float, ...]]
 ) -> tuple[Bools, Bools]:
-    """K, and (m, *cells): which of the commands leads back into it."""
+    """K, and (m, *cells): whether command m leads back into it from a cell."""
     table = core_synthesis(group, allowed, commands)
     bits = np.arange(len(commands), dtype=np.uint64).reshape(-1, *[1] * allowed.ndim)
     return table.cells, (table.admits >> bits) & np.uint64(1) != 0
@@ -357,7 +356,7 @@ def _core(
 def _under(
     problem: Problem, library: ReachLibrary, ranges: Sequence[tuple[float, float]], hold: int
 ) -> GridGroup:
-    """The engine with the commands restricted to these ranges, each held for so many periods.
+    """The engine with commands in these ranges, each held for `hold` periods.
 
     Delay and jitter are left to the proof.
     """
@@ -374,7 +373,7 @@ def _under(
 
 
 class _Middles:
-    """Where points are one hold of a command later, all else in the middle of its range."""
+    """Computes where points move in one hold of a command, all else in the middle of its range."""
 
     def __init__(self, problem: Problem, library: ReachLibrary, hold: int) -> None:
         self.problem = problem
@@ -386,7 +385,7 @@ class _Middles:
         self.seconds = hold * problem.times.delta_sc * 1e-9
 
     def after(self, command: int, points: Floats) -> Floats:
-        """(n, d) -> (n, d)."""
+        """The points (n, d) one hold of this command later, (n, d)."""
         first = len(self.problem.states)
         for j, value in enumerate(self.commands[command]):
             self.box[first + j] = value

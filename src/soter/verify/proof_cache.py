@@ -1,10 +1,9 @@
-"""What was proved on this machine, known again by runs, and kept for the editor to show.
+"""Keeps the verdicts of proofs on this machine, so that runs and the editor can show them.
 
 Purpose: `store_verdicts` keeps verdicts in the cache folder; `stored_verdicts` finds them for a
-flat system. The key is all that a proof rests on: every byte of the program and its data, the
-system, the values of all parameters, the module, and every byte of Soter itself. For the editor one
-small file a program, with verdicts on the last few texts of it; whoever shows one compares the
-hash.
+flat system. The key is everything that a proof depends on: every byte of the program and its data,
+the system, all parameters, the module, and every byte of Soter itself. For the editor there is one
+small file for each program, with verdicts on its last few texts, each with the hash of its text.
 Non-goals: proofs of others (`soter recheck`); the verdicts of a program that was changed, or under
 other parameters than the defaults in the editor.
 """
@@ -36,9 +35,10 @@ WORST = ("proved", "assumed", "undecided", "refuted")
 
 
 def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> None:
-    """Keep the verdicts of `of`, each of a module of a flat system; a cache that refuses is left.
+    """Stores the verdicts of `of`, each of a module of the flat system at the same place.
 
-    A module that is proved in views has one result for each of them: the worst verdict counts.
+    A module that is proved in views has one result for each: the worst counts. That the cache
+    cannot be written is no error.
     """
     together: dict[tuple[str, str], list[ModuleResult]] = {}
     flying: dict[str, System] = {}
@@ -69,9 +69,9 @@ def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> Non
 
 
 def stored_verdicts(system: System) -> dict[str, Proof]:
-    """Module -> what was proved of it in exactly this system.
+    """The proofs of modules in exactly this system, by name; unknown modules are left out.
 
-    What nothing is known of is left out, and all of it where runs go beyond what proofs are about.
+    It is empty where runs of the system go beyond what proofs cover.
     """
     if system.faults or system.shuffled or system.test is not None or system.proved is not None:
         return {}
@@ -84,7 +84,7 @@ def stored_verdicts(system: System) -> dict[str, Proof]:
 
 
 def _of(system: System, module: str) -> Proof | None:
-    """The verdicts that stand in the cache; of several, which differ, none."""
+    """The cached proof of a module; None: there is none, or several that differ."""
     name = _name(system, module)
     try:
         if not _mark(name).exists():
@@ -107,12 +107,12 @@ def _of(system: System, module: str) -> Proof | None:
 
 
 def _mark(name: str) -> Path:
-    """A file that is there where entries of this name may be: nobody lists the cache in vain."""
+    """A file that exists if the cache may have entries of this name; else it is not listed."""
     return cache_dir() / "verdicts" / name
 
 
 def _parts(system: System, module: str) -> tuple[str, ...]:
-    """All that a proof rests on, but for Soter itself."""
+    """The parts of the key: everything that a proof depends on, but for Soter itself."""
     values = repr(sorted(system.params.items()))
     return ("proof 1", system.program.sha256, system.name, values, module)
 
@@ -126,14 +126,14 @@ def _content(system: System, module: str) -> str:
 
 
 KEPT_TEXTS = 8
-"""Of so many texts of a program the verdicts are kept."""
+"""For how many texts of a program verdicts are kept."""
 BYTES_MAX = 1024 * 1024
 
 
 def store_verdicts_of_file(
     path: Path, program_sha256: str, modules: Mapping[str, Mapping[str, Any]]
 ) -> None:
-    """Keep what was said of modules of the program in `path`; what cannot be written is forgotten.
+    """Stores the verdicts on modules of the program in `path`; a failure to write is ignored.
 
     `modules`: plain data by module: `verdict`, `headline`, `system`, `seconds`, `horizon_ns`,
     `horizon_needed_ns` (None where there is none) and `properties` (verdicts by name).
@@ -155,7 +155,7 @@ def store_verdicts_of_file(
 
 
 def stored_verdicts_of_file(path: Path) -> list[dict[str, Any]]:
-    """What was kept of the program in `path` by this very Soter, the latest text first.
+    """The verdicts that this version of Soter stored of the program in `path`, latest text first.
 
     Each has `program_sha256` and `modules` as `store_verdicts_of_file` was given them, with
     `when_s`, seconds since 1970. Empty where nothing can be read.
@@ -173,5 +173,5 @@ def stored_verdicts_of_file(path: Path) -> list[dict[str, Any]]:
 
 
 def _file(path: Path) -> Path:
-    """Beside the cache's entries, which are folders: nobody who makes room there removes it."""
+    """The file of a program; the cache's entries are folders, so clearing it keeps this file."""
     return cache_dir() / "verdicts" / f"{digest([str(path.resolve())])[:32]}.json"

@@ -52,12 +52,12 @@ def by_method(case: Case) -> Iterator[tuple[Method, list[GroupProof]]]:
 
 
 def pairs_of(case: CaseSets) -> Pairs:
-    """(S_0, S_(m-2)) of the groups of a case that have them."""
+    """The pairs (S_0, S_(m-2)) of the groups of a case that have them."""
     return [p.pair for p in case.proofs if p.pair is not None]
 
 
 def tables(problem: Problem, cases: Sequence[Pairs]) -> list[LevelTable]:
-    """A table for each group, in order, from its pair in every case: what holds in all of them."""
+    """A table for each group, in order, of what holds in every case, by its pair in each."""
     every = zip(in_order(problem.groups), zip(*cases, strict=True), strict=True)
     return [method_of(g).table(problem, g, pairs) for g, pairs in every]
 
@@ -65,7 +65,7 @@ def tables(problem: Problem, cases: Sequence[Pairs]) -> list[LevelTable]:
 def entry_over_sets(
     result: ModuleResult, system: str, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """The module in a manifest."""
+    """The module's entry in a manifest; the files that it names are added to `files`."""
     problem = result.problem
     plants = [c.name for c in problem.system.components if c.role == "plant"]
     claims = _claims(result)
@@ -96,7 +96,7 @@ def entry_over_sets(
 
 
 def _claims(result: ModuleResult) -> dict[str, str]:
-    """Verdicts by claim; of a fail-safe law only where one is declared."""
+    """The verdict of each claim; that of a fail-safe law only if one is declared."""
     law = bool(result.problem.module.law)
     unclaimed = UNCLAIMED if law else (*UNCLAIMED, "failsafe")
     return {n: f.verdict for n, f in result.findings.items() if n not in unclaimed}
@@ -114,7 +114,7 @@ def _every_input(problem: Problem) -> list[dict[str, str]]:
 
 
 def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[dict[str, object]]:
-    """What the DM of the module holds: levels of every group, as in its C."""
+    """Entries for the tables of the module's DM: the levels of every group, as in its C."""
     cases = [pairs_of(case) for case in result.cases]
     if not cases or any(len(case) != len(result.problem.groups) for case in cases):
         return []  # not everything was computed: there is no table, and nothing to be claimed
@@ -126,14 +126,14 @@ def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[di
 def inputs_of(
     kind: str, leaves: Sequence[Leaf], ranges: Sequence[Interval]
 ) -> Iterator[dict[str, str]]:
-    """Of a manifest: inputs of a kind with their ranges."""
+    """The entries of a kind of inputs, with their ranges."""
     for leaf, r in zip(leaves, ranges, strict=True):
         low, high = float(r.low).hex(), float(r.high).hex()
         yield {"name": leaf.name, "kind": kind, "low": low, "high": high}
 
 
 def times_of(times: Times) -> dict[str, int]:
-    """Of a manifest: every time of a module, in ns."""
+    """The entry with every time of a module, in ns."""
     return {
         "Delta_ns": times.delta_dm,
         "delta_ns": times.delta_sc,
@@ -176,7 +176,7 @@ def _case(
 def _only_claimed(
     group: dict[str, Any], files: dict[str, bytes], claims: set[str], *, computed: bool
 ) -> None:
-    """Leave out what was found and no claim rests on, with its files; K is empty then."""
+    """Removes sets that no proved claim needs, with their files; K is then written as empty."""
     for name in unclaimed(group, claims, computed=computed):
         *inside, own = name.split(".")
         del (group[inside[0]] if inside else group)[own]

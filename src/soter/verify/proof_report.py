@@ -55,11 +55,11 @@ if TYPE_CHECKING:
 
 
 ROOM = 0.06
-"""Drawn beyond the grid, as a share of it: there the run ends."""
+"""The margin that is drawn beyond the grid, as a share of it: the run ends there."""
 
 
 def leaving_figures(m: ModuleResult, run: LeavingRun | None) -> Iterator[RegionFigure]:
-    """One figure over time; a second one, in the plane of two states, where there is one."""
+    """A figure of the run over time, and one in the plane of two states if the group has two."""
     if run is None:
         return
     axis = run.names.index(run.axis)
@@ -102,7 +102,7 @@ def _has(sets: GroupSets, state: int) -> bool:
 
 
 def _at_start(sets: GroupSets, run: LeavingRun, without: tuple[int, ...]) -> tuple[int, ...]:
-    """Cells of the start along the axes that are not drawn."""
+    """The cells of the start along the axes that are not drawn."""
     indices = []
     for k, a in enumerate(sets.group.axes):
         if k not in without:
@@ -119,7 +119,7 @@ def _cut(cells: NDArray[np.uint8], axis: int, at: tuple[int, ...]) -> NDArray[np
 
 
 def _padded(edges: Floats, cells: NDArray[np.uint8]) -> tuple[Floats, NDArray[np.uint8]]:
-    """A margin outside the grid, along the first axis of the cells."""
+    """Edges and cells with a margin outside the grid, along the first axis."""
     room = ROOM * (edges[-1] - edges[0])
     outside = np.full((1, *cells.shape[1:]), R1, dtype=np.uint8)
     wider = np.concatenate([[edges[0] - room], edges, [edges[-1] + room]])
@@ -127,7 +127,7 @@ def _padded(edges: Floats, cells: NDArray[np.uint8]) -> tuple[Floats, NDArray[np
 
 
 def _plane(sets: GroupSets, run: LeavingRun, axis: int) -> RegionFigure:
-    """The axis by which it leaves, and the first other one of its group."""
+    """The figure over the axis by which the run leaves and the first other one of its group."""
     axes = sets.group.axes
     k = [a.state for a in axes].index(axis)
     other = 0 if k else 1
@@ -187,7 +187,7 @@ BY_TUBES = {
     "start": "from the declared initial states SC leads to rest, `safe` all the way",
 }
 OTHERWISE = {NODES: BY_INDUCTION, TUBES: BY_TUBES}
-"""What is said otherwise where there are no sets of states."""
+"""The words that differ for proofs without sets of states, by kind of problem."""
 SHARES = {
     "core": "core K, of the grid's volume",
     "free": "R(H): AC may have control here",
@@ -198,7 +198,7 @@ SHARES = {
 
 
 def write_report(report: VerifyReport, path: Path) -> Path:
-    """Write the page; SoterError D006 where it cannot be written."""
+    """Writes the page; `SoterError` D006 where it cannot be written."""
     made = page(report)
     try:
         return write_proof(made, path)
@@ -241,7 +241,7 @@ def page(report: VerifyReport) -> ProofPage:
 
 
 def _names(report: VerifyReport) -> list[str]:
-    """Of the modules; one that is proved in views stands there once."""
+    """The names of the modules; one that is proved in views appears once."""
     views = Counter(m.name.removesuffix(f" as {m.problem.view}") for m in report.modules)
     viewed = any(m.problem.view for m in report.modules)
     return [f"{name} in {n} views" if viewed and n > 1 else name for name, n in views.items()]
@@ -257,7 +257,7 @@ def _trusted(report: VerifyReport) -> tuple[str, ...]:
 
 
 def _but(report: VerifyReport) -> str:
-    """What the headline of a proof must not leave out."""
+    """A clause for the headline that proofs of some modules say little; "": they do not."""
     held = [m for m in report.modules if m.verdict in HOLDING]
     little = [m for m in held if m.vacuity is not None]
     if report.verdict not in ("proved", "assumed") or not little:
@@ -302,18 +302,18 @@ def _headline(m: ModuleResult) -> str:
 
 
 def _method(f: Finding) -> str:
-    """How it was shown: what is assumed was not."""
+    """How a finding was shown; an assumed one was not."""
     return "none" if f.verdict == "assumed" else f.method
 
 
 def _keeps(m: ModuleResult) -> str:
-    """What may be said of `safe`: P2b and the fail-safe law are about something else."""
+    """Words on whether `safe` is kept: P2b and the fail-safe law do not matter for that."""
     shown = all(f.holds for n, f in m.findings.items() if n not in ("P2b", "failsafe"))
     return "keeps" if shown else "not shown: that it keeps"
 
 
 def _open(m: ModuleResult) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Of each property that is not shown what the terminal says: where, why, tried, help."""
+    """For each property that is not shown its lines as in the terminal: where, why, tried, help."""
     told = [NO_CORE]
     for name in ("P2a", "ttf", "safer", *m.findings):
         f = m.findings[name]
@@ -332,7 +332,7 @@ def _open(m: ModuleResult) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 
 def _safe(m: ModuleResult) -> str:
-    """What `safe` of the module is, as it is written."""
+    """The text of the module's `safe`."""
     return " ".join(m.problem.module.symbol.safe.span.text.split())
 
 

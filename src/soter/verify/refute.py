@@ -1,11 +1,11 @@
-"""Look for a run that leaves C: what stands behind the verdict `refuted`.
+"""Looks for a run that leaves C, the states where `safe` holds: the verdict `refuted`.
 
-Purpose: many short native runs of the closed system under attack (`attacked_system.py`), the
-environment and the AC at their bounds in seeded patterns (`semantics/draws.py`). What is
-found natively is run again by the interpreter, recorded, written as choices, and replayed from
-these choices alone; only that replay refutes. `refuted` calls this for what is not proved, and
-enters what was found among the verdicts. Non-goals: proving: that nothing was found means nothing.
-Delays and jitter: virtual time has none.
+Purpose: `refute` makes many short native runs of the closed system under attack
+(`attacked_system.py`), with the environment and the AC at their bounds in seeded patterns
+(`semantics/draws.py`). A run found natively is run again by the interpreter, recorded as choices,
+and replayed from these alone; only that replay refutes. `refuted` does this for claims that are not
+proved, and enters what was found.
+Non-goals: proving (that nothing was found means nothing); delays and jitter: virtual time has none.
 """
 
 from __future__ import annotations
@@ -49,27 +49,27 @@ if TYPE_CHECKING:
 
 
 ROUNDS = ((200, 32), (1000, 64), (200, 256), (4000, 64), (1000, 512))
-"""(length of a run in DM periods, seeds a pattern); the last ones are repeated."""
+"""Rounds as (length of a run in DM periods, seeds for each pattern); the last ones are repeated."""
 CYCLE_LENGTHS = (50, 100, 200, 500, 1000, 2000, 4000, 8000, 16000)
-"""DM periods after which to look whether a run under SC repeats itself."""
+"""After these numbers of DM periods it is checked whether a run under SC repeats itself."""
 CYCLE_TURNS = 4
 CYCLE_SEEDS = 32
 CONFIRMATIONS_MAX = 8
-"""Interpreter runs spent on natively found runs that did not confirm: none is expected."""
+"""How many native finds may fail in the interpreter before the search ends; none should."""
 
 
 @dataclass(frozen=True)
 class RefutationSearch:
-    """What a search did, and what it found."""
+    """What a search did, and the counterexample that it found, if any."""
 
     found: Counterexample | None
     runs: int
     hindrance: str = ""
-    """Why nothing could be tried, in words."""
+    """Why nothing could be tried, in words; "": it could."""
 
 
 def refute(system: System, module: str, budget_s: float = 10.0) -> RefutationSearch:
-    """Look for a run from the declared initial states that leaves C, for `budget_s` CPU seconds.
+    """Looks for a run from the declared initial states that leaves C, for `budget_s` CPU seconds.
 
     `system`: the verification system (`Problem.system`; `module` is the name it has there), or a
     real one without externs.
@@ -78,7 +78,7 @@ def refute(system: System, module: str, budget_s: float = 10.0) -> RefutationSea
 
 
 def refute_return(system: System, module: str, budget_s: float = 5.0) -> RefutationSearch:
-    """Look for a run on which SC gets control and the DM never gives it back (P2b)."""
+    """Looks for a run on which SC gets control and the DM never gives it back (P2b)."""
     return _search(system, module, budget_s, _cycling_runs)
 
 
@@ -150,7 +150,7 @@ def _confirmed(candidate: Counterexample, system: System) -> Counterexample | No
 
 
 class _SearchBudget:
-    """The budget, in seconds of this process on a CPU (so that a busy machine changes little)."""
+    """A budget in CPU seconds of this process, so that a busy machine changes little."""
 
     def __init__(self, budget_s: float) -> None:
         self.budget_s = budget_s
@@ -163,7 +163,7 @@ class _SearchBudget:
 
 
 class _Attack:
-    """An attacked system, compiled with draws that mean harm."""
+    """An attacked system, compiled with draws at the bounds of their sets."""
 
     def __init__(self, system: System, index: int, controller: str) -> None:
         self.variant = attacked(system, index, controller)
@@ -201,11 +201,11 @@ class _Attack:
 _NOTHING = Counterexample(
     module="", shows="", controller="", seed=0, time_ns=0, cycle_ns=None, choices={}
 )
-"""A stream's word for: nothing yet, look at the clock."""
+"""Stands for: nothing found yet, look at the clock."""
 
 
 def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexample]:
-    """Seeds pattern by pattern, runs growing longer; ends only with the budget."""
+    """Candidates that leave C: seeds, pattern by pattern, in ever longer runs, without end."""
     known_ns = truths_known_ns(attack.variant)
     first = 1
     number = 0
@@ -228,7 +228,7 @@ def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
 
 
 def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexample]:
-    """Constant choices only: then a state that comes back comes back for ever."""
+    """Candidates that repeat a state; choices are constant, so it comes back for ever."""
     if reads_time(attack.variant, attack.index):
         return
     turn_ns = attack.variant.hyperperiod_ns
@@ -252,7 +252,7 @@ def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
 
 
 def _place(attack: _Attack, state: Any, row: Any) -> bytes:  # noqa: ANN401 - numpy
-    """The bytes of topics, locals and plants, and the modes."""
+    """The bytes of topics, locals and plants, and the modes: equal where a run repeats itself."""
     first = min(g.offset for g in attack.layout.groups)
     flags = row["components"][["oe", "latched", "had_control"]]
     modes = row["modules"][["mode", "gate_fault", "clean_needed"]]
@@ -263,7 +263,7 @@ SAFETY = ("P2a", "P3", "ttf", "safer", "start", "P1c")
 
 
 def refuted(problem: Problem, result: ModuleResult) -> None:
-    """Enter counterexamples for what is undecided."""
+    """Enters counterexamples for claims that are undecided."""
     findings = result.findings
     if problem.synthesize or problem.computed:
         return  # the DM or SC that would run is not there yet
@@ -285,10 +285,10 @@ def refuted(problem: Problem, result: ModuleResult) -> None:
 
 
 def _blamed(findings: dict[str, Finding], run: Counterexample) -> list[str]:
-    """Which properties a run that leaves C refutes.
+    """The names of the properties that a run leaving C refutes.
 
-    By the theorem one of those that are not proved is false. Where SC has control at the end that
-    is P2a if it is among them; otherwise AC had control too long: P3.
+    By the theorem one of those that are not proved is false: P2a, if it is among them and SC has
+    control at the end; else AC had control too long, so P3.
     """
     open_ = [p for p in SAFETY if findings[p].verdict == UNDECIDED]
     last = [step["modes"].get(run.module) for step in run.steps[-1:]]
@@ -315,7 +315,7 @@ def _enter(findings: dict[str, Finding], name: str, run: Counterexample, seconds
 
 
 def _tell(findings: dict[str, Finding], names: tuple[str, ...], search: RefutationSearch) -> None:
-    """What was tried in vain."""
+    """Enters in the findings how many runs were tried in vain."""
     note = search.hindrance or f"{search.runs:,} runs under attack found nothing"
     for name in names:
         finding = findings[name]

@@ -1,7 +1,7 @@
-"""What the prover covers and what it does not: systems, modules, parameters, composition.
+"""What a verification covers and what it does not: systems, modules, parameters, composition.
 
-Purpose: every system that holds a module is either the same problem, or named as not covered; who
-guarantees what a module takes for granted of the rest of its system: the part of some module's
+Purpose: `coverage_of` names, for every other system that holds a module, whether it poses the same
+problem or is not covered, and finds who guarantees what a module relies on: a part of some module's
 `safe` that keeps a topic in its declared set (docs/proof-modules.md, Composition); `rows_of`: all
 of that with the verdicts of a report, as lines of a table, the same for the terminal and the page.
 Non-goals: proofs.
@@ -39,9 +39,9 @@ TURNED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
 
 
 def topic_contract_of(flat: System, topic: int, leaf: int, low: float, high: float) -> str:
-    """The module whose `safe` keeps a leaf that a plant drives within [low, high]; "": none.
+    """The name of a module whose `safe` keeps a driven leaf within [low, high]; "": none.
 
-    What is published is off by the measurement error, so `safe` has to leave room for that.
+    `safe` has to leave room for the measurement error of what is published.
     """
     error = sum(
         m.bound for c in flat.components for m in c.measured if (m.topic, m.leaf) == (topic, leaf)
@@ -54,14 +54,14 @@ def topic_contract_of(flat: System, topic: int, leaf: int, low: float, high: flo
 
 
 def at_all_times(flat: System) -> list[Module]:
-    """Modules whose theorem speaks of all times: below another one it does not."""
+    """The modules whose claims hold at all times, that is, those not below another module."""
     return [m for m in flat.modules if not modules_above(flat, m.index)]
 
 
 def publisher_of(flat: System, plant: Component) -> str:
-    """The module whose proof is about a plant that flies; "": none, or one that is forced.
+    """The name of the module whose proof is about a flying plant; "": none, or it is forced.
 
-    What that plant publishes lies in its sets wherever the proof holds: it is part of its C.
+    Where that proof holds the plant publishes within its sets, as that is part of C.
     """
     for module in at_all_times(flat):
         verify = module.symbol.verify
@@ -77,7 +77,7 @@ def publisher_of(flat: System, plant: Component) -> str:
 
 
 def _kept(module: Module, topic: int, leaf: int) -> tuple[float, float]:
-    """What the parts of `safe` say of a leaf by themselves."""
+    """The range in which single parts of `safe` keep a leaf."""
     symbol = module.whole or module.symbol
     low, high = -math.inf, math.inf
     calculator = Calculator(Diagnostics(), module.scope.params)
@@ -101,7 +101,7 @@ def _kept(module: Module, topic: int, leaf: int) -> tuple[float, float]:
 
 
 def _leaf(module: Module, e: typed.TypedExpr) -> tuple[int, int] | None:
-    """A leaf of a topic, as (topic, number of the leaf), where an expression is just that."""
+    """The (topic, number of the leaf) that an expression is; None where it is no leaf."""
     path: list[int] = []
     while isinstance(e, typed.TypedField):
         path.append(e.index)
@@ -122,7 +122,7 @@ Chosen = list[tuple["System", "Module"]]
 def coverage_of(
     checked: CheckResult, chosen: Chosen, problems: list[Problem], params: Mapping[str, Value]
 ) -> VerificationScope:
-    """What was verified besides the modules that were chosen, and what was not."""
+    """The scope of a verification: what else it covers beside the chosen modules, and what not."""
     also, rest = [], []
     taken = {(flat.name, m.name) for flat, m in chosen}
     for name in checked.systems or [""]:
@@ -156,7 +156,7 @@ def coverage_of(
 
 
 def _posed(flat: System, module: Module, problems: list[Problem]) -> list[int]:
-    """Which of the problems it poses in its first view; none where a view of it poses none."""
+    """Which problems a module poses in its first view; empty where some view poses none."""
     keys = [problem_key(extract(*seen)) for seen in systems_by_view(flat, module)]
     every = [[i for i, p in enumerate(problems) if problem_key(p) == key] for key in keys]
     return every[0] if all(every) else []
@@ -188,9 +188,10 @@ def _same(
 
 
 def problem_key(problem: Problem) -> object:
-    """Equal where two modules pose the same problem: all that sets and claims are computed from.
+    """A key that is equal where two modules pose the same problem.
 
-    Components are compared by what they were declared as, and by every number of theirs.
+    It holds all that sets and claims are computed from; components are compared by their
+    declaration and by all of their numbers.
     """
     components = tuple(_component(problem.system, c) for c in problem.system.components)
     forced = problem.module.forced
@@ -219,13 +220,13 @@ def problem_key(problem: Problem) -> object:
 
 
 def _law(problem: Problem) -> object:
-    """The fail-safe law: with the problem itself it is all that its own problem is made of."""
+    """The key of the fail-safe law; with the problem it determines the law's own problem."""
     law = problem.module.law
     return tuple(sorted((problem.system.topics[i].name, repr(v)) for i, v in law.items()))
 
 
 def _flying_key(flat: System, module: Module) -> object:
-    """Everything around a module whose plants are abstractions: what they abstract is in it."""
+    """The key of all that flies around a module whose plants are abstractions."""
     return (
         module.name,
         tuple((c.name, _component(flat, c)) for c in flat.components),
@@ -269,7 +270,7 @@ def _contracts(flat: System, module: Module) -> list[str]:
 
 
 def _plants_beside(flat: System) -> list[str]:
-    """Plants that a value outside of a declared set stops, and that no module's proof is about."""
+    """The plants that stop at a value outside a declared set and that no proof is about."""
     abstracted = {
         m.name.rpartition(".")[0] + "." * ("." in m.name) + link.instance
         for m in flat.modules
@@ -299,7 +300,7 @@ def _in_declared_sets(flat: System, module: Module, problem: Problem) -> list[Sc
 
 
 def _taken(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
-    """What is taken for granted of everybody outside of the module."""
+    """All that a module relies on outside of itself, and who guarantees it."""
     guarantees = _in_declared_sets(flat, module, problem)
     guarantees += _modes(problem)
     guarantees += _moved(flat, problem)
@@ -326,7 +327,7 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[ScopeGuarante
 
 
 def _modes(problem: Problem) -> list[ScopeGuarantee]:
-    """Modes of others: nothing is asked of them, but where P2b waits."""
+    """Guarantees about modes of other modules: none are needed, but where P2b waits for them."""
     if problem.modes is None:
         return []
     guarantees = [
@@ -340,7 +341,7 @@ def _modes(problem: Problem) -> list[ScopeGuarantee]:
 
 
 def _moved(flat: System, problem: Problem) -> list[ScopeGuarantee]:
-    """What others publish and the plants of the module read: who keeps it in its set."""
+    """Guarantees for what others publish and the module's plants read: who keeps it in its set."""
     guarantees = []
     for i in problem.influences:
         index, by = _in_the_system(flat, problem, i.topic)
@@ -361,7 +362,7 @@ def _moved(flat: System, problem: Problem) -> list[ScopeGuarantee]:
 
 
 def _in_the_system(flat: System, problem: Problem, index: int) -> tuple[int, str]:
-    """A topic of the verification system, where the module flies: its index, and who drives it."""
+    """The index in the flying system of a verification system's topic, and who drives it there."""
     topic = problem.system.topics[index]
     there = [t for t in flat.topics if t.symbol is topic.symbol]
     around = problem.module.name.rpartition(".")[0]
@@ -372,9 +373,9 @@ def _in_the_system(flat: System, problem: Problem, index: int) -> tuple[int, str
 
 @dataclass(frozen=True)
 class ComposedAssumption:
-    """`module` takes `what` for granted; `why` it may, and whether that is `open`.
+    """A row: `module` relies on `what`; `why` it may, and whether that is still `open`.
 
-    `promised`: another module should guarantee it.
+    `promised`: whether another module should guarantee it.
     """
 
     module: str
@@ -385,7 +386,7 @@ class ComposedAssumption:
 
 
 def rows_of(report: VerifyReport) -> list[ComposedAssumption]:
-    """Who keeps what; a module that is proved in views stands there once."""
+    """The rows of a report; a module that is proved in views appears once."""
     views = {m.name: m.problem.view for m in report.modules}
     verdicts = {m.name.removesuffix(f" as {views[m.name]}"): m.verdict for m in report.modules}
     rows = []

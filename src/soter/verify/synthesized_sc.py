@@ -1,9 +1,9 @@
-"""A safe controller that was found: its table, and its text as a node of Soter.
+"""A synthesized safe controller: its table of commands, and its text as a node of Soter.
 
-Purpose: choose one command for every cell of a coarse table so that the law that reads it keeps
-the core, and heads for where an adversary would need longest to do harm. `written`: the law as a
-node, and the program with that node in the place of `sc synthesized period d;`. Nothing here is
-trusted: the written node is verified like any other.
+Purpose: `chosen` picks one command for every block of a coarse table so that the law that reads it
+keeps the core, and heads for where an adversary would need longest to do harm. `written` makes the
+program with that law as a node in the place of `sc synthesized period d;`. Nothing here is trusted:
+the written node is verified like any other.
 Non-goals: the core and the images of cells (`verify/grid/sets.py`), proofs (`verify_module.py`).
 
 A law that is read off a table is analysed on closed cells, so on a border all commands of the
@@ -42,31 +42,31 @@ if TYPE_CHECKING:
 
 
 NEVER = 1e6
-"""Steps to the goal from where it is not reached."""
+"""The number of steps to the goal that counts where it is not reached."""
 SWEEPS_MAX = 1000
 GOAL_SHARE = 0.9
 """The goal of the law: blocks with at least this share of the longest time from harm."""
 SEEN = 2
-"""Cells around a cell whose table entries it may see: itself, a neighbour, and one for rounding."""
+"""How many cells away a state may read a table entry: a neighbour, and one for rounding."""
 STRIDE = 8
-"""Cells of the grid along each side of a block of the table."""
+"""How many cells of the grid a side of a block of the table has."""
 
 
 @dataclass(frozen=True)
 class CellCommands:
-    """What the engine says about the cells of a grid, shape (n_1, ..., n_d), and m commands."""
+    """The engine's answers about m commands on the cells of a grid, shape (n_1, ..., n_d)."""
 
     core: Bools
-    """K: from here some sequence of commands keeps the constraint for ever."""
+    """K: cells from which some sequence of commands keeps the constraint for ever."""
     admits: Bools
-    """(m, *cells): one period of the command leads back into K and never leaves C."""
+    """(m, *cells): whether one period of the command leads back into K and never leaves C."""
     free: Bools
-    """The same for every mixture of commands."""
+    """Cells from which every mixture of commands does so."""
 
 
 @dataclass(frozen=True)
 class LawTable:
-    """A law: in block (i_1, ..., i_d) of equal blocks from `low` on, `width` each, this command."""
+    """A law: a command for each block (i_1, ..., i_d); blocks begin at `low`, `width` each."""
 
     low: tuple[float, ...]
     width: tuple[float, ...]
@@ -74,7 +74,7 @@ class LawTable:
 
 
 def block_middles(low: Sequence[float], width: Sequence[float], shape: tuple[int, ...]) -> Floats:
-    """(*shape, d): the middles of equal blocks."""
+    """The middles of equal blocks, of shape (*shape, d)."""
     axes = [a + w * (np.arange(n) + 0.5) for a, w, n in zip(low, width, shape, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
@@ -121,9 +121,9 @@ def combinations(problem: Problem) -> list[tuple[float, ...]]:
 
 
 def _preferred(inside: Bools, refused: Bools, moves: Sequence[Read]) -> Ints:
-    """Per block the command of least time to where an adversary needs longest to leave the core.
+    """For each block the command that leads soonest to where an adversary needs longest for harm.
 
-    Value iteration on the middles with multilinear interpolation: a guide, no proof.
+    It is value iteration on the middles with multilinear interpolation: a guide, no proof.
     """
     start = np.where(inside, NEVER, 0.0)
     margin = _settled(
@@ -157,7 +157,7 @@ def _settled(f: Floats, better: Callable[[Floats], Floats]) -> Floats:
 def _interpolation(
     low: Sequence[float], width: Sequence[float], points: Floats, shape: tuple[int, ...]
 ) -> Read:
-    """Reads a function on the middles of blocks at points, held constant beyond the border."""
+    """Indices and weights that interpolate a function on the blocks' middles, constant beyond."""
     firsts, shares = [], []
     for k, n in enumerate(shape):
         place = np.clip((points[..., k] - low[k]) / width[k] - 0.5, 0.0, n - 1.0)
@@ -178,7 +178,7 @@ def _interpolation(
 
 
 def _seen(cells: Bools, radius: int) -> Bools:
-    """Everything within so many cells, diagonals included."""
+    """The cells within `radius` of a set, diagonals included."""
     for axis in range(cells.ndim):
         grown = cells.copy()
         for step in range(1, radius + 1):
@@ -192,7 +192,7 @@ def _seen(cells: Bools, radius: int) -> Bools:
 
 
 def blocks(votes: Bools, stride: int) -> Ints:
-    """(m, *cells) -> (m, *blocks): how many cells of a block vote for each command."""
+    """How many cells of each block vote for each command: (m, *cells) -> (m, *blocks)."""
     count: Ints = votes.astype(np.int64)
     for axis in range(1, votes.ndim):
         starts = np.arange(0, votes.shape[axis], stride)
@@ -202,7 +202,7 @@ def blocks(votes: Bools, stride: int) -> Ints:
 
 
 def _spread(entries: Ints, known: Bools) -> Ints:
-    """Entries with the unknown ones taken over from their neighbours, border by border."""
+    """The entries with unknown ones copied from known neighbours, layer by layer."""
     result: Ints = entries.copy()
     left = ~known
     while left.any() and not left.all():
@@ -233,7 +233,7 @@ class SynthesizedSource:
     data: bytes
 
     def save(self, path: Path) -> tuple[Path, Path]:
-        """Write the program to `path` and the table beside it; OSError."""
+        """Writes the program to `path` and the table beside it; `OSError`."""
         beside = own_place(path.parent, self.data_name)
         path.write_text(self.text, encoding="utf-8")
         beside.write_bytes(self.data)
@@ -262,7 +262,7 @@ def written(problem: Problem, table: LawTable) -> SynthesizedSource:
 
 
 def free_name(name: str, text: str) -> str:
-    """`name`, with underscores until the text does not have it."""
+    """`name` with as many underscores that the text does not have it."""
     while name in text:
         name += "_"
     return name
@@ -281,10 +281,10 @@ def _beginning(symbol: ModuleSymbol) -> int:
 
 
 def _data(problem: Problem, table: LawTable) -> bytes:
-    """One table for each control, of indices into its own commands, which increase.
+    """The bytes of a table for each control, of indices into its own increasing commands.
 
-    On a border between blocks an analysis joins indices: every control by itself, and nothing
-    between two commands that is not between their values.
+    On a border between blocks an analysis joins indices, each control by itself; as commands
+    increase with them, only commands between the two are added.
     """
     sizes = [len(values) for values in problem.commands]
     parts = np.stack(np.unravel_index(table.entries, sizes)).astype(np.uint8)
@@ -343,7 +343,7 @@ def _node(problem: Problem, table: LawTable, node: str, data: str) -> Iterator[s
 
 
 def _read(problem: Problem, axis: int) -> tuple[str, str]:
-    """Topic and path of the state of an axis, as the module's file names them."""
+    """The topic and path of an axis's state, as the module's file names them."""
     state = problem.groups[0].axes[axis].state
     topic, leaf = problem.topic_leaf_of_state[state]
     state_topic = problem.system.topics[topic]
@@ -361,7 +361,7 @@ def _joined(path: Sequence[str]) -> str:
 
 
 def _value(t: Type, node: str, topic: int, path: tuple[str, ...], problem: Problem) -> str:
-    """What is published: the constant of every leaf, at the table's entry."""
+    """The text of the published value: the constant of each leaf at the table's entry."""
     if isinstance(t, RecordType):
         parts = [f"{n}: {_value(f, node, topic, (*path, n), problem)}" for n, f in t.fields]
         return "{ " + ", ".join(parts) + " }"
@@ -380,7 +380,7 @@ def _constant(node: str, topic: int, path: Sequence[str], problem: Problem) -> s
 
 
 def _local(topic: TopicSymbol, module: ModuleSymbol) -> str:
-    """A topic's name in the file that declares the module."""
+    """The name of a topic in the file that declares the module."""
     home = module.name.rpartition(".")[0]
     if home and topic.name.startswith(home + "."):
         return topic.name[len(home) + 1 :]

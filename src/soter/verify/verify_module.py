@@ -75,11 +75,11 @@ if TYPE_CHECKING:
 
 REFINEMENTS_MAX = 2
 STAGES = ("safe", "core", "tubes", "ttf", "safer", "way")
-"""What the engine says it does, in the order in which that takes place."""
+"""The stages of progress that are reported, in the order in which they take place."""
 CASES, ATTACKED = 0.6, 0.9
-"""Shares of a module's time, roughly, after which the cases are done, and the compiled DM."""
+"""The shares of a module's time, roughly, after which its cases, and the next steps, are done."""
 RESTS_ON = ("P1c", "P2a", "P3", "start")
-"""Where the law begins the state is in K by these."""
+"""The claims by which the state is in K when the fail-safe law begins to act."""
 CLAIMS = ("P2a", "ttf", "safer", "start", "P2b")
 NOT_ENTERED = (
     "a guard that lets less in, over what the view's plants drive; or leave `enters` out: then "
@@ -95,10 +95,10 @@ def verify_module(
     search: Search | None = None,
     compiled: tuple[ReachLibrary, tuple[str, ...]] | None = None,
 ) -> ModuleResult:
-    """Everything about one module. `SoterError` R... where a program cannot be enclosed.
+    """Verifies one module; `SoterError` R... where its program cannot be enclosed.
 
-    `explain`: measure why something stays undecided; None: where `refute` is. `compiled`: what
-    `library_of` gives. `search`, as every method takes it: these runs are looked for without.
+    `explain`: find out why something stays undecided; None: as `refute`. `compiled`: what
+    `library_of` gives. `search` is there because every method takes it, and is not used.
     """
     del search
     began = time.perf_counter()
@@ -151,7 +151,7 @@ def verify_module(
 
 
 def _chosen(problem: Problem, library: ReachLibrary) -> tuple[Choice, float]:
-    """All cases, on cells and levels that are chosen; and the CPU seconds of the first attempt."""
+    """All cases on the chosen cells and levels, and the CPU seconds of the first attempt."""
     spent: list[float] = []
 
     def attempt(problem: Problem) -> list[Case]:
@@ -174,7 +174,7 @@ def _all_cases(problem: Problem, library: ReachLibrary) -> list[Case]:
 
 
 def _settled(problem: Problem, library: ReachLibrary, parameter: tuple[int, ...]) -> Case:
-    """One case, on finer grids where borders fail. Computed predicates keep the declared grid."""
+    """One case, on finer grids if only borders fail; not for computed predicates."""
     first = case = _case(problem, library, problem.groups, parameter, None)
     for _ in range(0 if problem.computed else REFINEMENTS_MAX):
         if (finer := refined(case)) is None:
@@ -196,7 +196,7 @@ def _case(
     parameter: tuple[int, ...],
     before: Case | None,
 ) -> Case:
-    """All claims for one combination of parameter values."""
+    """A case with all claims examined, for one combination of parameter values."""
     case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
     try:
         case = claims.open_case(problem, library, groups, parameter, before)
@@ -225,7 +225,7 @@ def _claims(case: Case) -> None:
 
 
 def _recover(case: Case, way_back: Callable[[Case], None]) -> None:
-    """P2b, and again what rests on K where some of it is given up."""
+    """Examines P2b; where cells of K are given up for it, examines what follows from K again."""
     with ClaimTimer(case, "P2b"):
         way_back(case)
     if shrunk(case):
@@ -237,7 +237,7 @@ def _recover(case: Case, way_back: Callable[[Case], None]) -> None:
 
 
 def _enter_verdicts(result: ModuleResult, done: list[Case], unentered: str) -> None:
-    """Every property but the DM's; `unentered`: why a declared `enters` is not shown."""
+    """Enters the findings on all properties but DM; `unentered`: why `enters` is not shown."""
     problem, findings = result.problem, result.findings
     static_claims(problem, result)
     findings |= {claim: _finding(problem, done, claim) for claim in CLAIMS}
@@ -255,7 +255,7 @@ def _enter_verdicts(result: ModuleResult, done: list[Case], unentered: str) -> N
 
 
 def _decision_module(result: ModuleResult) -> Finding:
-    """The generated C of the DM is the switching logic."""
+    """The finding that the generated C of the DM decides as declared."""
     from soter.verify.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
 
     began = time.perf_counter()
@@ -269,7 +269,7 @@ def _prelude(functions: tuple[str, ...]) -> list[Assumption]:
 
 
 def _together(problem: Problem, done: list[Case]) -> list[Assumption]:
-    """A proof may have one acting time for all commands that move its group: an assumption."""
+    """The assumptions that all commands which move a group begin to act at one instant."""
     if problem.times.jitter_sc == 0:
         return []
     assumptions = []
@@ -282,10 +282,10 @@ def _together(problem: Problem, done: list[Case]) -> list[Assumption]:
 
 
 def _handed_over(problem: Problem, done: list[Case]) -> tuple[Mapping[str, str], str]:
-    """A declared `enters` is an obligation: shown, nothing of it is assumed; else it is undecided.
+    """The assumptions about a declared `enters` that are shown, by key, and how; or why not.
 
-    Keys of assumptions that are shown -> how; or why they are not. That the state lies in R(H)
-    wherever `enters` holds is about all of K and R(H): no claim of one case.
+    If they are not shown the module is undecided. It is no claim of one case, as `enters` must
+    imply R(H) in all of them.
     """
     entered, why = problem.jumps.entered, problem.jumps.unkept
     if entered and not why:
@@ -295,7 +295,7 @@ def _handed_over(problem: Problem, done: list[Case]) -> tuple[Mapping[str, str],
 
 
 def _only_if_proved(finding: Finding, why: str, hint: str) -> None:
-    """A claim that is proved but for this; one that is not has its own reasons, which are told."""
+    """Makes a proved finding undecided, with this reason; others have their own reasons."""
     if finding.verdict == PROVED:
         finding.rest_on(UNDECIDED, why, hint)
 
@@ -309,7 +309,7 @@ def _lease_holds(problem: Problem) -> Assumption:
 
 
 def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Finding:
-    """That the law keeps C once the lease has ended: SC and AC stay inside what it keeps."""
+    """The finding that the fail-safe law keeps C once the lease has ended."""
     if problem.law is None and not problem.law_unread:
         return Finding(ASSUMED, method=HOW["failsafe"], text=NO_LAW)
     lawful = [c.lawful for c in done if c.lawful is not None]
@@ -377,7 +377,7 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
 
 
 def _said(done: list[Case], claim: str, finding: Finding) -> list[str]:
-    """On what each method has proved it; its counts are entered."""
+    """Words on what each method has proved of a claim; the finding gets the counts."""
     used = {id(m): m for g in in_order(done[0].problem.groups) for m in (method_of(g),)}
     said = [m.said(done, claim) for m in used.values()]
     for _, counts in said:
@@ -386,7 +386,7 @@ def _said(done: list[Case], claim: str, finding: Finding) -> list[str]:
 
 
 def _p3(result: ModuleResult, seconds: float) -> Finding:
-    """Both inclusions."""
+    """The finding on P3, which is that both inclusions hold."""
     ttf, safer = result.findings["ttf"], result.findings["safer"]
     bad = next((f for f in (ttf, safer) if f.verdict != PROVED), None)
     times = result.problem.times
@@ -405,7 +405,7 @@ def _recover_s(done: list[Case], result: ModuleResult) -> float | None:
 
 
 def _shares(done: list[Case]) -> dict[str, float]:
-    """Products over the groups, the least over the cases."""
+    """The share of each set: the product over the groups, the least over the cases."""
     shares_by_name: dict[str, list[float]] = {}
     for case in done:
         one: dict[str, float] = {}
@@ -421,7 +421,7 @@ def _shares(done: list[Case]) -> dict[str, float]:
 
 
 def _attempt(problem: Problem) -> list[Case]:
-    """Every case of a problem that is tried, settled as if it were declared."""
+    """Every case of a changed problem, settled as if it were declared."""
     library, _ = library_of(problem)
 
     def settled(problem: Problem) -> list[Case]:
@@ -433,7 +433,7 @@ def _attempt(problem: Problem) -> list[Case]:
 
 @dataclass(frozen=True)
 class ModuleMethod:
-    """What a method does with problems of its kind, and with its own results."""
+    """The functions of a method, for problems of its kind and for its own results."""
 
     verify: Callable[..., ModuleResult]
     """(problem, refute=, explain=, search=, compiled=) -> verdicts of all properties."""

@@ -1,1 +1,1 @@
-"""The C search behind one thread, and its numbers in the program's words."""
+"""Runs the C search in a thread, and puts its numbers into the program's words."""

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 
 
 EACH_VALUE_MAX = 64
-"""An int with at most so many values has a class for each of them."""
+"""An int with up to this many values has a class for each of them."""
 MEMBERS = 256
-"""Members of an enum that have a class: the first ones."""
+"""The first members of an enum, up to this many, have a class each."""
 EACH = 8
-"""The engine's number of the first value of a small set of ints."""
+"""The engine's number for the class of the first value of a small set of ints."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +46,11 @@ class CoverageKind:
 
     @property
     def reached(self) -> int:
-        """How many were."""
+        """How many were reached."""
         return self.total - len(self.unreached)
 
     def merged(self, other: CoverageKind) -> CoverageKind:
-        """Of two searches of the same program."""
+        """The coverage of two searches of the same program together."""
         both = set(other.unreached)
         return CoverageKind(self.total, tuple([n for n in self.unreached if n in both]))
 
@@ -71,7 +71,7 @@ class Coverage:
     values: CoverageKind = field(default_factory=CoverageKind)
 
     def parts(self) -> Iterator[tuple[str, CoverageKind]]:
-        """Name and part."""
+        """Each part with its name, in order."""
         yield "properties", self.properties
         yield "actors", self.actors
         yield "modes", self.modes
@@ -86,7 +86,7 @@ class Coverage:
 
 
 def part_of(named: Iterable[tuple[str, bool]]) -> CoverageKind:
-    """Names, and whether each was reached."""
+    """The coverage of named things, of which each was reached or not."""
     entries = list(named)
     return CoverageKind(len(entries), tuple([name for name, reached in entries if not reached]))
 
@@ -147,7 +147,7 @@ def leaf_value(t: Type, value: object, path: Sequence[str]) -> object:
 
 
 def _possible(leaf: CoveredLeaf) -> list[int]:
-    """Classes that a value may be in."""
+    """The numbers of the classes in which a leaf's values may be."""
     low, high = leaf.low, leaf.high
     bounded_below, bounded_above = low > -float("inf"), high < float("inf")
     classes = [0] if bounded_below else []
@@ -177,7 +177,7 @@ def _shown(leaf: CoveredLeaf, value: float) -> str:
 
 
 def values_part(leaves: Sequence[CoveredLeaf], seen: Sequence[Sequence[int]]) -> CoverageKind:
-    """`seen`: per leaf, per class number, whether a value of that class was published."""
+    """The coverage of values; `seen`: by leaf and class number, whether a value was published."""
     return part_of(
         (name, bool(row[number]))
         for leaf, row in zip(leaves, seen, strict=True)
@@ -190,7 +190,7 @@ def modules_parts(
     modes: Sequence[Sequence[int]],
     switches: Sequence[Sequence[int]],
 ) -> tuple[CoverageKind, CoverageKind]:
-    """Modes and switches. `modules`: name and the mode it is forced to, if any: it keeps that."""
+    """The coverage of modes and of switches; `modules`: names, with the mode if one is forced."""
     named_modes: list[tuple[str, bool]] = []
     named_switches: list[tuple[str, bool]] = []
     for (name, forced), seen, switched in zip(modules, modes, switches, strict=True):
@@ -203,7 +203,7 @@ def modules_parts(
 
 
 def branches_part(names: Sequence[str], bits: Sequence[int]) -> CoverageKind:
-    """`names`: one a branch; `bits`: words of 64, branch b is bit b % 64 of word b // 64."""
+    """The coverage of branches, by names; branch b is bit b % 64 of word b // 64 of `bits`."""
     return part_of((name, bool(bits[b // 64] >> (b % 64) & 1)) for b, name in enumerate(names))
 
 
@@ -226,7 +226,7 @@ class EngineProgress:
 
 
 def progress_of(p: Any, seconds: float) -> EngineProgress:  # noqa: ANN401 - cdata
-    """From what the explorer writes while it searches (`soter_explore_progress`)."""
+    """The progress that the explorer writes while it searches (`soter_explore_progress`)."""
     return EngineProgress(
         states=int(p.states),
         transitions=int(p.transitions),
@@ -241,9 +241,9 @@ def progress_of(p: Any, seconds: float) -> EngineProgress:  # noqa: ANN401 - cda
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """Which bits a search notes at ends of instants, (words,), and perhaps what it looks for.
+    """The bits (words,) that a search notes at ends of instants, and perhaps a goal.
 
-    `goal`, (words,): an end with these bits violates property `sought`. `memory`: bytes.
+    `goal`, (words,): an end with these bits violates property `sought`. `memory`: in bytes.
     """
 
     mask: WantedWords
@@ -252,7 +252,7 @@ class Observations:
     sought: int = 0
 
     def options(self, ffi: Any) -> dict[str, object]:  # noqa: ANN401 - cffi has no types
-        """Fields of `soter_explore_options`; the arrays live as long as this."""
+        """The fields for `soter_explore_options`; their arrays live as long as this object."""
         null = ffi.NULL
         return {
             "noted_bytes": self.memory,
@@ -281,7 +281,7 @@ class CoverageCounters:
 
 
 def empty_counters(system: System, model: ExplorerModel) -> CoverageCounters:
-    """Of a test that was flattened, before its first search."""
+    """The counters of a flattened test before its first search."""
     assert system.test is not None
     modules, judged = len(system.modules), len(system.properties) + len(system.test.timed) + 1
     return CoverageCounters(
@@ -296,7 +296,7 @@ def empty_counters(system: System, model: ExplorerModel) -> CoverageCounters:
 
 
 def coverage_of(seen: CoverageCounters, ffi: Any) -> Any:  # noqa: ANN401 - cdata
-    """`soter_explore_coverage`: what is seen is added to `seen`."""
+    """The `soter_explore_coverage` by which the engine adds what it sees to `seen`."""
     kinds = {"branches": "uint64_t *", "nearest": "double *"}
     places = {
         name: ffi.cast(kinds.get(name, "uint8_t *"), array.ctypes.data)

@@ -1,9 +1,9 @@
 """The explorer as a shared library: a system's generated C, its model and `soter_explore*.c`.
 
-Purpose: compile them together, once for each content, and reach the explorer through cffi: plain
-numbers in, plain numbers out. A search runs in a thread of its own, so that Ctrl-C, or whoever else
-wants it to end, ends it in order, with what it has found until then.
-Non-goals: names of actors and streams, verdicts, reports (`search.py`, `command.py`).
+Purpose: an `Engine` compiles them together, once for each content, and calls the explorer through
+cffi, with plain numbers in and out. A search runs in a thread of its own, so that Ctrl-C, or a
+caller that wants it to end, ends it in order, with what it has found until then.
+Non-goals: names of actors and streams, verdicts, reports (`search.py`, `explore/command.py`).
 """
 
 from __future__ import annotations
@@ -51,21 +51,21 @@ FLAGS = ("-pthread",)
 NAMED = """soter_explore_options *, soter_explore_progress *, soter_explore_result *,
 soter_explore_coverage *, soter_trace_step[], soter_broken[], soter_field[], soter_family[],
 uint64_t *, uint8_t *, double *"""
-"""Types that a search has: cffi reads each name once, which takes 15 ms that are no search."""
+"""The types that a search uses; cffi parses each name once beforehand, which takes 15 ms."""
 LOOK_S = 0.1
 """Seconds between two looks at how far a search is."""
 
 S = TypeVar("S")
-"""A step of a trace."""
+"""The type of a trace's steps."""
 
 
 def sources() -> tuple[Path, ...]:
-    """The explorer's C, headers included."""
+    """The files of the explorer's C, headers included."""
     return tuple(files_below(HERE, "*.[ch]"))
 
 
 def ffi() -> Any:  # noqa: ANN401 - cffi has no types
-    """The explorer's declarations."""
+    """The explorer's declarations, for cffi."""
     headers = (RUNTIME / "soter.h", HERE / "soter_explore.h")
     return interface(*(declarations(header) for header in headers))
 
@@ -95,10 +95,10 @@ class RawStep:
 
 @dataclass(frozen=True, kw_only=True)
 class EngineSettings(SearchOptions):
-    """How the engine searches: what a person may say, and what only tests and `Search` do.
+    """How the engine searches: the user's options, and those that only tests and `Search` set.
 
     `plainly`: run every step, remember none. `go_on`: do not stop at a violation. `keep`: keep
-    what is stored for `Engine.configurations`. `closes`: end where whatever comes later was there
+    what is stored for `Engine.configurations`. `closes`: end where all that comes later was there
     before, if the plan is one that `repeats`.
     """
 
@@ -107,21 +107,21 @@ class EngineSettings(SearchOptions):
     go_on: bool = False
     closes: bool = False
     part: IndependentPart | None = None
-    """Only this part of the system; None: all of it."""
+    """The only part of the system to search; None: all of it."""
     known: tuple[tuple[int, int], ...] = ()
     """Violations (what, index) at which a search does not stop: it looks for others."""
     noted: Observations | None = None
     max_ran: int = 0
-    """Steps that are run and not combined of others; 0: no bound."""
+    """The most steps that are run and not combined of others; 0: no bound."""
     between: bool = False
-    """What lies between ends of instants is stored, too, though `reduction` leaves it out."""
+    """Whether configurations between ends of instants are stored, whatever `reduction` says."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SearchResult(Generic[S]):
-    """What a search found: `status` is one of STATUSES, `broken` (what, index) of soter_broken.
+    """What a search found; `status`: one of STATUSES; `broken`: (what, index) of soter_broken.
 
-    `steps` of one kind: as the engine counts (`Searched`), or with names (`search.Found`).
+    `steps` are all of one kind: numbers of the engine (`Searched`), or names (`search.Found`).
     """
 
     status: str
@@ -139,21 +139,21 @@ class SearchResult(Generic[S]):
     covered_ns: int = 0
     """All that is observed before this time was judged; `TIME_MAX`: all there is; 0: sampling."""
     closed_ns: int = 0
-    """Whatever comes after this time was there before; 0: that is not known."""
+    """All that comes after this time was there before; 0: that is not known."""
     closable: bool = False
-    """That was looked for, or would be before a later horizon."""
+    """Whether `closed_ns` was looked for, or would be before a later horizon."""
     stopped: str = ""
-    """What ended it before its end: "interrupted" (Ctrl-C), "time" (its time was over)."""
+    """What ended it early: "interrupted" (Ctrl-C), "time" (its time was over)."""
     total_bytes: int = 0
-    """Of tables, frontiers and remembered steps, all that `memory` bounds."""
+    """The bytes of tables, frontiers and remembered steps, which `memory` bounds."""
     needed_bytes: int = 0
-    """Status "no_memory": what the first tables take."""
+    """For status "no_memory" the bytes that the first tables take."""
     threads: int = 1
-    """That searched."""
+    """How many threads searched."""
     chooser: int = -1
-    """Status "choices": the actor that asks for too many, -1: the start."""
+    """For status "choices" the actor that asks for too many; -1: the start."""
     apart: bool = False
-    """Its steps are of one part of the system, and no execution of the whole was made of them."""
+    """Whether its steps are only those of one part of the system, not of an execution of all."""
 
 
 Searched = SearchResult[RawStep]
@@ -185,18 +185,18 @@ class Engine:
         self.configuration_size = int(self.model.configuration_size)
         self._kept = self.ffi.NULL
         self.wanted: Callable[[], bool] = lambda: False
-        """Whether somebody wants searches to end; asked ten times a second."""
+        """Tells whether searches should end; asked ten times a second."""
         self.seen = empty_counters(system, self.generated)
         self.equal = SymmetricInstances(system, lowered, self.generated)
 
     def close(self) -> None:
-        """Give back the memory of kept configurations."""
+        """Frees the memory of kept configurations."""
         if self._kept != self.ffi.NULL:
             self.lib.soter_explore_free(self._kept)
             self._kept = self.ffi.NULL
 
     def take_stored(self) -> Any:  # noqa: ANN401 - cdata
-        """What the last search kept: whoever takes it gives it back (`soter_explore_free`)."""
+        """What the last search kept; the caller has to free it (`soter_explore_free`)."""
         kept, self._kept = self._kept, self.ffi.NULL
         return kept
 
@@ -209,10 +209,10 @@ class Engine:
         patience_s: float = math.inf,
         saver: Saver | None = None,
     ) -> Searched:
-        """Search until the end, a bound or Ctrl-C. `look` is told ten times a second.
+        """Searches until the end, a bound or Ctrl-C; `look` is told ten times a second.
 
-        After `patience_s` seconds the search ends. `saver` writes it down, and may let it go on
-        from there: `SoterError` D006, D012, D014.
+        After `patience_s` seconds the search ends. `saver` stores it, and may let it go on from
+        there: `SoterError` D006, D012, D014.
         """
         coverage = self.coverage()
 
@@ -282,7 +282,7 @@ class Engine:
         patience_s: float,
         saver: Saver | None = None,
     ) -> str:
-        """Do it in a thread of its own; what ended it before its end, "" where nothing did."""
+        """Runs `do` in a thread of its own; what ended it early, "" where nothing did."""
         failures: list[BaseException] = []
         done = threading.Event()
 
@@ -308,10 +308,10 @@ class Engine:
         patience_s: float,
         saver: Saver | None,
     ) -> str:
-        """Wait for the search; whatever interrupts the waiting ends it in order. What ended it.
+        """Waits for the search and returns what ended it; an interruption ends it in order.
 
         Not with `Thread.join`: after an interruption Python 3.11 takes the thread for ended, and
-        what it writes to would be given back under its hands.
+        the memory to which it still writes would be freed.
         """
         failure: BaseException | None = None
         stopped, began = "", time.perf_counter()
@@ -335,7 +335,7 @@ class Engine:
         return stopped
 
     def options(self, s: EngineSettings) -> Any:  # noqa: ANN401 - cdata
-        """`soter_explore_options`; what it points to lives until the next ones."""
+        """The `soter_explore_options` of a search; what it points to lives until the next call."""
         known = [{"what": what, "index": index} for what, index in s.known]
         self._known = self.ffi.new("soter_broken[]", known)  # lives as long as the options
         return self.ffi.new(
@@ -367,15 +367,15 @@ class Engine:
         )
 
     def families(self, s: EngineSettings) -> tuple[Family, ...]:
-        """The equal instances that a search makes use of.
+        """The equal instances that a search uses.
 
-        None where it looks for another violation than those that are known, as that may be of one
-        instance and not of the other; or notes what it sees for parts that a property joins.
+        None where it looks for other violations than the known ones, which one instance may have
+        and the other not, or where it notes what it sees for parts that a property joins.
         """
         return () if s.known or s.noted is not None else self.equal.of(s, s.part)
 
     def coverage(self) -> Any:  # noqa: ANN401 - cdata
-        """`soter_explore_coverage`: what is seen is added to `seen`."""
+        """The `soter_explore_coverage` by which the engine adds what it sees to `seen`."""
         return coverage_of(self.seen, self.ffi)
 
     def _searched(self, r: Any, trace: Any, seconds: float) -> Searched:  # noqa: ANN401 - cdata
@@ -414,9 +414,9 @@ class Engine:
     def replay(
         self, steps: Sequence[RawStep], seed: int = 0
     ) -> tuple[int, tuple[int, int] | None, npt.NDArray[np.uint8]]:
-        """How many steps of a trace are possible, and what the last one breaks.
+        """How many steps of a trace are possible, what the last one breaks, and configurations.
 
-        And the configuration after each of them, (steps, configuration_size).
+        There is a configuration after each step, (steps, configuration_size).
         """
         trace = self._raw(steps)
         configurations = np.zeros((len(steps), self.configuration_size), dtype=np.uint8)
@@ -467,7 +467,7 @@ class Engine:
         return trace
 
     def configurations(self) -> Bytes:
-        """What the last search stored, (states, configuration_size), if it was to keep it."""
+        """The configurations that the last search stored, (states, configuration_size), if kept."""
         if self._kept == self.ffi.NULL:
             return np.zeros((0, self.configuration_size), dtype=np.uint8)
         count = int(self.lib.soter_explore_kept(self.model, self._kept, self.ffi.NULL))
@@ -476,14 +476,14 @@ class Engine:
         return configurations
 
     def packed(self, configuration: Bytes) -> Words:
-        """A configuration as words. (configuration_size,) -> (words,)."""
+        """Packs a configuration into words: (configuration_size,) -> (words,)."""
         words = np.zeros(self.words, dtype=np.uint64)
         to = self.ffi.cast("uint64_t *", words.ctypes.data)
         self.model.pack(self._pointer(configuration), to)
         return words
 
     def unpack(self, words: Words, configuration: Bytes) -> None:
-        """Read packed words back, (words,) -> (configuration_size,), into what was started once."""
+        """Reads packed words, (words,), into a configuration that was started once."""
         of = self.ffi.cast("uint64_t *", words.ctypes.data)
         self.model.unpack(of, self._pointer(configuration))
 

@@ -1,10 +1,11 @@
-"""What spares a search work: parts explored alone, and the choice between two reductions.
+"""Saves a search work: explores parts alone, and chooses between two reductions.
 
-Purpose: parts of a system that share nothing but time and some properties are searched alone, and
-such a property is judged on all combinations of what was noted at one time (docs/testing.md,
-"Joined parts"). Of two reductions, `all` is the one that came further after as many steps: a search
-may store ends of instants only and combine what groups of actors do, or store what lies between
-with ample sets. No clock is asked, so that a search is the same wherever it runs.
+Purpose: a `ComposedSearch` searches parts alone that share nothing but time and some properties,
+and judges such a property on all combinations of what was noted at one time (docs/testing.md,
+"Joined parts"). With reduction `all`, `explored` begins two searches: one stores only ends of
+instants and combines what groups of actors do, the other stores what lies between, with ample sets;
+the one that came further after as many steps goes on. No clock is read, so a search is the same
+everywhere.
 Non-goals: which parts there are (`model/exploration_plan.py`); verdicts, which are the same either
 way.
 """
@@ -33,13 +34,13 @@ if TYPE_CHECKING:
 
 
 BIRTH = 4
-"""A step's kind: the start."""
+"""The kind of the step that is the start."""
 SHARE = 8
-"""This part of the memory is for what is noted; combining it takes about three times as much."""
+"""One part in this many of the memory is for notes; combining them takes about three times that."""
 LEAST = 1 << 20
-"""Bytes for what is noted of a part, at least."""
+"""The least bytes for what is noted of a part."""
 MOST = 8
-"""Parts that one property may read, and its combinations still be tried."""
+"""The most parts that a property may read so that its combinations are tried."""
 
 
 class ComposedSearch:
@@ -60,7 +61,7 @@ class ComposedSearch:
 
     @staticmethod
     def fits(engine: Engine, settings: EngineSettings) -> bool:
-        """Whether it can be done: a plain model, breadth first, all reductions, nothing known."""
+        """Whether it is possible: a plain model, breadth first, all reductions, nothing known."""
         s, loose = settings, engine.loose
         if loose is None or not engine.model.plain or s.known or s.max_states:
             return False
@@ -72,7 +73,7 @@ class ComposedSearch:
         return how and all(len(j.parts) <= MOST for j in loose.joints)
 
     def run(self, patience_s: float) -> list[Searched] | None:
-        """The searches of the parts, what ends it last; None: too much, do it otherwise."""
+        """The searches of the parts, the one that ended it last; None: too much for this way."""
         engine, until = self._engine, time.perf_counter() + patience_s
         searches: list[Searched] = []
         kept: list[Any] = []
@@ -111,7 +112,7 @@ class ComposedSearch:
         return self._engine.explore(once, self._look, patience_s)
 
     def _completed(self, searches: list[Searched], part: IndependentPart) -> list[Searched]:
-        """A violation by one part alone becomes an execution of the system."""
+        """The searches, with a violation of one part made an execution of the system."""
         last = searches[-1]
         if last.status == "violated":
             searches[-1] = self._whole(part, last, last.steps)
@@ -183,7 +184,7 @@ class ComposedSearch:
 
 
 def _interleaved(steps: list[tuple[RawStep, ...]]) -> tuple[RawStep, ...]:
-    """One execution of several parts' that share nothing: one start, then by time."""
+    """One execution of executions of parts that share nothing: one start, then by time."""
     initial = steps[0][0]
     assert all(s[0].kind == BIRTH for s in steps)
     rest = [step for own in steps for step in own[1:]]
@@ -191,19 +192,19 @@ def _interleaved(steps: list[tuple[RawStep, ...]]) -> tuple[RawStep, ...]:
 
 
 RUN = 2_000
-"""Steps of each of the two beginnings: about as many as a thousand configurations take."""
+"""How many steps each of the two beginnings has: about what a thousand configurations take."""
 PLACES = 6
-"""Orders of equal instances from which on they change places: to put two into order takes longer
-than to search both."""
+"""From this many orders on equal instances change places: to sort two takes longer than to search
+both orders."""
 SHORT_OF_MEMORY = ("memory", "no_memory")
 CUT_SHORT = (*SHORT_OF_MEMORY, "states", "stopped")
 
 
 def may_choose(s: EngineSettings) -> bool:
-    """Whether a search leaves it open which of the two it is.
+    """Whether a search may choose between the two reductions.
 
-    Not where somebody asked for one, or for what depends on what is stored: a bound on
-    configurations, all of them kept, what is noted of ends.
+    Not where the user asked for one, or where it matters what is stored: with a bound on
+    configurations, if they are kept, or if ends are noted.
     """
     asked = s.reduction != "all" or s.strategy != STRATEGIES[0] or s.storage != STORAGES[0]
     stored = s.max_states or s.keep or s.go_on or s.known or s.noted is not None
@@ -216,9 +217,9 @@ def explored(
     look: Callable[[EngineProgress], None] | None = None,
     left_s: float = math.inf,
 ) -> Searched:
-    """`Engine.explore` by the quicker of the two, where that is left open; `seconds`: of all of it.
+    """`Engine.explore` by the quicker of the two reductions, if it may choose; `seconds`: of all.
 
-    What lies between takes more memory: where there is too little, only ends are stored after all.
+    What lies between takes more memory: where that is too little, only ends are stored after all.
     """
     began = time.perf_counter()
 
@@ -238,14 +239,14 @@ def explored(
 
 
 def _chosen(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:
-    """What to do; where steps are remembered, to make one is quicker than to know who sleeps."""
+    """The settings to go on with, or the result if a beginning came to its end."""
     if _has_instants(engine):
         return _quicker(engine, s, left_s)
     return replace(s, between=True) if engine.model.brief else s
 
 
 def _has_instants(engine: Engine) -> bool:
-    """Whether all windows are points: only ends of instants may be observed."""
+    """Whether no step may be late, so that only ends of instants are observed."""
     late = any(a.window_ns or a.overrun_ns for a in engine.actors)
     return not engine.plan.timely and not late
 

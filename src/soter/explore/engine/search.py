@@ -1,8 +1,8 @@
-"""The engine in the words of the program: names for what it counts.
+"""Searches of one test, with the names of the program for the engine's numbers.
 
-Purpose: searches of one test whose traces name actors and streams, and whose coverage names
+Purpose: a `Search` runs the engine; its traces name actors and streams, and its coverage names
 modes, branches and values.
-Non-goals: the engine (`explorer_library.py`), verdicts (`command.py`).
+Non-goals: the engine (`explorer_library.py`), verdicts (`explore/verdict.py`).
 """
 
 from __future__ import annotations
@@ -56,12 +56,12 @@ if TYPE_CHECKING:
 
 
 JUDGED, MET = 1, 2
-"""`SOTER_JUDGED`, `SOTER_MET`."""
+"""The engine's bits `SOTER_JUDGED` and `SOTER_MET`."""
 TOLD = 64
-"""Executions between two looks at how far shrinking is."""
+"""How many executions lie between two reports of how far shrinking is."""
 
 Found = SearchResult[Step]
-"""What a search found, steps with names."""
+"""What a search found, with names in its steps."""
 
 
 class Search:
@@ -96,7 +96,7 @@ class Search:
         self.parts = 1
         """How many parts of the system the last search explored apart."""
         self.equal: tuple[tuple[str, ...], ...] = ()
-        """Names of the instances that it took as equal."""
+        """The names of the instances that it took as equal."""
 
     def __enter__(self) -> Search:  # noqa: PYI034 - typing.Self came with Python 3.11
         return self
@@ -107,7 +107,7 @@ class Search:
     # ------------------------------------------------------------ searching
 
     def run(self, known: tuple[tuple[int, int], ...] = ()) -> Found:
-        """The search that was asked for; with all reductions, part by part.
+        """Runs the search that was asked for; with all reductions part by part.
 
         With `known` violations it looks for others, in all of the system.
         """
@@ -125,7 +125,7 @@ class Search:
         return self._named(_sum(self._in_parts(settings, parts, until)))
 
     def _kept(self, settings: EngineSettings, until: float, kept: Checkpoint) -> list[Searched]:
-        """A search that is written down; parts that only properties join are one part then."""
+        """A search with a checkpoint, for which parts that only properties join are one part."""
         parts: tuple[IndependentPart | None, ...] = self._engine.parts
         apart = settings.reduction in PARTS and len(parts) > 1
         if kept.parts is not None:
@@ -135,16 +135,13 @@ class Search:
         return self._in_parts(settings, parts if apart else (None,), until, kept)
 
     def _may_be_apart(self, settings: EngineSettings) -> bool:
-        """Whether there are parts, and the start violates nothing that others may let be seen."""
+        """Whether there are parts, and the start violates nothing that another part would show."""
         engine = self._engine
         some = len(engine.parts) > 1 or ComposedSearch.fits(engine, settings)
         return some and not engine.violated_at_start(self._time_s)
 
     def _joined(self, settings: EngineSettings, until: float) -> list[Searched] | None:
-        """The searches of parts that only properties join.
-
-        None where there are none, or too much would have to be joined.
-        """
+        """The searches of parts that only properties join; None: there are none, or too many."""
         engine = self._engine
         if not ComposedSearch.fits(engine, settings):
             return None
@@ -189,14 +186,14 @@ class Search:
         return searches
 
     def _with_other_parts(self, once: EngineSettings, violated: Searched) -> Searched:
-        """The violation of one part as an execution of the system, if its steps are one."""
+        """The violation of one part as an execution of the system, if that can be completed."""
         whole = self._engine.complete(once, violated.steps)
         if whole is None:
             return replace(violated, steps=(), apart=bool(violated.steps))
         return replace(violated, steps=whole.steps, broken=whole.broken)
 
     def _explored(self, once: EngineSettings, left_s: float, saver: Saver | None) -> Searched:
-        """The search of one part, or of all; `SoterError` D012 where it goes on from nonsense."""
+        """The search of one part, or of all; `SoterError` D012 for a checkpoint without sense."""
         before_s = 0.0 if saver is None else saver.seconds
         look = self._look(minimising=False, saver=saver)
         if saver is None:
@@ -219,9 +216,9 @@ class Search:
         )
 
     def shrunk(self, search_result: Found, patience_s: float) -> Found | None:
-        """Something that is not larger and violates the same, sought for so long.
+        """A trace that is not larger and violates the same, sought for `patience_s` seconds.
 
-        None where what was found violates nothing. `transitions` are the executions tried.
+        None where what was found violates nothing. `transitions`: how many executions were tried.
         """
         assert search_result.broken is not None
         look = self._look(minimising=True)
@@ -320,7 +317,7 @@ class Search:
         return Step(name, STEP_KINDS[raw.kind], raw.release_ns, raw.time_ns, choices)
 
     def chooser(self, search_result: Found) -> str:
-        """Who asks for too many choices in a step."""
+        """The name of the actor that asks for too many choices in a step."""
         return (
             f"a step of {self._actor(search_result.chooser)}"
             if search_result.chooser >= 0
@@ -378,14 +375,14 @@ class Search:
         )  # fmt: skip
 
     def _nearest(self) -> float | None:
-        """The least robustness of any property so far; None where nobody has looked."""
+        """The least robustness of any property so far; None where none was computed."""
         if self.options.strategy != FALSIFY:
             return None
         near = float(self._engine.seen.nearest.min(initial=math.inf))
         return near if near < math.inf else None
 
     def _judged(self) -> Iterator[tuple[str, bool]]:
-        """What the test and its nodes state, and whether it was ever judged."""
+        """The properties of the test and its nodes, and whether each was ever judged."""
         seen, system = self._engine.seen, self._system
         judged = [bool(x & JUDGED) for x in seen.judged.tolist()]
         fired = {
@@ -398,15 +395,15 @@ class Search:
             yield t.text, judged[len(system.properties) + t.index]
 
     def met(self) -> list[tuple[bool, bool]]:
-        """For each property, then each timed one: was it judged, and was it put to the test.
+        """For each property, then each timed one, whether it was judged, and put to the test.
 
-        That is: the premise of an `always` held, or an `eventually` was still owed as time passed.
+        That is: the premise of an `always` held, or an `eventually` was still open as time passed.
         """
         put = [bool(x & MET) for x in self._engine.seen.judged.tolist()]
         return [(once, to_it) for (_, once), to_it in zip(self._judged(), put, strict=False)]
 
     def _classes(self) -> list[list[int]]:
-        """Per leaf and class: whether a value of it was published, or is the topic's default."""
+        """By leaf and class whether such a value was published, or is the topic's default."""
         rows = [list(row) for row in self._engine.seen.classes.tolist()]
         given = [(self._system.topics[i], path) for i, path in self._engine.generated.leaves]
         for row, leaf, (topic, path) in zip(rows, self._leaves(), given, strict=True):
@@ -428,14 +425,14 @@ class Search:
 
 
 def _ended(counts: Mapping[str, Any]) -> Searched:
-    """The search of a part that came to its end before (`counts_of`)."""
+    """The result for a part whose search had ended before the checkpoint (`counts_of`)."""
     numbers: dict[str, Any] = {name: int(counts[name]) for name in COUNTS}
     seconds = float(counts["seconds"])
     return SearchResult(status="exhausted", broken=None, steps=(), seconds=seconds, **numbers)
 
 
 def _sum(searches: list[Searched]) -> Searched:
-    """Of the searches of parts, in order; status, violation and trace of the last one."""
+    """The sum of the searches of parts; status, violation and trace are those of the last one."""
     return replace(
         searches[-1],
         states=sum(f.states for f in searches),
@@ -452,7 +449,7 @@ def _sum(searches: list[Searched]) -> Searched:
 
 
 def branch_name(b: StepBranch) -> str:
-    """`SafeMotion.Careful, cart.soter:41:8, where the condition holds`."""
+    """Words for a branch: `SafeMotion.Careful, cart.soter:41:8, where the condition holds`."""
     side = "where the condition holds" if b.taken else "where the condition does not hold"
     return f"{b.component}, {Path(b.span.source.name).name}:{b.span.line}:{b.span.column}, {side}"
 

@@ -1,10 +1,10 @@
-"""A violating execution made smaller, greedily (docs/testing.md, "Shrinking").
+"""Makes a violating execution smaller, greedily (docs/testing.md, "Shrinking").
 
-Purpose: where the search for the least execution does not end, one that is smaller than what was
-found: fewer steps, then fewer changes of actor, then fewer choices that are not the default one. A
-part of the trace is changed, the engine follows that as far as it goes
+Purpose: where the search for the least execution does not end, a `Shrinker` finds one that is
+smaller than what was found: fewer steps, then fewer changes of actor, then fewer choices that are
+not the default. It changes a part of the trace, and the engine follows that as far as possible
 (`soter_explore_guided_execution.c`), many executions a second; one that violates the same property
-and is less takes the trace's place.
+and is smaller takes the trace's place.
 Non-goals: the least one; that no smaller one exists is never claimed.
 """
 
@@ -37,9 +37,9 @@ if TYPE_CHECKING:
 
 
 NOBODY = 2**32 - 1
-"""`actor` of the start."""
+"""The `actor` of the start."""
 STEPS, SKIPPED, BEGINS, EFFECT, BIRTH = range(5)
-"""`kind`, as in `soter_explore_internal.h`."""
+"""The kinds of steps, as in `soter_explore_internal.h`."""
 CHOICE = np.dtype([("stream", "u8"), ("count", "u4"), ("pick", "u4")], align=True)
 STEP = np.dtype(
     [
@@ -70,7 +70,7 @@ class GuidedRun:
 
 
 class Guided:
-    """Runs of one engine's system towards one violation."""
+    """Makes executions of one engine's system towards one violation."""
 
     def __init__(self, engine: Engine, seed: int, wanted: tuple[int, int]) -> None:
         self._engine = engine
@@ -122,7 +122,7 @@ def _pointer(ffi: Any, kind: str, array: npt.NDArray[Any]) -> Any:  # noqa: ANN4
 
 
 def array_of(steps: Sequence[RawStep]) -> Steps:
-    """(n,): the same steps as records."""
+    """The steps as an array of records, (n,)."""
     made = np.zeros(len(steps), dtype=STEP)
     for to, s in zip(made, steps, strict=True):
         to["actor"] = s.actor if s.actor >= 0 else NOBODY
@@ -134,7 +134,7 @@ def array_of(steps: Sequence[RawStep]) -> Steps:
 
 
 def steps_of(made: Steps) -> tuple[RawStep, ...]:
-    """The same records as steps. (n,)."""
+    """The steps of an array of records, (n,)."""
     raw_steps = []
     for s in made:
         asked = s["choice"][: int(s["choices"])].tolist()
@@ -145,18 +145,18 @@ def steps_of(made: Steps) -> tuple[RawStep, ...]:
 
 
 PARTS = (32, 2**32)
-"""Into how many a trace is cut at most where larger choices are tried: at first, at last."""
+"""The most parts into which a trace is cut where larger choices are tried: at first, at last."""
 PICKS = 16
-"""Alternatives of a question that are tried at most."""
+"""The most alternatives of a question that are tried."""
 
 
 class ShrinkTimeoutError(Exception):
-    """The time is over."""
+    """The time for shrinking is over."""
 
 
 @dataclass(frozen=True)
 class ShrinkResult:
-    """What shrinking came to; `tried`: executions. `stopped`: "patience", "interrupted" or ""."""
+    """The smallest execution found; `tried`: how many; `stopped`: "patience", "interrupted", ""."""
 
     steps: Steps
     tried: int
@@ -164,9 +164,9 @@ class ShrinkResult:
 
 
 def cost_of(made: GuidedRun) -> Cost:
-    """Steps, changes of actor, choices that are not the default one; then what settles ties.
+    """The cost: steps, changes of actor, choices that are not the default; then what settles ties.
 
-    That is how often the deployed order is left, and how late all steps are together, ns.
+    These are how often the deployed order is left, and how late all steps are together, in ns.
     """
     s = made.steps[made.steps["actor"] != NOBODY]
     actor, at = s["actor"].astype(np.int64), s["time"]
@@ -177,7 +177,7 @@ def cost_of(made: GuidedRun) -> Cost:
 
 
 class Shrinker:
-    """Of one execution; `best` is the smallest so far."""
+    """Shrinks one execution; `best` is the smallest so far."""
 
     def __init__(
         self,
@@ -201,10 +201,7 @@ class Shrinker:
         self.tried = 0
 
     def run(self, steps: Steps) -> ShrinkResult | None:
-        """Something that is not larger; None where `steps` is no such execution.
-
-        (n,) -> at most n steps.
-        """
+        """An execution with at most as many steps; None where `steps`, (n,), violates nothing."""
         self.best = self._guided.run(steps, len(steps))
         self.cost = cost_of(self.best)
         if not self.best.violates:
@@ -228,10 +225,7 @@ class Shrinker:
                 one()
 
     def _try(self, wish: Steps, begin: int) -> bool:
-        """Whether what comes of a trace that is changed from step `begin` on is less.
-
-        It is the best one then.
-        """
+        """Tries a trace that is changed from step `begin` on; if it is smaller it is the best."""
         if time.perf_counter() > self._deadline_s:
             raise ShrinkTimeoutError
         best = self.best
@@ -249,9 +243,9 @@ class Shrinker:
         return True
 
     def _in_blocks(self, change: Change, finest: int = 1) -> None:
-        """Try a change of all of the trace, of its halves, ..., at last of `finest` steps.
+        """Tries a change of all of the trace, of its halves, ..., at last of `finest` steps.
 
-        `change` gives the changed part, of the same length.
+        `change` returns the changed part, of the same length.
         """
         size = len(self.best.steps)
         while size >= finest:
@@ -269,7 +263,7 @@ class Shrinker:
     # ------------------------------------------------------------ fewer steps
 
     def _leave_out(self) -> None:
-        """Releases of a span of time left out; what comes after comes sooner."""
+        """Tries to leave out the releases of a span of time; what comes after comes sooner."""
         least = int(self._period.min())
         span = max(self._end() // 2, least)
         while span >= least:
@@ -304,13 +298,13 @@ class Shrinker:
         return wish[kept], int(changed[0]) if len(changed) else len(steps)
 
     def _larger(self) -> None:
-        """Choices, losses and lateness that are not the default, for long: sooner violated."""
+        """Tries choices, losses and lateness that may lead sooner to the violation."""
         finest = max(len(self.best.steps) // self._parts, 1)
         for change in self._pushes():
             self._in_blocks(change, finest)
 
     def _pushes(self) -> Iterator[Change]:
-        """Each question with each of its answers; each actor lost, late, long, first, last."""
+        """Changes: each question with each answer; each actor lost, late, long, first, last."""
         asked = self.best.steps["choice"][_asked(self.best.steps)]
         kinds = zip(asked["stream"].tolist(), asked["count"].tolist(), strict=True)
         for stream, count in sorted(set(kinds)):
@@ -339,7 +333,7 @@ class Shrinker:
     # ------------------------------------------------------------ fewer changes of actor
 
     def _order(self) -> None:
-        """The deployed order; whoever moved last in an instant goes on in the next."""
+        """Tries the deployed order, and fewer changes of actor from one instant to the next."""
         self._in_blocks(_deployed)
         self._in_blocks(_by_release)
         self._in_blocks(_going_on, 2)
@@ -349,7 +343,7 @@ class Shrinker:
             i += 1
 
     def _together(self, i: int) -> None:
-        """The next step of the actor of step i comes right after it, or step i right before."""
+        """Tries to bring step i and the next step of its actor together."""
         actor = self.best.steps["actor"]
         near = actor[i + 1 : i + 2 + 2 * len(self._period)]
         again = np.flatnonzero(near == actor[i])
@@ -362,7 +356,7 @@ class Shrinker:
     # ------------------------------------------------------------ fewer choices
 
     def _defaults(self) -> None:
-        """Choices back to the default, in parts, then one by one."""
+        """Tries to set choices back to the default, in parts, then one by one."""
         self._in_blocks(_plain)
         i = 0
         while i < len(self.best.steps):
@@ -376,13 +370,13 @@ class Shrinker:
             i += 1
 
     def _in_time(self) -> None:
-        """Nothing lost, nothing late, nothing that takes long."""
+        """Tries steps of which none is lost, late or long."""
         self._in_blocks(_kept)
         self._in_blocks(_early)
 
 
 def _asked(steps: Steps) -> npt.NDArray[np.bool_]:
-    """Which choices there are. (n,) -> (n, CHOICES_MAX)."""
+    """Which choices each step has: (n,) -> (n, CHOICES_MAX)."""
     room = steps["choice"].shape[1]
     mask: npt.NDArray[np.bool_] = np.arange(room)[None, :] < steps["choices"][:, None]
     return mask
@@ -392,7 +386,7 @@ def _asked(steps: Steps) -> npt.NDArray[np.bool_]:
 
 
 def _always(stream: int, count: int, pick: int) -> Change:
-    """This question has this answer, wherever it is asked."""
+    """The change that gives a question this answer wherever it is asked."""
 
     def change(steps: Steps) -> Steps:
         choice = steps["choice"]
@@ -427,7 +421,7 @@ def _early(steps: Steps) -> Steps:
 
 
 def _first(actor: int) -> Change:
-    """The actor is the first of every instant."""
+    """The change that makes an actor the first of every instant."""
     return lambda steps: steps[np.lexsort((steps["actor"] != actor, steps["time"]))]
 
 
@@ -444,7 +438,7 @@ def _by_release(steps: Steps) -> Steps:
 
 
 def _going_on(steps: Steps) -> Steps:
-    """Instant by instant: first who moved last, last who moves in the next one as well."""
+    """The steps of each instant sorted so that an actor goes on from one instant to the next."""
     groups = np.split(np.arange(len(steps)), np.flatnonzero(np.diff(steps["time"])) + 1)
     actor = steps["actor"]
     order: list[int] = []
@@ -460,6 +454,6 @@ def _going_on(steps: Steps) -> Steps:
 
 
 def _moved(steps: Steps, of: int, to: int) -> Steps:
-    """The same steps, number `of` in place `to`."""
+    """The steps with step number `of` moved to place `to`."""
     order = np.insert(np.delete(np.arange(len(steps)), of), to, of)
     return steps[order]

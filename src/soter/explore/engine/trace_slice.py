@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from soter.explore.replay import ReplayedStep
 
 CALENDAR = ("time", "done", "lost")
-"""What no choice of a step moves."""
+"""Labels of what no choice of a step changes."""
 ALWAYS = ("stamp", "held", "due", "verdict")
-"""What is packed as an age, or as if it were: that it changed cannot be seen from its bits."""
+"""Labels of what is packed like an age: its bits do not show whether it was changed."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class _Effect:
 
 
 class Slicer:
-    """Of the traces of one engine's system."""
+    """Slices the traces of one engine's system."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -95,7 +95,7 @@ class Slicer:
     # ------------------------------------------------------------ what is looked at
 
     def _seen(self, broken: tuple[int, int]) -> set[Label]:
-        """What the property reads of a configuration; of a contract and a fault nothing."""
+        """The labels that the property reads of a configuration; none for a contract or fault."""
         kind, index = VIOLATION_KINDS[broken[0]], broken[1]
         labels: set[Label] = set()
         if kind == PROPERTY:
@@ -132,7 +132,7 @@ class Slicer:
     # ------------------------------------------------------------ what a step does
 
     def _effect(self, actor: PlannedActor, number: int, done: ReplayedStep) -> _Effect:
-        """Without what the time and the calendar decide."""
+        """The effect of a step, without what the time and the calendar decide."""
         topics = frozenset(label for label in actor.writes if label[0] in ("topic", "stamp"))
         own = frozenset(self._own_queues(actor))
         held: Label = ("held", number)
@@ -147,14 +147,14 @@ class Slicer:
         return _Effect(writes, reads)
 
     def _own_queues(self, actor: PlannedActor) -> Iterator[Label]:
-        """Queues that it empties as it steps."""
+        """The queues that an actor empties as it steps."""
         for t in self._system.topics:
             if t.queue_of is not None and t.name.startswith(f"{actor.name}."):
                 yield ("topic", t.index)
                 yield ("stamp", t.index)
 
     def _changed(self, before: npt.NDArray[np.uint64], after: npt.NDArray[np.uint64]) -> int:
-        """The bits that differ. (words,), (words,) -> one number."""
+        """The bits that differ in two packed configurations, (words,) each, as one number."""
         return int.from_bytes((before ^ after).astype("<u8").tobytes(), "little")
 
     def _moves(

@@ -1,1 +1,1 @@
-"""What the explorer is told of a system: actors, parts, and the C of its configurations."""
+"""The model of a system that the explorer runs: actors, parts, and the C of configurations."""

@@ -1,7 +1,7 @@
-"""Configurations as rows of bits: the bodies of `pack` and `unpack`, built field by field.
+"""Packs configurations into rows of bits: the bodies of `pack` and `unpack` in C.
 
-Purpose: straight-line C with constant shifts; long arrays in loops. What one writes the other
-reads, because both are built by the same call.
+Purpose: a `Packing` builds both bodies together, field by field, as straight-line C with constant
+shifts, and loops for long arrays. What one writes the other reads, as one call builds both.
 Non-goals: which fields there are (`explorer_model.py`).
 
 A field is never cut: its width comes from its type and from what is known of its values, and
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     """Smallest and largest value of an int leaf; None for other leaves."""
 
 UNROLLED = 16
-"""Arrays of more scalars are packed in a loop."""
+"""Arrays of more scalars than this are packed in a loop."""
 WORD = 64
 WORDS = c.Name("words")
 ALL = 2**64 - 1
@@ -52,7 +52,7 @@ def word(value: int) -> c.CExpr:
 
 
 def short(value: int) -> c.CExpr:
-    """A constant beside which there are 64 bits already: a mask, an index, a shift."""
+    """A constant that stands beside 64 bits, as a mask, an index or a shift."""
     return c.Number(f"{value}U") if value < 2**31 else word(value)
 
 
@@ -65,7 +65,7 @@ def unsigned(e: c.CExpr) -> c.CExpr:
 
 
 def hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) -> list[Hull]:
-    """Per leaf of `leaves(t)`: what an int in it may be, `values` and zeroed tails included."""
+    """For each leaf of `leaves(t)` the range of ints in it, with `values` and zeroed tails."""
     leaf_hulls: list[Hull] = []
     for (path, leaf), bound in zip(leaves(t), bounds, strict=True):
         if not isinstance(leaf, IntType):
@@ -86,7 +86,7 @@ def hulls(t: Type, bounds: Sequence[Bound | None], values: Iterable[Value]) -> l
 
 
 def leaf_values(t: Type, value: Value) -> list[list[Value]]:
-    """Per leaf of `leaves(t)`: what it is in `value`; of a list all that its elements are."""
+    """For each leaf of `leaves(t)` its values in `value`; for a list those of all elements."""
     if isinstance(t, RecordType):
         return [x for (_, f), v in zip(t.fields, value, strict=True) for x in leaf_values(f, v)]
     if isinstance(t, ArrayType):
@@ -101,7 +101,7 @@ def leaf_values(t: Type, value: Value) -> list[list[Value]]:
 
 
 def _common(hulls_: Sequence[Hull], count: int) -> list[Hull]:
-    """The hulls of one element that are good for all elements of an array."""
+    """The hulls of one element that hold those of all elements of an array."""
     element_hulls: list[Hull] = []
     for i in range(count):
         same = [h for h in hulls_[i::count] if h is not None]
@@ -120,9 +120,9 @@ class Packing:
         self.unpack: list[c.CStmt] = []
         self.bits = 0
         self.label: Label = ("", 0)
-        """Of the fields that follow."""
+        """The label of the fields that follow."""
         self.labelled: list[tuple[Label, int, int]] = []
-        """Label, first bit and width of every field so far."""
+        """The label, first bit and width of every field so far."""
         self._names = 0
 
     def name(self, stem: str) -> str:
@@ -132,11 +132,11 @@ class Packing:
 
     @property
     def words(self) -> int:
-        """Words that the bits take."""
+        """How many words the bits take."""
         return -(-self.bits // WORD)
 
     def field(self, value: c.CExpr, width: int) -> c.CExpr:
-        """Pack a word of which `width` low bits are in use; gives it as `unpack` reads it."""
+        """Packs the `width` low bits of a word; returns them as `unpack` reads them."""
         if width == 0:
             return word(0)
         value = self._named(value) if self.bits % WORD + width > WORD else value
@@ -174,12 +174,12 @@ class Packing:
         return c.Binary("&", e, short((1 << width) - 1)) if masked else e
 
     def align(self) -> None:
-        """Begin a new word."""
+        """Begins a new word."""
         self._store_last()
         self.bits += -self.bits % WORD
 
     def mask(self, wanted: Callable[[Label], bool]) -> list[int]:
-        """Words with ones where a field with such a label is; asked for when all are packed."""
+        """Words with ones where fields have such labels; to be called when all are packed."""
         whole = 0
         for label, at, width in self.labelled:
             if wanted(label):
@@ -191,7 +191,7 @@ class Packing:
     def value(
         self, place: c.CExpr, t: Type, hulls_: Sequence[Hull], present: c.CExpr | None = None
     ) -> None:
-        """Pack a stored value, and store it again; where `present` is no word of ones: zeros."""
+        """Appends a value to both bodies; if the mask `present` is zero it is packed as zeros."""
         if isinstance(t, RecordType):
             at = 0
             for n, f in t.fields:
@@ -252,7 +252,7 @@ class Packing:
         writes: list[c.CStmt],
         reads: list[c.CStmt],
     ) -> int:
-        """The inside of a loop: a value at bit `base + at`; gives where the next one begins."""
+        """Appends a value at bit `base + at` to a loop's body; returns the bit of the next one."""
         if isinstance(t, RecordType):
             first = 0
             for n, f in t.fields:
@@ -301,7 +301,7 @@ class Packing:
     # ------------------------------------------------------------ done
 
     def finish(self) -> None:
-        """Store the last word, which may not be full."""
+        """Stores the last word, which may not be full."""
         self._store_last()
 
     def _store_last(self) -> None:
@@ -318,7 +318,7 @@ def _size(t: ArrayType | ListType) -> int:
 
 
 def scalar_width(t: Type, hull: Hull) -> int:
-    """Bits of a scalar."""
+    """How many bits a scalar takes."""
     if isinstance(t, FloatType):
         return WORD
     if isinstance(t, BoolType):
@@ -330,7 +330,7 @@ def scalar_width(t: Type, hull: Hull) -> int:
 
 
 def _width(t: Type, hulls_: Sequence[Hull]) -> int:
-    """Bits of a value inside a loop."""
+    """How many bits a value inside a loop takes."""
     if isinstance(t, RecordType):
         at, total = 0, 0
         for _, f in t.fields:
@@ -357,7 +357,7 @@ def _shown(place: c.CExpr, t: Type, hull: Hull, present: c.CExpr | None) -> c.CE
 
 
 def _stored(packed: c.CExpr, t: Type, hull: Hull) -> c.CExpr:
-    """The word as it is stored."""
+    """The scalar that a packed word stands for, as it is stored."""
     if isinstance(t, FloatType):
         return c.CallExpr("soter_float_of", (packed,))
     s = scalar(t)

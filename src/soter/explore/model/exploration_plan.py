@@ -58,10 +58,10 @@ class PlannedActor:
 
 @dataclass(frozen=True)
 class TimeChoices:
-    """The grid that steps which may be late choose their times on.
+    """The grid on which steps that may be late choose their times.
 
-    `open`: where the time is read so that no grid does justice to it, and none was declared;
-    `crowded`: where so many times are compared that only a finer grid would.
+    `open`: places that read the time so that no grid covers it, where none was declared; `crowded`:
+    places that compare so many times that only a finer grid would cover them.
     """
 
     quantum_ns: int
@@ -75,7 +75,7 @@ class ExplorationPlan:
 
     `read`: topics that anything reads; `aged`: topics whose age is read; `limited`: module inputs
     whose `max_age` decides; `may_fault`: components whose step may fault; `times`: None where no
-    step has a choice; `repeats`: nothing reads the time, so that what comes depends on a
+    step has a choice; `repeats`: whether nothing reads the time, so that the future depends on the
     configuration and the place in the calendar alone.
     """
 
@@ -92,11 +92,11 @@ class ExplorationPlan:
     limited: frozenset[int]
     may_fault: frozenset[int]
     observed: frozenset[Label]
-    """What properties of configurations read."""
+    """The resources that properties of configurations read."""
 
     @property
     def unheard(self) -> frozenset[str]:
-        """Actors that write nothing that another one, or a property, reads."""
+        """The actors that write nothing which another one, or a property, reads."""
         alone = [
             a.name
             for a in self.actors
@@ -177,7 +177,7 @@ def _repeats(system: System, footprints: Footprints) -> bool:
 
 
 def _times(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
-    """The grid, and what it does no justice to; who declares one takes it for granted."""
+    """The grid of times, and what it does not cover; a declared grid is an assumption."""
     return (
         TimeChoices(quantum, (), ())
         if test.quantum_ns
@@ -186,7 +186,7 @@ def _times(test: TestPlan, quantum: int, read: TimesRead) -> TimeChoices:
 
 
 def _clock(actor: int, own: Effects) -> set[Label]:
-    """What the time of a step follows from, where it reads the time."""
+    """The resources that determine the time of a step, if it reads the time."""
     return {TIME, ("done", actor)} if own.timed else set()
 
 
@@ -215,7 +215,7 @@ def _calendars(system: System, test: TestPlan) -> Iterator[_Calendar]:
 def _grid(
     system: System, test: TestPlan, calendars: list[_Calendar], quantum: int
 ) -> tuple[int, int]:
-    """(quantum, tick): where times are chosen, and what every time is a multiple of."""
+    """(quantum, tick) in ns: times are chosen at multiples of the one; all are of the other."""
     times = [test.skew_ns, *(t for f in test.faults for t in (f.by_ns, f.least_ns))]
     for x in calendars:
         times += [x.period_ns, x.phase_ns]
@@ -225,12 +225,12 @@ def _grid(
 
 
 WIDTH = 64
-"""Actors, properties and timed properties that a mask can name."""
+"""The most actors, properties or timed properties that a bit mask can name."""
 
 
 @dataclass(frozen=True)
 class IndependentPart:
-    """Bit masks: who moves, and which properties and timed properties are judged."""
+    """A part as bit masks: its actors, and the properties and timed properties judged on it."""
 
     actors: int
     properties: int
@@ -239,7 +239,7 @@ class IndependentPart:
 
 @dataclass(frozen=True)
 class SharedProperty:
-    """A property of the end of an instant that reads several parts: their numbers, two or more."""
+    """A property of the end of an instant that reads several parts, by their numbers."""
 
     property: int
     parts: tuple[int, ...]
@@ -247,7 +247,7 @@ class SharedProperty:
 
 @dataclass(frozen=True)
 class IndependentParts:
-    """Parts that share no resource; `joints`: what is judged on several of them."""
+    """Parts that share no resource; `joints`: the properties judged on several of them."""
 
     parts: tuple[IndependentPart, ...]
     joints: tuple[SharedProperty, ...]
@@ -256,7 +256,7 @@ class IndependentParts:
 def loose_parts_of(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> IndependentParts | None:
-    """The parts that only properties join; None where none does, or windows are no points."""
+    """The parts that only properties join; None: none do, or some step may be late."""
     properties = _reads_of_properties(system, lowered, plan)
     if properties is None or any(a.window_ns or a.overrun_ns for a in plan.actors):
         return None
@@ -274,7 +274,7 @@ def loose_parts_of(
 def parts_of(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> tuple[IndependentPart, ...]:
-    """The parts, in the order of their first actors; a single one where masks are too narrow."""
+    """The parts in the order of their first actors; only one if masks have too few bits."""
     properties = _reads_of_properties(system, lowered, plan)
     if properties is None or (  # a step may happen when another part's did, off the grid
         plan.timely
@@ -291,7 +291,7 @@ def parts_of(
 def _reads_of_properties(
     system: System, lowered: CoreSystem, plan: ExplorationPlan
 ) -> list[set[Label]] | None:
-    """What each property reads; None where one reads the time, or masks are too narrow."""
+    """The resources that each property reads; None: one reads the time, or masks are too narrow."""
     assert system.test is not None
     footprints = Footprints(system, lowered)
     if system.test.timed or TIME in footprints.read_by_properties():
@@ -301,7 +301,7 @@ def _reads_of_properties(
 
 
 def _depending(plan: ExplorationPlan) -> _Groups:
-    """Actors that depend on each other, directly or through others."""
+    """The groups of actors that depend on each other, directly or through others."""
     groups = _Groups(len(plan.actors))
     for i, actor in enumerate(plan.actors):
         groups.join([i, *(j for j in range(len(plan.actors)) if actor.dependent >> j & 1)])
@@ -309,7 +309,7 @@ def _depending(plan: ExplorationPlan) -> _Groups:
 
 
 def _movers(plan: ExplorationPlan, reads: set[Label]) -> list[int]:
-    """Actors whose steps may change what is read."""
+    """The actors whose steps may change what is read."""
     return [i for i, actor in enumerate(plan.actors) if actor.writes & reads]
 
 
@@ -318,7 +318,7 @@ def _mask(bits: Iterable[int]) -> int:
 
 
 class _Groups:
-    """Sets that are joined; a set is known by its least member."""
+    """Disjoint sets that can be joined; a set is named by its least member."""
 
     def __init__(self, count: int) -> None:
         self._root = list(range(count))
@@ -330,7 +330,7 @@ class _Groups:
         return i
 
     def join(self, members: list[int]) -> None:
-        """Make one set of the sets of all members."""
+        """Makes one set of the sets of all members."""
         roots = sorted({self.of(i) for i in members})
         for r in roots[1:]:
             self._root[r] = roots[0]
@@ -340,7 +340,7 @@ class _Groups:
         return [i for i, root in enumerate(self._root) if i == root]
 
     def parts(self, judged_by: Mapping[int, int]) -> tuple[IndependentPart, ...]:
-        """A part for each set of actors; `judged_by`: property -> the least member of its set."""
+        """A part for each set of actors; `judged_by`: the least member of each property's set."""
         members = range(len(self._root))
         return tuple(
             IndependentPart(

@@ -1,4 +1,4 @@
-"""The model of a system that the explorer runs: one more table after the generated program.
+"""Generates the model of a system that the explorer runs, a table after the generated program.
 
 Purpose: `<prefix>_model` (soter_explore.h): actors, timed properties, leaves for coverage, and how
 a configuration is packed.
@@ -50,8 +50,8 @@ KINDS = {
 class ExplorerModel:
     """The generated unit with its model.
 
-    `configuration_size` in bytes; `leaves`: topic and path of the leaves for coverage, as numbered;
-    `fields`: when packed, what each is of, first bit and width; `aims`: what guides are of.
+    `configuration_size`: in bytes; `leaves`: topic and path of the leaves for coverage, in order;
+    `fields`: label, first bit and width of each packed field; `aims`: what each guide is for.
     """
 
     unit: Unit
@@ -67,7 +67,7 @@ class ExplorerModel:
 def generate_model(
     system: System, core: CoreSystem, plan: ExplorationPlan, prefix: str | None = None
 ) -> ExplorerModel:
-    """The C of a system with its model; its nodes tell which branches they take."""
+    """The C of a system with its model; its nodes report which branches they take."""
     builder = _ModelBuilder(system, core, plan, prefix)
     builder.frame.branches = []
     unit = builder.run()
@@ -114,7 +114,7 @@ class _ModelBuilder(UnitBuilder):
     # ------------------------------------------------------------ everything
 
     def more(self) -> list[c.CTop]:
-        """The model, after the tables."""
+        """The declarations of the model, which stand after the tables."""
         unique = self.types.unique
         configurations = ConfigurationEmitter(
             self.system, self.plan, self.types, self.frame, self.layout, self.prefix
@@ -166,12 +166,12 @@ class _ModelBuilder(UnitBuilder):
     def _mask(
         self, packing: Packing, name: str, wanted: Callable[[Label], bool], before: list[c.CTop]
     ) -> tuple[list[c.CTop], c.CExpr]:
-        """A table of the words in which the wanted fields are ones."""
+        """A table of words with ones where the wanted fields are, and an expression for it."""
         words = [word(x) for x in packing.mask(wanted)]
         return self._table("uint64_t", name, words, before, "")
 
     def _masks(self, packing: Packing) -> list[tuple[list[c.CTop], c.CExpr]]:
-        """The schedule's bits, those that properties read, and what is owed."""
+        """The masks of the schedule's bits, of those that properties read, and of deadlines."""
         observed = self.plan.observed
 
         def mask(name: str, kinds: set[str]) -> tuple[list[c.CTop], c.CExpr]:
@@ -189,7 +189,7 @@ class _ModelBuilder(UnitBuilder):
         ]
 
     def _first_leaf(self, topic: int) -> int:
-        """Where the leaves of a topic begin; how many there are in all where it has none."""
+        """The number of a topic's first leaf; the number of all leaves where it has none."""
         numbers = (i for i, x in enumerate(self.leaves) if x.topic == topic)
         return next(numbers, len(self.leaves))
 
@@ -238,7 +238,7 @@ class _ModelBuilder(UnitBuilder):
         )
 
     def _clocks(self, a: PlannedActor) -> set[Label]:
-        """What an invariant knows of the past, where the actor may change that."""
+        """The labels of what an invariant knows of the past, if the actor may change it."""
         if a.component is None:
             return set()
         x = self.system.components[a.component]
@@ -279,7 +279,7 @@ class _ModelBuilder(UnitBuilder):
         return functions, self._table("soter_timed", "timed", rows, [], "timed properties")
 
     def _premises(self) -> tuple[list[c.CTop], tuple[list[c.CTop], c.CExpr]]:
-        """Of the properties that are implications; no table where none is."""
+        """The functions of the premises of implications, and their table; empty without any."""
         functions: list[c.CTop] = []
         rows: list[c.CExpr] = []
         for p, premise in zip(self.system.properties, self.core.premises, strict=True):
@@ -399,7 +399,7 @@ def _truth(value: bool) -> c.CExpr:
 
 
 def _range(t: Type) -> tuple[float, float]:
-    """All values of a leaf's type."""
+    """The range of all values of a leaf's type."""
     if isinstance(t, IntType):
         return float(t.low), float(t.high)
     if isinstance(t, FloatType):

@@ -41,7 +41,7 @@ TIME: Label = ("time", 0)
 class Effects:
     """Resources that a step may read and write; `timed`: whether it reads the time.
 
-    `keeps`: it may leave what it writes as it was, so that its result depends on that.
+    `keeps`: resources that it may leave as they were, so that its result depends on them.
     """
 
     reads: set[Label] = field(default_factory=set)
@@ -63,7 +63,7 @@ class Effects:
 
 
 class Footprints:
-    """Effects of every step of a system."""
+    """Computes the effects of every step of a system."""
 
     def __init__(self, system: System, lowered: core.CoreSystem) -> None:
         self.system = system
@@ -72,7 +72,7 @@ class Footprints:
         """Every fact of the run that something reads."""
 
     def outputs(self, component: int | None, drive: int | None) -> tuple[int, ...]:
-        """Topics that an actor publishes, in the order of its step's outputs."""
+        """The topics that an actor publishes, in the order of its step's outputs."""
         if drive is not None:
             return (self.system.inputs[drive].topic,)
         assert component is not None
@@ -80,7 +80,7 @@ class Footprints:
         return tuple(o.topic for o in step.outputs) if step else ()
 
     def of_actor(self, component: int | None, drive: int | None) -> Effects:
-        """What its steps may read and write."""
+        """The effects of an actor's steps."""
         effects = Effects()
         outputs = set(self.outputs(component, drive))
         if component is not None:
@@ -137,7 +137,7 @@ class Footprints:
         effects.reads |= {("stamp", t) for t in footprint.stamps}
 
     def _decision(self, module: int, effects: Effects) -> None:
-        """A DM reads its topics and may change mode, OE of both controllers, and the gate."""
+        """Adds the effects of a DM: it reads its topics, may change mode, both OE, and the gate."""
         decision, m = self.core.decisions[module], self.system.modules[module]
         effects.keeps = True
         self._predicate(decision.ttf, effects)
@@ -161,7 +161,7 @@ class Footprints:
     # ------------------------------------------------------------ properties
 
     def read_by(self, index: int) -> set[Label]:
-        """What a system property reads; of a contract nothing: it is part of its node's step."""
+        """The resources that a property reads; none for a contract, part of its node's step."""
         if is_contract(self.system.properties[index]):
             return set()
         effects = Effects()
@@ -169,7 +169,7 @@ class Footprints:
         return effects.reads | ({TIME} if effects.timed else set())
 
     def read_by_timed(self, index: int) -> set[Label]:
-        """What a timed property reads; of an invariant also what moves it on."""
+        """The resources that a timed property reads; for an invariant also what moves it on."""
         assert self.system.test is not None
         effects = Effects()
         timed = self.core.timed[index]
@@ -186,7 +186,7 @@ class Footprints:
         return effects.reads
 
     def read_by_properties(self) -> set[Label]:
-        """What any property of configurations reads."""
+        """The resources that some property of configurations reads."""
         assert self.system.test is not None
         labels: set[Label] = set()
         for p in range(len(self.system.properties)):
@@ -208,13 +208,13 @@ class Footprints:
         )
 
     def aged(self) -> set[int]:
-        """Topics of which every age matters: those that are read, and those of latches."""
+        """The topics of which every age matters: those whose age is read, and those of latches."""
         latched = [m for m in self.system.modules if m.acknowledgement is not None]
         latches = {t for m in latched for t in (m.latch, m.acknowledgement) if t is not None}
         return latches | {f.index for f in self.facts if f.fact == "age"}
 
     def limited(self) -> set[int]:
-        """Module inputs whose age decides a switch, by their `max_age`."""
+        """The module inputs whose age, against their `max_age`, decides a switch."""
         inputs = {t for m in self.system.modules if m.forced is None for t in m.inputs}
         return {t for t in inputs if self._max_age(t) is not None}
 
@@ -311,7 +311,7 @@ def _samples_input(system: System, drive: InputDrive) -> bool:
 
 
 def _samples_draws(step: core.PlantStep) -> bool:
-    """Disturbances that the step uses, and measurement errors."""
+    """Whether a plant's step draws disturbances or measurement errors."""
     used = {n.name for n in walk(_body(step)) if isinstance(n, core.Var)}
     draws = [d for name, _, some in step.disturbances if name in used for d in some]
     draws += [d for _, _, d in step.noise]

@@ -1,7 +1,8 @@
 """A configuration of the explorer: its struct, and how it is packed into words and read back.
 
-Purpose: which fields a packed configuration has, in which order, how wide; times relative to
-now, so that configurations with the same future are the same bits.
+Purpose: a `ConfigurationEmitter` writes the C. It decides which fields a packed configuration has,
+in which order and how wide; times are relative to now, so that configurations with the same future
+have the same bits.
 Non-goals: how bits are written (`bit_packing.py`), the other tables of a model
 (`explorer_model.py`).
 """
@@ -30,7 +31,7 @@ X, S, NOW, SINCE_START = c.Name("x"), c.Name("s"), c.Name("now"), c.Name("from")
 
 @dataclass(frozen=True)
 class AgeingField:
-    """A packed field that grows older; soter_explore.h. `kind` is a constant of it, bits."""
+    """A packed field that time alone changes; `kind`: a constant of soter_explore.h; bits."""
 
     at: int
     width: int
@@ -39,12 +40,12 @@ class AgeingField:
 
 
 def within(system: System, t: TimedProperty) -> int:
-    """Until when a timed property has to hold, in ns; for an invariant 2 periods of its module."""
+    """The deadline of a timed property in ns; for an invariant 2 periods of its module."""
     return t.within_ns if t.module is None else 2 * system.modules[t.module].period_ns
 
 
 class ConfigurationEmitter:
-    """Emits the struct, `pack` and `unpack`; `packing` is how the fields lie in the words."""
+    """Emits the struct, `pack` and `unpack`; `packing`: where the fields lie in the words."""
 
     def __init__(
         self,
@@ -65,14 +66,14 @@ class ConfigurationEmitter:
         self.prefix = prefix
         self.name = types.unique("configuration")
         self.size = 0
-        """Bytes of a configuration; known once `struct` was called."""
+        """The bytes of a configuration, known once `struct` was called."""
         self.held_at: dict[int, int] = {}
-        """Overrunning actor -> where its soter_held is, in bytes."""
+        """The offset in bytes of the `soter_held` of each actor that may overrun."""
         self.overrunning = [i for i, a in enumerate(plan.actors) if a.overrun_ns]
         self.ageing: list[AgeingField] = []
-        """Fields that time alone changes."""
+        """The fields that time alone changes."""
         self.calendar = 0
-        """Bits of now and of the releases made, which are the first ones but for one."""
+        """How many bits now and the releases made take: the first ones but for one."""
         self.judged = {t.module: within(system, t) for t in self.test.timed if t.module is not None}
         self.last_now = self._ticks(
             plan.horizon_ns + max((a.window_ns + a.overrun_ns for a in plan.actors), default=0)
@@ -83,7 +84,7 @@ class ConfigurationEmitter:
         return ns // self.plan.tick_ns
 
     def _aging(self, p: Packing, value: c.CExpr, width: int, kind: str, most: int = 0) -> c.CExpr:
-        """A field that grows older."""
+        """Packs a field that time alone changes."""
         self.ageing.append(AgeingField(p.bits, width, kind, most))
         return p.field(value, width)
 
@@ -152,7 +153,7 @@ class ConfigurationEmitter:
         return p
 
     def _schedule(self, p: Packing) -> None:
-        """Of every actor releases made, relative to those it must have made; then those lost."""
+        """Packs each actor's releases, relative to those that it must have made; then lost ones."""
         shared: dict[tuple[int, int, int], c.CExpr] = {}
         for i, a in enumerate(self.plan.actors):
             key = (self._ticks(a.window_ns), self._ticks(a.phase_ns), self._ticks(a.period_ns))
@@ -177,7 +178,7 @@ class ConfigurationEmitter:
             p.unpack.append(c.Assign(lost, c.Cast("uint32_t", got)))
 
     def _must(self, p: Packing, key: tuple[int, int, int]) -> c.CExpr:
-        """Releases that must have been made, of a window, a phase and a period in ticks."""
+        """The releases that must have been made by now; `key`: window, phase, period in ticks."""
         name = p.name("must")
         times = *(int_number(t) for t in key), int_number(self._ticks(self.plan.horizon_ns))
         call = c.CallExpr("soter_must", (c.Name("n"), *times))
@@ -186,7 +187,7 @@ class ConfigurationEmitter:
         return c.Name(name)
 
     def _obligations(self, p: Packing) -> None:
-        """The state of the timed properties."""
+        """Packs the state of the timed properties."""
         tick = int_number(self.plan.tick_ns)
         for i, t in enumerate(self.test.timed):
             p.label = ("due", i)
@@ -215,7 +216,7 @@ class ConfigurationEmitter:
             p.unpack.append(c.Assign(acted, c.Cast("uint8_t", got)))
 
     def _module(self, p: Packing, m: Module) -> None:
-        """Mode and gate; of a forced module nothing, as neither has an effect."""
+        """Packs a module's mode and gate; of a forced module nothing, as neither has an effect."""
         record = c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(m.index)))
         mode: c.CExpr = c.Number("1U" if m.forced == "ac" else "0U")
         items: list[tuple[str | None, c.CExpr]] = []
@@ -231,7 +232,7 @@ class ConfigurationEmitter:
         p.unpack.append(c.Assign(record, c.Initializer((*items, ("mode", mode)), "soter_module")))
 
     def _component_record(self, p: Packing, x: Component) -> None:
-        """Latch and control; OE follows from the modes."""
+        """Packs a component's latch and `had_control`; OE follows from the modes."""
         record = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(x.index)))
         enabled = self._enabled(x)
         items: list[tuple[str | None, c.CExpr]] = [("oe", enabled)]
@@ -246,7 +247,7 @@ class ConfigurationEmitter:
         p.unpack.append(c.Assign(record, c.Initializer(tuple(items), "soter_component")))
 
     def _enabled(self, x: Component) -> c.CExpr:
-        """OE of a component, or of what a decision module decides about."""
+        """OE of a component, an expression over the modes."""
         if x.module is None:
             return c.Number("1U")
         wanted = [(m, "ac") for m in modules_above(self.system, x.module)]
@@ -261,7 +262,7 @@ class ConfigurationEmitter:
         return c.Number("1U") if holds is None else c.Ternary(holds, c.Number("1U"), c.Number("0U"))
 
     def _stamps(self, p: Packing) -> None:
-        """Ages that matter, up to where they stop mattering."""
+        """Packs the ages that matter, up to where they stop mattering."""
         tick = int_number(self.plan.tick_ns)
         for t in self.system.topics:
             p.label = ("stamp", t.index)
@@ -286,14 +287,14 @@ class ConfigurationEmitter:
             p.unpack.append(c.Assign(stamp, back))
 
     def _topic_values(self, p: Packing) -> None:
-        """The topics that something reads."""
+        """Packs the topics that something reads."""
         for t in self.system.topics:
             if t.index in self.plan.read:
                 p.label = ("topic", t.index)
                 p.value(self.frame.topic(t.index), t.type, self._hulls(t))
 
     def _hulls(self, t: Topic) -> list[tuple[int, int] | None]:
-        """What ints of a topic may be: its set, and whatever it may start with."""
+        """The ranges of a topic's ints: its set, and whatever it may start with."""
         source = t.index if t.queue_of is None else t.queue_of
         given = [v for d in self.system.inputs if d.topic == source for v in d.values]
         given += [x.failsafe[source] for x in self.system.components if source in x.failsafe]
@@ -302,7 +303,7 @@ class ConfigurationEmitter:
         return hulls(t.type, t.bounds, [t.default, *given])
 
     def _variables(self, p: Packing, x: Component) -> None:
-        """Locals and plant states."""
+        """Packs a component's locals and plant states."""
         symbol = x.node or x.plant
         if symbol is None:
             return
@@ -315,7 +316,7 @@ class ConfigurationEmitter:
             p.value(self.frame.member(x.index, v.name), v.type, hulls(v.type, none, start))
 
     def _held(self, p: Packing, i: int) -> None:
-        """What a step that still runs will publish."""
+        """Packs what a step that still runs will publish."""
         p.label = ("held", i)
         actor, tick = self.plan.actors[i], int_number(self.plan.tick_ns)
         held = c.Arrow(X, f"held_{i}")
@@ -347,7 +348,7 @@ class ConfigurationEmitter:
             p.value(place, topic.type, self._hulls(topic), c.Name(keep))
 
     def pack(self, name: str) -> c.FunctionDef:
-        """The configuration as words."""
+        """The C function that packs a configuration into words."""
         zero = c.Number("0")
         tick = word(self.plan.tick_ns)
         ticks = c.Cast("int64_t", c.Binary("/", unsigned(NOW), tick))
@@ -373,7 +374,7 @@ class ConfigurationEmitter:
         return c.FunctionDef("void", name, parameters, body, doc)
 
     def unpack(self, name: str) -> c.FunctionDef:
-        """Words read back: what decides nothing as at the start; what nobody reads stays."""
+        """The C function that reads words back; what decides nothing gets its first values."""
         zero, n = c.Number("0"), c.Name("n")
         header = c.Arrow(S, "header")
         none = c.Initializer((("first_ns", c.Name("SOTER_NEVER")),), "soter_property")
@@ -415,5 +416,5 @@ class ConfigurationEmitter:
 
 
 def _padding(size: int, number: int) -> list[c.StructMember]:
-    """Bytes up to a multiple of 8."""
+    """The padding bytes up to a multiple of 8."""
     return [c.StructMember("uint8_t", f"pad_{number}", -size % 8)] if size % 8 else []

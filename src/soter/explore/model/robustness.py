@@ -42,7 +42,7 @@ YES, NO = core.Const(FLOAT, 1.0), core.Const(FLOAT, -1.0)
 
 @node()
 class Margin(core.Expr):
-    """How far two numbers are from comparing otherwise; `holds` is the comparison.
+    """How far two numbers are from changing a comparison, which is `holds`.
 
     `site`: which comparison of the program it is; each has a scale of its own.
     """
@@ -96,7 +96,7 @@ class RobustnessTable:
     # ------------------------------------------------------------ statements
 
     def _body(self, body: tuple[core.Stmt, ...], more: tuple[str, ...]) -> tuple[core.Stmt, ...]:
-        """The statements of one function, each with what keeps margins; names are its own."""
+        """The statements of one function, each with those that keep its margins."""
         taken = {x.name for x in walk(body) if isinstance(x, (core.Let, core.Call, core.Checked))}
         taken |= {x.variable for x in walk(body) if isinstance(x, core.Loop)} | set(more)
         self._beside = {}
@@ -106,13 +106,13 @@ class RobustnessTable:
         return self._block(body, None)
 
     def _has_margin(self, x: object) -> TypeGuard[core.Let | core.Call]:
-        """Whether it makes a bool temporary out of what is known; an extern function is not."""
+        """Whether it makes a bool temporary with a known margin; extern functions have none."""
         if isinstance(x, core.Call):
             return x.type == BOOL and self._known[x.function].result is not None
         return isinstance(x, core.Let) and x.value.type == BOOL
 
     def _block(self, body: tuple[core.Stmt, ...], under: core.Expr | None) -> tuple[core.Stmt, ...]:
-        """`under`: the condition of the `if` whose first side this is."""
+        """A block with margins; `under`: the condition of the `if` whose first side it is."""
         return tuple(x for s in body for x in self._statement(s, under))
 
     def _statement(self, s: core.Stmt, under: core.Expr | None) -> tuple[core.Stmt, ...]:
@@ -136,7 +136,7 @@ class RobustnessTable:
     def _joined(
         self, before: core.Expr, value: core.Expr, s: core.Set, under: core.Expr | None
     ) -> core.Expr:
-        """`a && b` whose right side may fault is `if a { a = b }`: both sides count."""
+        """The margin of `a && b` whose right side may fault, `if a { a = b }`: both sides count."""
         if isinstance(under, core.Var) and under.name == s.name:
             return core.Extreme(FLOAT, "min", before, value)
         if isinstance(under, core.Unary) and under.op == "not":
@@ -148,7 +148,7 @@ class RobustnessTable:
     # ------------------------------------------------------------ functions
 
     def _function(self, name: str) -> str:
-        """The function that gives the margin of a function's result."""
+        """The name of the function that gives the margin of a function's result."""
         if name not in self._made:
             f, outside = self._known[name], self._beside
             assert f.result is not None
@@ -171,15 +171,15 @@ def _free(name: str, taken: set[str]) -> str:
 SCALE = c.Name("soter_scale")
 """No temporary of a program is called so (`codegen/c_names.py`)."""
 APART = 8
-"""Guides of one property, at most."""
+"""The most guides of one property."""
 WORST = float_number(-1.0)
 
 
 @dataclass(frozen=True)
 class Aim:
-    """What a guide is of: `what` and `index` of `soter_broken`.
+    """What a guide is for: `what` and `index` of `soter_broken`.
 
-    `flat`: no numbers are compared in it, so it leads nowhere.
+    `flat`: it compares no numbers, so it leads nowhere.
     """
 
     what: int
@@ -261,7 +261,7 @@ class Guides:
         )
 
     def _learn(self) -> None:
-        """Name the functions that were made since."""
+        """Names the functions that were made since the last call."""
         for f in self._margins.functions:
             if f.name not in self._body.functions:
                 self._body.functions[f.name] = (self._types.unique(f"{f.name}_fn"), f.can_fault)
@@ -317,9 +317,9 @@ class _Body(Body):
 
 
 def _apart(e: core.Expr, op: str) -> list[core.Expr]:
-    """The operands of a chain of `op`, to be followed one by one: the nearest would hide others.
+    """The operands of a chain of `op`, each with a guide, as the nearest would hide the others.
 
-    The whole condition where there are more than `APART`.
+    It is the whole condition where there are more than `APART`.
     """
     conditions, todo = [], [e]
     while todo:

@@ -35,7 +35,7 @@ FLIPPED = {">": "<", ">=": "<="}
 
 
 class InternedTerms:
-    """Interned terms."""
+    """Makes terms, each of them once."""
 
     def __init__(self, functions: Sequence[core.Function]) -> None:
         self.functions = {f.name: f for f in functions}
@@ -52,13 +52,13 @@ class InternedTerms:
         return number
 
     def parts(self, term: Term) -> tuple[Hashable, ...]:
-        """What it is made of."""
+        """The operator and operands of a term."""
         return self._parts[term]
 
     # ------------------------------------------------------------ conditions
 
     def joined(self, op: str, some: Sequence[Term]) -> Term:
-        """`&&` or `||` of conditions, in one order, each once."""
+        """The `&&` or `||` of conditions, sorted, each once."""
         zero, one = (self.false, self.true) if op == "&&" else (self.true, self.false)
         flat: set[Term] = set()
         for t in some:
@@ -77,7 +77,7 @@ class InternedTerms:
         return parts[1] if parts[0] == "not" else self.make("not", t)  # type: ignore[return-value]
 
     def either(self, condition: Term, then: Term, otherwise: Term) -> Term:
-        """One of two values."""
+        """The value `then` where the condition holds, else `otherwise`."""
         if condition in (self.true, self.false):
             return then if condition == self.true else otherwise
         if then == otherwise:
@@ -101,7 +101,7 @@ class InternedTerms:
         return self.make(op, *sorted((a, b))) if op in COMMUTES else self.make(op, a, b)
 
     def size(self, op: str, a: Term) -> Term:
-        """`abs`: of a difference it is that of the two either way round."""
+        """The operation `abs`; of a difference it is the same either way round."""
         difference = "-" if op == "abs" else "sub"
         parts = self._parts[a]
         return self.make(op, self._apart(a) if parts[0] == difference and len(parts) == 3 else a)
@@ -116,7 +116,7 @@ class InternedTerms:
 
 
 def exact(value: Value) -> Hashable:
-    """A value that equals another one only where they are the same bits of the same type."""
+    """A key that is equal for two values only if they have the same bits and type."""
     if isinstance(value, tuple):
         return tuple([exact(v) for v in value])
     if isinstance(value, bool):
@@ -125,7 +125,7 @@ def exact(value: Value) -> Hashable:
 
 
 class TermReading(Execution["Term"]):
-    """One step or predicate, read as terms; `rename` says what its cells are called."""
+    """Reads one step or predicate as terms; `rename`: the names of its cells."""
 
     def __init__(self, terms: InternedTerms, rename: Rename) -> None:
         super().__init__(terms.functions)
@@ -134,7 +134,7 @@ class TermReading(Execution["Term"]):
         self.where = terms.true
         self.faults: set[tuple[Term, Term]] = set()
         self.messages: dict[int, list[tuple[Term, Term]]] = {}
-        """By output: all that is published, in order; of outputs that may publish several."""
+        """For outputs that may publish several messages, all that is published, in order."""
         self.chosen = 0
 
     # ------------------------------------------------------------ statements
@@ -160,7 +160,7 @@ class TermReading(Execution["Term"]):
         super()._publish(s, value)
 
     def _choose(self, s: core.Choose) -> Term:
-        """The choices of a step are told apart by their number."""
+        """A term for a choice, by its number in the step."""
         make, old = self.terms.make, None if s.ages is None else self.frame.variables[s.ages]
         choice = make("choice", self.chosen, s.type, s.count, s.low, old)
         if s.ages is not None:
@@ -169,7 +169,7 @@ class TermReading(Execution["Term"]):
         return choice
 
     def _known(self, _: Term) -> None:
-        """Both sides of every branch are followed."""
+        """None, so that both sides of every branch are followed."""
 
     def _reached(self, where: Term, condition: Term, truth: bool) -> Term:
         return self.terms.joined("&&", (where, condition if truth else self.terms.no(condition)))
@@ -193,7 +193,7 @@ class TermReading(Execution["Term"]):
         return value
 
     def call(self, f: core.Function, arguments: tuple[Term, ...]) -> Term:
-        """The result of a function; of somebody else's code a term of its own."""
+        """The result of a function; for extern code a term of its own."""
         if f.result is not None:
             return super().call(f, arguments)
         value = self.terms.make("call", f.name, *arguments)
@@ -234,7 +234,7 @@ class TermReading(Execution["Term"]):
     # ------------------------------------------------------------ results
 
     def faulty(self) -> frozenset[tuple[Term, Term]]:
-        """Where it faults. A difference that has a size in 64 bits has none that overflows."""
+        """The places where it faults; a difference whose `abs` is in 64 bits does not overflow."""
         parts = self.terms.parts
         sized = {
             (where, frozenset(parts(parts(t)[1])[1:]))  # type: ignore[arg-type]
@@ -270,7 +270,7 @@ def of_step(
 ) -> Computed:
     """What a step computes: locals or states, publications, faults, draws.
 
-    What a shield makes of it is equal to nothing: such a step goes over into no other.
+    A step with a shield equals no other, so that it is never renamed.
     """
     if isinstance(step, core.NodeStep) and step.shield is not None:
         return "shield", object()
@@ -303,7 +303,7 @@ def of_step(
 def _plant(
     reading: TermReading, step: core.PlantStep, topic: Mapping[int, int]
 ) -> tuple[Hashable, ...]:
-    """All but the first step integrate; draws are told apart by their numbers."""
+    """What a plant's step computes; all but the first one integrate; draws go by number."""
     terms = reading.terms
     for k, (name, t, draws) in enumerate(step.disturbances):
         drawn = tuple([(d.low, d.high, d.hold_ns) for d in draws])

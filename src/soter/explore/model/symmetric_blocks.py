@@ -40,12 +40,12 @@ if TYPE_CHECKING:
 
 WORD = 64
 FIELDS_MAX = 4096
-"""Fields of all blocks of a family (`SOTER_WORDS`)."""
+"""The most fields that all blocks of a family have together (`SOTER_WORDS`)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """Equal instances: their names, and of each the fields, which stand for one another in order.
+    """Equal instances: their names, and the fields of each, which correspond in order.
 
     `swaps`: renamings that swap the first one with each of the others. `actors`, `properties`
     and `timeds` are masks of what they rename.
@@ -59,7 +59,7 @@ class Family:
     timeds: int
 
     def is_of(self, part: IndependentPart | None) -> bool:
-        """Whether all that it renames is in this part of the system (None: all of it)."""
+        """Whether all that it renames is in this part of the system (None: the whole system)."""
         if part is None or part.actors == 0:
             return True
         judged = ((self.properties, part.properties), (self.timeds, part.timeds))
@@ -71,7 +71,7 @@ class Family:
 def families_of(
     system: System, lowered: CoreSystem, plan: ExplorationPlan, fields: tuple[Field, ...]
 ) -> tuple[Family, ...]:
-    """The families of a test, those of the smallest blocks first: they may be inside of others."""
+    """The families of a test, those with the smallest blocks first: they may be inside others."""
     judge = RenamingCheck(system, lowered, plan, fields)
     places: dict[Label, list[Span]] = {}
     for label, at, width in fields:
@@ -96,13 +96,13 @@ def families_of(
 
 
 def _includes(family: Family, pair: Family) -> bool:
-    """Whether two blocks of a family are what the other one swaps."""
+    """Whether two blocks of a family are those that the pair swaps."""
     moved = {s for b in pair.blocks for s in b}
     return any({*a, *b} == moved for a, b in combinations(family.blocks, 2))
 
 
 def _pairs(family: Family) -> set[tuple[int, int]]:
-    """Components that stand in the same place in two of its blocks."""
+    """The pairs of components that have the same place in two of a family's blocks."""
     pairs = set()
     for r, s in combinations(family.swaps, 2):
         for i in r.components.keys() & s.components.keys():
@@ -111,7 +111,7 @@ def _pairs(family: Family) -> set[tuple[int, int]]:
 
 
 def _alike(x: Component, y: Component) -> bool:
-    """Whether it is worth a try."""
+    """Whether two components are so similar that a swap is worth a try."""
     if x.node is not y.node or x.plant is not y.plant:
         return False
     return (x.role, x.period_ns, x.phase_ns) == (y.role, y.period_ns, y.phase_ns)
@@ -131,7 +131,7 @@ class _Swap:
         self.fine = True
 
     def add(self, kind: str, a: int, b: int) -> None:
-        """Two components, topics or modules change places (or stay)."""
+        """Adds that two components, topics or modules change places (or one stays)."""
         of = {
             "component": self.made.components,
             "topic": self.made.topics,
@@ -144,7 +144,7 @@ class _Swap:
             self.waiting.append((kind, a, b))
 
     def grow(self) -> None:
-        """Until nothing more has to be swapped; topics come last, as code says more than they."""
+        """Adds swaps until nothing more has to be swapped; topics come after code."""
         while self.fine and self.waiting:
             at = next((i for i, w in enumerate(self.waiting) if w[0] != "topic"), 0)
             kind, a, b = self.waiting.pop(at)
@@ -170,7 +170,7 @@ class _Swap:
             self.add("module", m.over, n.over)
 
     def _topic(self, a: int, b: int) -> None:
-        """Who names the one has somebody like it who names the other; who names both stays."""
+        """Swaps the components that name one of two topics; a component that names both stays."""
         there, here = self._who(a), self._who(b)
         stay = [i for i in there if i in here]
         left = [i for i in there if i not in stay and i not in self.made.components]
@@ -187,7 +187,7 @@ class _Swap:
         self._queues(a, b)
 
     def _queues(self, a: int, b: int) -> None:
-        """Queues behind two topics, of one subscriber or of two that are swapped."""
+        """Swaps queues behind two topics, of one subscriber or of two that are swapped."""
         topics = self.system.topics
         of_a, of_b = topics[a].queue_of, topics[b].queue_of
         if of_a is not None and of_b is not None:
@@ -201,13 +201,13 @@ class _Swap:
                 self.add("topic", q, same[0])
 
     def _who(self, topic: int) -> list[int]:
-        """Components whose code names a topic, or a queue behind it."""
+        """The components whose code names a topic, or a queue behind it."""
         some = {("topic", t) for t in (topic, *self.system.topics[topic].queues)}
         return [x.index for x in self.system.components if some & set(self.judge.reads(x))]
 
 
 def _proposed(judge: RenamingCheck, x: Component, y: Component) -> Renaming | None:
-    """What has to be swapped if these two are; None where that goes wrong."""
+    """The renaming that swaps two components; None where that cannot be completed."""
     swap = _Swap(judge)
     swap.add("component", x.index, y.index)
     swap.grow()
@@ -223,7 +223,7 @@ def _families(
     first: Component,
     swaps: list[tuple[Component, Renaming]],
 ) -> list[Family]:
-    """As many as fit together in one; each that fits with no other by itself."""
+    """Families of swaps: as many as fit together in one; a swap that fits no other by itself."""
     moved = [_moved(places, r) for _, r in swaps]
     left, made = list(range(len(swaps))), []
     while left:
@@ -240,7 +240,7 @@ def _families(
 def _together(
     moved: list[dict[Label, Label]], first: int, second: int, others: list[int]
 ) -> list[int]:
-    """Swaps of one block, what two of them have in common, with others: the first one at least."""
+    """The swaps, at least the first, that exchange one block, common to two, with others."""
     inside = set(moved[first]) & set(moved[second])
     taken, swaps = set(inside), []
     for i in dict.fromkeys((first, second, *others)):
@@ -252,7 +252,7 @@ def _together(
 
 
 def _moved(places: dict[Label, list[Span]], r: Renaming) -> dict[Label, Label]:
-    """The pieces of a configuration that change places."""
+    """The pieces of a configuration that change places, each with what takes its place."""
     return {x: r.label(x) for x in places if r.label(x) != x}
 
 
@@ -263,7 +263,7 @@ def _family(
     swaps: Sequence[tuple[Component, Renaming]],
     blocks: Sequence[Sequence[Label]],
 ) -> Family | None:
-    """None where there is nothing to swap, or too much."""
+    """The family of these swaps; None where there is nothing to swap, or too much."""
     spans = [[span for label in block for span in places[label]] for block in blocks]
     own = _merged(spans)
     if not own[0] or len(own) * len(own[0]) > FIELDS_MAX:
@@ -280,7 +280,7 @@ def _family(
 
 
 def _merged(blocks: list[list[Span]]) -> list[list[Span]]:
-    """The same bits in as few fields of at most a word as there can be."""
+    """The blocks' bits in as few fields, of at most a word each, as possible."""
     fields: list[list[Span]] = [[] for _ in blocks]
     for row in sorted(zip(*blocks, strict=True)):
         ends = [b[-1][0] + b[-1][1] if b else -1 for b in fields]
@@ -296,7 +296,7 @@ def _merged(blocks: list[list[Span]]) -> list[list[Span]]:
 
 
 def _names(system: System, names: list[str], renamed: Sequence[Renaming]) -> tuple[str, ...]:
-    """`r[0]`, `r[1]` of `r[0].Go`, `r[1].Go`, if all that is in them is swapped."""
+    """The names of instances: `r[0]`, `r[1]` for `r[0].Go`, `r[1].Go` if all in them is swapped."""
     moved = {system.components[i].name for r in renamed for i in r.components}
     still = [x.name for x in system.components if x.name not in moved]
     parts = [n.split(".") for n in names]
@@ -324,19 +324,19 @@ class SymmetricInstances:
 
     @cached_property
     def families(self) -> tuple[Family, ...]:
-        """All of them; none where an order is declared that puts one before the other."""
+        """All families; none where a declared order puts one instance before another."""
         if plan_of(self._system).ordered:
             return ()
         return families_of(self._system, self._lowered, self._model.plan, self._model.fields)
 
     def of(self, s: SearchOptions, part: IndependentPart | None) -> tuple[Family, ...]:
-        """Those that a search of a part of the system (None: all of it) can make use of."""
+        """The families that a search of a part of the system (None: all of it) can use."""
         if not REDUCTIONS[s.reduction] & SYMMETRY or s.strategy not in EXHAUSTIVE:
             return ()
         return tuple([f for f in self.families if f.is_of(part)])
 
     def options(self, ffi: Any, some: Sequence[Family]) -> dict[str, object]:  # noqa: ANN401 - cffi
-        """Of `soter_explore_options`; what it points to lives until the next ones."""
+        """The fields for `soter_explore_options`; they live until the next call."""
         self._fields = [ffi.new("soter_field[]", [x for b in f.blocks for x in b]) for f in some]
         rows = [(len(f.blocks), len(f.blocks[0]), x) for f, x in zip(some, self._fields)]  # noqa: B905
         self._fields.append(ffi.new("soter_family[]", rows))
@@ -345,7 +345,7 @@ class SymmetricInstances:
     # ------------------------------------------------------------ coverage
 
     def spread(self, some: Sequence[Family], seen: CoverageCounters) -> None:
-        """What was seen of one instance was seen of each."""
+        """Adds what was seen of one instance to each of its equals."""
         for family in some:
             for r in family.swaps:
                 self._spread(r, seen)
@@ -353,7 +353,7 @@ class SymmetricInstances:
                 self._spread(r, seen)
 
     def _spread(self, r: Renaming, seen: CoverageCounters) -> None:
-        """What was seen, and that with the renaming."""
+        """Adds what was seen once more, after a renaming."""
         timed = len(self._system.properties)
         of_timed = {timed + i: timed + j for i, j in r.timeds.items()}
         for rows, to in (
@@ -374,7 +374,7 @@ class SymmetricInstances:
         return {i: j for i, j in moved.items() if i != j}
 
     def _branches(self, r: Renaming) -> Iterator[tuple[int, int]]:
-        """Of what stands for a component, in the same order."""
+        """For each branch the one that stands for it after a renaming."""
         of: dict[str, list[int]] = {}
         for i, b in enumerate(self._model.unit.branches):
             of.setdefault(b.component, []).append(i)
@@ -384,7 +384,7 @@ class SymmetricInstances:
 
 
 def _joined(rows: npt.NDArray[Any], to: dict[int, int]) -> None:
-    """Rows, and those that stand for them: whatever is set in one is set in the other."""
+    """Joins each row with the one that stands for it: what is set in one is set in both."""
     before = rows.copy()
     for i, j in to.items():
         rows[j] |= before[i]

@@ -1,9 +1,9 @@
-"""Whether a renaming of instances maps a test to itself: then what it swaps behaves alike.
+"""Checks whether a renaming of instances maps a test to itself, so that they behave alike.
 
-Purpose: a renaming of components, topics, modules and locals is accepted if everything that a
-search of the test looks at is the same after it as before: calendars, first values, sets, faults,
-what every step and decision computes (`symbolic_terms.py`), what is judged, and the fields of a
-packed configuration. Names decide nothing. docs/testing.md says why configurations that differ by
+Purpose: `RenamingCheck` accepts a renaming of components, topics, modules and locals if everything
+that a search of the test looks at is the same after it: calendars, first values, sets, faults, what
+every step and decision computes (`symbolic_terms.py`), what is judged, and the fields of a packed
+configuration. Names do not matter. docs/testing.md says why configurations that differ by
 such a renaming alone behave alike ("Equal instances").
 Non-goals: finding renamings that may be accepted (`symmetric_blocks.py`).
 """
@@ -35,15 +35,15 @@ if TYPE_CHECKING:
     Field = tuple[Label, int, int]
 
 LOCALS_TRIED = 100
-"""Ways in which the locals of one component are swapped, at most, until one fits."""
+"""In how many ways the locals of one component are swapped, at most, until one fits."""
 
 
 @dataclass(eq=False)
 class Renaming:
-    """What stands for what, numbers as in the system; who is not named stands for itself.
+    """What stands for what, by numbers of the system; what is not named stands for itself.
 
-    `locals`: (component, local) -> local, of a component that stands for itself. `inputs`,
-    `actors`, `properties` and `timeds` follow from the rest, once it is accepted.
+    `locals`: for (component, local) the local that stands for it, in a component that stands for
+    itself. `inputs`, `actors`, `properties` and `timeds` follow from the rest, once accepted.
     """
 
     components: dict[int, int] = field(default_factory=dict)
@@ -55,23 +55,23 @@ class Renaming:
     timeds: dict[int, int] = field(default_factory=dict)
 
     def component(self, i: int | None) -> int | None:
-        """What stands for a component."""
+        """The component that stands for a component."""
         return None if i is None else self.components.get(i, i)
 
     def topic(self, i: int) -> int:
-        """What stands for a topic."""
+        """The topic that stands for a topic."""
         return self.topics.get(i, i)
 
     def module(self, i: int | None) -> int | None:
-        """What stands for a module."""
+        """The module that stands for a module."""
         return None if i is None else self.modules.get(i, i)
 
     def local(self, component: int, name: str) -> str:
-        """What stands for a local or a state, in what stands for its component."""
+        """The name of the local or state that stands for one, in what stands for its component."""
         return self.locals.get((component, name), name)
 
     def read(self, what: core.Cell | core.Fact) -> Hashable:
-        """What a cell or a fact is called after it."""
+        """The key of a cell or a fact after the renaming."""
         if isinstance(what, core.Fact):
             if what.fact == "age":
                 return "age", self.topic(what.index)
@@ -119,7 +119,7 @@ class RenamingCheck:
         self._reads = {x.index: self._read_by(x) for x in system.components}
 
     def accepts(self, r: Renaming) -> bool:
-        """Whether everything is the same after it; fills in what follows from the rest."""
+        """Whether everything is the same after a renaming; fills in what follows from the rest."""
         try:
             return (
                 all(self._topic(t, r) == self._topic(self.system.topics[r.topic(t.index)])
@@ -165,7 +165,7 @@ class RenamingCheck:
         return x is y and any(self._with_locals(x, r, some) for some in _swaps(x))
 
     def _with_locals(self, x: Component, r: Renaming, some: dict[str, str]) -> bool:
-        """Whether it computes the same with some of its locals swapped; keeps these, then."""
+        """Whether a component computes the same with some locals swapped; if so it keeps these."""
         own = {(x.index, a): b for a, b in some.items()}
         r.locals |= own
         if self._computed(x, r) == self._of(x):
@@ -175,7 +175,7 @@ class RenamingCheck:
         return False
 
     def _numbers(self, x: Component, r: Renaming = IDENTITY) -> tuple[Hashable, ...]:
-        """All that is known of a component but for its code; of locals see `_swaps`."""
+        """All numbers of a component that must be equal, without its code; locals: `_swaps`."""
         return (
             x.role,
             x.period_ns,
@@ -226,7 +226,7 @@ class RenamingCheck:
     # ------------------------------------------------------------ the test
 
     def _plan(self, r: Renaming) -> bool:
-        """Whether as much of a topic or a component is packed."""
+        """Whether the plan packs as much of each topic and component as of what stands for it."""
         p = self.plan
         topics = all({r.topic(t) for t in some} == some for some in (p.read, p.aged, p.limited))
         return topics and {r.component(x) for x in p.may_fault} == p.may_fault
@@ -257,7 +257,7 @@ class RenamingCheck:
         )
 
     def _judged(self, r: Renaming) -> bool:
-        """Whether what is judged of the test is what was judged before."""
+        """Whether the same is judged of the test after the renaming."""
         system, timed = self.system, self.core.timed
         assert system.test is not None
         terms = self.terms
@@ -291,7 +291,7 @@ class RenamingCheck:
     # ------------------------------------------------------------ what is touched
 
     def reads(self, x: Component) -> tuple[tuple[str, int], ...]:
-        """Topics and modules that its code names, in the order in which it does."""
+        """The topics and modules that a component's code names, in that order."""
         return self._reads[x.index]
 
     def _read_by(self, x: Component) -> tuple[tuple[str, int], ...]:
@@ -310,7 +310,7 @@ class RenamingCheck:
         return (*resources, *_resources_read(texts))
 
     def _untouched(self, x: Component, r: Renaming) -> bool:
-        """Whether its code names nothing that is renamed."""
+        """Whether a component's code names nothing that is renamed."""
         of = {"topic": r.topics, "module": r.modules}
         return all(of[kind].get(i, i) == i for kind, i in self._reads[x.index])
 
@@ -322,12 +322,12 @@ def _texts(step: core.NodeStep | core.PlantStep | None) -> list[object]:
 
 
 def _is_apart(x: Component) -> bool:
-    """Whether it differs from its like by its name: what answers or chance looks at that."""
+    """Whether a component's name matters, since its answers or draws depend on it."""
     return x.extern or any(d.hold_ns for d in x.disturbances)
 
 
 def _swaps(x: Component) -> Iterator[dict[str, str]]:
-    """Ways to swap its locals or states two by two: such as begin alike, of one type."""
+    """Ways to swap a component's locals or states in pairs, with equal types and first values."""
     variables = x.node.locals if x.node else x.plant.states if x.plant else ()
     if len(x.initial) != len(variables):
         return iter(())

@@ -1,1 +1,1 @@
-"""Controllers that are somebody else's code."""
+"""Binds externs, the parts of a system that are somebody else's code, and calls them."""

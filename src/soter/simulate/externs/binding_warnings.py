@@ -1,7 +1,8 @@
-"""Whether the files that a program binds its externs to hold what they should.
+"""Warns where the files that a program binds its externs to do not hold what they should.
 
-Purpose: warnings (W007) for `soter check`, from a look at the text: nothing is run or compiled;
-W037 of policies that may answer more than their topics take.
+Purpose: `warnings_of` gives warnings (W007) for `soter check` by reading the files' text: nothing
+is run or compiled. `wide_actions` warns (W037) of policies that may answer more than their topics
+take.
 Non-goals: refusing; `bindings.py` does that when a program runs.
 """
 
@@ -116,7 +117,7 @@ def _problem(name: str, source: str, where: Label | None) -> Iterator[Diagnostic
 
 
 def _missing(binding: BindingText) -> str:
-    """Why the code cannot be there; "" where it may be."""
+    """Why the code of a binding cannot be there; "": it may be."""
     path, wanted = Path(binding.file), binding.name
     if binding.is_policy:
         absent = [file for file in binding.files if not Path(file).is_file()]
@@ -142,7 +143,7 @@ def _not_in(path: Path, wanted: str) -> str:
 
 
 def _names(body: Iterable[ast.stmt]) -> Iterator[str]:
-    """What the statements of a module may define; `*` where anything may come."""
+    """The names that a module's statements may define; `*`: any name."""
     for statement in body:
         if isinstance(statement, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
             yield statement.name
@@ -161,6 +162,6 @@ def _names(body: Iterable[ast.stmt]) -> Iterator[str]:
 
 
 def _of_calls(call: ast.Call) -> Iterator[str]:
-    """`globals().update(...)` and its like may define anything."""
+    """The names that a call may define: `*` for `globals().update(...)` and its like."""
     if any(isinstance(n, ast.Name) and n.id in ("globals", "exec") for n in ast.walk(call)):
         yield "*"

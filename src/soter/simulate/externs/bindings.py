@@ -1,10 +1,10 @@
-"""Which code answers which extern of a system.
+"""Finds the code that answers each extern of a system.
 
-Purpose: what the program says (`from "python:..."`) and what a person says (`--bind X=...`,
-`.bind("X", f)`) become, for one system and one engine, the callables of a run; bindings to C
-reach the generated program. Every mistake is a diagnostic: X001 to X008, U001, U005. `files_of`:
-SHA-256 of the files that a binding names, and what those need: runs and their logs say it, as other
-weights are another controller and the hash of the program knows nothing of them.
+Purpose: `bind` makes, of the bindings in the program (`from "python:..."`) and of the user's
+(`--bind X=...`, `.bind("X", f)`), the callables of a run on one engine; bindings to C reach the
+generated program. Every mistake is a diagnostic: X001 to X008, U001, U005. `files_of` gives the
+SHA-256 of the files that a binding names, and of those that they need: runs and logs tell it, since
+other weights are another controller, and the program's hash does not cover them.
 Non-goals: loading Python (`python_extern.py`), calling C (`c_extern.py`), running; hashes of what
 Python imports, and of objects that are bound from Python: nobody can name their files.
 """
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 def files_of(bound: object) -> dict[str, str]:
-    """SHA-256 by the name of each file; empty for what no text binds. SoterError X003, X014."""
+    """The SHA-256 of each file by name; empty if no text binds it; `SoterError` X003, X014."""
     binding = binding_of(bound) if isinstance(bound, str) else None
     if binding is None:
         return {}
@@ -61,7 +61,7 @@ def _sha256(raw: bytes) -> str:
 
 
 POLICY_MEMORY = 2 * 2**30
-"""Bytes that the process of a policy may take beyond what it begins with."""
+"""How many bytes the process of a policy may take beyond those it begins with."""
 
 
 @dataclass(eq=False)
@@ -88,7 +88,7 @@ class Bindings:
     externs: list[Extern] = field(default_factory=list)
 
     def texts(self) -> dict[str, str]:
-        """What each extern is bound to, for people and logs."""
+        """Words for what each extern is bound to, for people and logs."""
         return {x.name: _shown(x.bound) for x in self.externs}
 
     def files(self) -> dict[str, dict[str, str]]:
@@ -97,7 +97,7 @@ class Bindings:
 
 
 def check_text(name: str, text: str) -> str:
-    """A binding given as text, its file checked; SoterError U001."""
+    """A binding that is given as text, after a check of its file; `SoterError` U001."""
     binding = binding_of(text)
     if binding is None:
         raise mistake(
@@ -112,7 +112,7 @@ def check_text(name: str, text: str) -> str:
 
 
 def check_target(name: str, target: object) -> None:
-    """SoterError U001, X002, X003 for what can answer no extern at all."""
+    """`SoterError` U001, X002, X003 for an object that can answer no extern at all."""
     if isinstance(target, str):
         check_text(name, target)
     elif not isinstance(target, type) and not callable(getattr(target, "step", target)):
@@ -120,7 +120,7 @@ def check_target(name: str, target: object) -> None:
 
 
 def require_named(systems: Sequence[System], name: str) -> None:
-    """SoterError U005 where none of a program's systems has an extern of that name."""
+    """`SoterError` U005 where none of a program's systems has an extern of that name."""
     quick = [(s, list(_components(s))) for s in systems]
     if not systems or any(_named(externs, name) for _, externs in quick):
         return
@@ -131,7 +131,7 @@ def require_named(systems: Sequence[System], name: str) -> None:
 
 
 def bind(system: System, given: Mapping[str, object]) -> Bindings:
-    """What every extern of the system is bound to; `given` overrides the program.
+    """Binds every extern of the system; `given` overrides the program.
 
     A name is a full one (`d.M.Learned`), the last part of it, or that of the declaration; the
     most exact wins, and one name may stand for several instances. Bindings to C are entered in
@@ -148,7 +148,7 @@ def bind(system: System, given: Mapping[str, object]) -> Bindings:
 
 
 def require_files(bindings: Bindings, *, linked: bool = False) -> None:
-    """Read the files that answer externs, before work that they would make vain; X003, X014.
+    """Reads the files that answer externs before work that errors would waste; X003, X014.
 
     Policies are loaded as they are for a run, so that numbers which do not fit a node are told,
     too; no Python of a person is executed. X001 and X008 for what no engine runs. `linked`: only
@@ -263,7 +263,7 @@ def _externs(system: System, core: CoreSystem) -> Iterable[Extern]:
 
 
 def _exactness(extern: Extern, name: str) -> tuple[int, ...]:
-    """How exactly a name means an extern, 0 least; empty where it does not."""
+    """The ways in which a name fits an extern, as exactness, 0 the least; empty: it does not."""
     levels = []
     if name == extern.name:
         levels.append(0)  # the last one entered wins
@@ -290,7 +290,7 @@ def _unknown(system: System, externs: list[Extern], name: str) -> Diagnostic:
 
 
 def _own_code(system: System, name: str) -> Diagnostic | None:
-    """What is to be said of a name that stands for something, but for no extern."""
+    """The error for a name that stands for something that is no extern; None: it is unknown."""
     for x in system.components:
         own = x.node or x.plant
         if own is not None and name in (x.name, x.name.rpartition(".")[2], own.name):
@@ -319,7 +319,7 @@ def _is_c(bound: object) -> bool:
 
 
 def _enter_c(core: CoreSystem, externs: list[Extern]) -> None:
-    """Tell the code generator which externs are C, and which no longer are."""
+    """Tells the code generator which externs are C, and which no longer are."""
     for extern in externs:
         text = extern.bound if isinstance(extern.bound, str) else None
         if extern.component is not None:
@@ -349,7 +349,7 @@ def _c_callables(bindings: Bindings) -> dict[str, object]:
 
 
 def close(bound: Mapping[str, object]) -> None:
-    """End the processes that the callables of a run have."""
+    """Ends the processes that the callables of a run have."""
     for extern in bound.values():
         end = getattr(extern, "close", None) if not isinstance(extern, PythonExtern) else None
         if callable(end):
@@ -357,7 +357,7 @@ def close(bound: Mapping[str, object]) -> None:
 
 
 def assumptions(bound: Mapping[str, object]) -> list[str]:
-    """What the files of policies do not say, a sentence for each callable of a run."""
+    """The assumptions that the files of policies leave open, a sentence for each callable."""
     told = [(name, getattr(extern, "assumed", ())) for name, extern in bound.items()]
     return [f"{name} assumes, as its file does not say: {'; '.join(x)}" for name, x in told if x]
 
@@ -377,7 +377,7 @@ def _python(system: System, extern: Extern, stop: StopRequest, *, apart: bool) -
 
 
 def _in_bounds(load: Callable[[], object]) -> object:
-    """Load a policy in a process that can take `POLICY_MEMORY` more: a graph may ask for any."""
+    """Loads a policy with a memory limit of `POLICY_MEMORY` more, as a graph may ask for any."""
     with suppress(ImportError, OSError, ValueError):  # elsewhere nobody says what a process has
         from resource import RLIMIT_AS, getrlimit, setrlimit  # noqa: PLC0415 - POSIX only
 
@@ -405,7 +405,7 @@ def _found(system: System, extern: Extern) -> object:
 
 
 def _loaded(system: System, extern: Extern, text: str) -> object:
-    """What a text names: an object of a Python file, or the policy of another."""
+    """The object that a text names: one of a Python file, or the policy in another file."""
     binding, x = binding_of(text), extern.component
     if binding is None or not binding.is_policy or x is None or x.node is None:
         return load_python(text, extern.span)
@@ -421,7 +421,7 @@ def _uncallable(name: str, bound: object) -> Diagnostic:
 
 
 def _impossible(extern: Extern, engine: str) -> Diagnostic | None:
-    """Why this extern cannot run on this engine, None where it can."""
+    """The error that this extern cannot run on this engine; None: it can."""
     declared = Label(extern.span, "declared here")
     short = extern.name.rpartition(".")[2]
     if extern.bound is None:

@@ -1,7 +1,7 @@
 """Externs bound to C, called from the reference interpreter.
 
 Purpose: `c:file.c:name` means the same on both engines: the C is compiled as for the native
-engine, and here its functions become callables like those of Python.
+engine, and `c_externs` makes its functions callables like those of Python.
 Non-goals: the native engine, which links them in; functions of records, arrays and lists, and
 nodes with locals of their own, which only the native engine runs (X008).
 """
@@ -38,7 +38,7 @@ class CFaultError(PlainError):
 
 
 class CExtern:
-    """A linked C function as a step."""
+    """A linked C function that can be called as a step."""
 
     linked = True
 
@@ -66,18 +66,18 @@ def c_externs(
 
 
 def linked_symbols(system: System, core: CoreSystem | None) -> dict[str, str]:
-    """The C file that each function of a binding to C is expected in."""
+    """The C file in which each function of a binding to C should be, by the function's name."""
     return {name: file for file, name in _linked(system, core)}
 
 
 def linked_content(system: System, core: CoreSystem) -> str:
-    """A hash of the C files of bindings and of all that they include; SoterError X003."""
+    """A hash of the C files of bindings and of all that they include; `SoterError` X003."""
     text_by_path = included(*(file for file, _ in _linked(system, core)))
     return digest(x for p, t in text_by_path.items() for x in (str(p), t)) if text_by_path else ""
 
 
 def _linked(system: System, core: CoreSystem | None) -> list[tuple[str, str]]:
-    """File and function of every binding to C."""
+    """The file and function of every binding to C."""
     texts = [x.binding for x in system.components if x.extern]
     texts += [f.source for f in core.functions] if core is not None else []
     parts = [t.split(":") for t in texts if t is not None and t.startswith("c:")]
@@ -112,7 +112,7 @@ def _only_native(what: str, why: str, span: Any) -> Diagnostic:  # noqa: ANN401 
 
 
 def _node(system: System, component: Component, path: str) -> Callable[[SimpleNamespace], object]:
-    """`int step(const in *, out *)`: the structs are those of the generated header."""
+    """A callable for `int step(const in *, out *)`, with the structs of the generated header."""
     node = component.node
     assert node is not None
     assert component.binding is not None
@@ -144,7 +144,7 @@ def _decoded(buffer: bytearray, offset: int, t: Type) -> object:
 
 
 def _in_order(types: list[Type]) -> tuple[list[int], int]:
-    """Offsets of members in the order given, placed as a C compiler does, and the size."""
+    """The offsets of a struct's members, as a C compiler places them, and the struct's size."""
     at, align, places = 0, 1, []
     for t in types:
         own = align_of(t)
@@ -172,7 +172,7 @@ def _function(fun: FunSymbol, source: str, path: str) -> Callable[..., object]:
 
 
 def _c_type(t: Type) -> str | None:
-    """How the generated prototype spells a scalar; None for all else."""
+    """The C type of a scalar in the generated prototype; None for all else."""
     if isinstance(t, FloatType):
         return "double"
     if isinstance(t, BoolType):

@@ -64,7 +64,7 @@ EXIT_LAYOUT, EXIT_LOAD = 3, 4
 
 @dataclass(frozen=True)
 class Spec:
-    """What a worker has to know of its node; `binding`: its text, with absolute files."""
+    """What the process has to know of its node; `binding`: its text, with absolute files."""
 
     name: str
     binding: str
@@ -75,7 +75,7 @@ class Spec:
 
 
 def write_spec(system: System, component: Component, seed: int, path: Path) -> None:
-    """Write the spec of an extern node that is bound to Python, or to a policy."""
+    """Writes the spec of an extern node that is bound to Python, or to a policy."""
     binding = binding_of(component.binding)
     assert component.node is not None
     assert binding is not None
@@ -87,7 +87,7 @@ def write_spec(system: System, component: Component, seed: int, path: Path) -> N
 
 
 class ExternServer:
-    """One node, its code loaded, before its first request."""
+    """Serves one node: loads its code and answers requests."""
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
@@ -97,7 +97,7 @@ class ExternServer:
         self._said = False
 
     def step(self, data: bytes) -> bytes | None:
-        """The answer to a request; None where the step failed. The first failure is said."""
+        """The answer to a request; None where the step failed; prints the first failure."""
         try:
             return self._encoded(self._extern.step(self._inputs(data)))
         except Exception as error:  # noqa: BLE001 - whatever an extern does is its fault
@@ -125,7 +125,7 @@ class ExternServer:
 
 
 def _loaded(spec: Spec) -> object:
-    """The object that the binding names; SoterError as loading raises it."""
+    """The object that the binding names; `SoterError` as loading raises it."""
     binding = binding_of(spec.binding)
     if binding is None or not binding.is_policy:
         return load_python(spec.binding, None)
@@ -135,7 +135,7 @@ def _loaded(spec: Spec) -> object:
 
 
 def main(path: str) -> int:
-    """Answer until the process is ended."""
+    """Answers requests until the process is ended; returns its exit status."""
     spec: Spec = pickle.loads(Path(path).read_bytes())  # noqa: S301 - soter wrote it
     channel = Channel(spec.exchange.number, spec.exchange.sizes)
     try:
@@ -161,11 +161,11 @@ def _not_loaded(spec: Spec, why: str) -> int:
 
 PATIENCE = "SOTER_EXTERN_PATIENCE_S"
 PATIENCE_S = 60.0
-"""How long one step may take where $SOTER_EXTERN_PATIENCE_S does not say it, s of the clock."""
+"""How long one step may take, in s of the clock, unless $SOTER_EXTERN_PATIENCE_S says it."""
 RESTARTS = 5
 TEXT_MAX = 2000
 LOADING: tuple[Code, ...] = ("X003", "X002", "X014", "D007")
-"""What loading may be told as; the first stands for all else."""
+"""The codes of errors that loading may report; the first stands for all others."""
 
 
 class GoneError(PlainError):
@@ -173,16 +173,16 @@ class GoneError(PlainError):
 
 
 class ForgedError(PlainError):
-    """The process of an extern answered what it could not have."""
+    """The process of an extern answered what its code cannot have computed."""
 
 
 class ProcessExtern:
-    """As the engines call an extern: `step`, and `reset(seed)` before every run."""
+    """An extern as the engines call it: `step`, and `reset(seed)` before every run."""
 
     def __init__(
         self, name: str, load: Callable[[], object], shapes: Shapes, span: Span, stop: StopRequest
     ) -> None:
-        """`load()`: the person's object, made in the child; SoterError as it raises."""
+        """`load()` makes the user's object, in the child; `SoterError` as it raises."""
         self._name, self._load, self._shapes, self._span = name, load, tuple(shapes), span
         self._stop = stop
         self._seed: int | None = None
@@ -192,7 +192,7 @@ class ProcessExtern:
         self._child: Child | None = self._started()
 
     def step(self, inputs: object) -> object:
-        """One step; GoneError, ForgedError or, of what the extern raised, PlainError."""
+        """Makes a step; `GoneError`, `ForgedError`, or `PlainError` for what the extern raised."""
         if self._child is None:
             self._child = self._again()
         said = self._asked(self._child, b"s" + pickle.dumps(inputs), self._patience_s)
@@ -205,7 +205,7 @@ class ProcessExtern:
         )
 
     def reset(self, seed: int) -> None:
-        """Start afresh where the object can; raises as `step` does."""
+        """Resets the object if it has `reset`; raises as `step` does."""
         self._seed = seed
         self._left = RESTARTS
         if self._child is None:
@@ -213,7 +213,7 @@ class ProcessExtern:
         self._asked(self._child, b"r%d" % seed, None)
 
     def close(self) -> None:
-        """End the process; `reset` starts another."""
+        """Ends the process; `reset` starts another."""
         if self._child is not None:
             self._child.end()
         self._child = None
@@ -249,7 +249,7 @@ class ProcessExtern:
         return child
 
     def _asked(self, child: Child, question: bytes, patience_s: float | None) -> dict[str, Any]:
-        """What the child said; a child that said no such thing is gone."""
+        """The child's answer; a child that sends anything else counts as gone."""
         self._stop.in_extern = True
         try:
             said = child.ask(question, patience_s)
@@ -290,7 +290,7 @@ def _problem(given: object, span: Span) -> Diagnostic:
 
 
 def checked(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
-    """`given`, read from text, as a value of the type; ForgedError where it is none."""
+    """`given`, read from text, as a value of the type; `ForgedError` where it is none."""
     if isinstance(t, BoolType):
         fits = isinstance(given, bool)
     elif isinstance(t, FloatType):
@@ -323,7 +323,7 @@ def _composed(t: Type, given: Any) -> Value:  # noqa: ANN401 - anything at all
 
 
 class ServedExtern:
-    """What runs in the child: the person's object behind questions."""
+    """What runs in the child: it answers questions by calling the user's object."""
 
     def __init__(self, name: str, load: Callable[[], object], shapes: Shapes) -> None:
         self._name, self._load, self._shapes = name, load, shapes

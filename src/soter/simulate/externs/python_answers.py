@@ -1,7 +1,7 @@
-"""Answer extern steps of a compiled program with Python callables.
+"""Answers extern steps of a compiled program with Python callables.
 
-Purpose: read inputs out of a state, call, write the answer struct; every mishap is the fault
-`extern`, never a traceback.
+Purpose: `ExternAnswers` reads inputs out of a state, calls, and writes the answer struct; every
+failure is the fault `extern`, never a traceback.
 Non-goals: finding callables (`bindings.py`), running them elsewhere (`workers/`).
 """
 
@@ -37,13 +37,13 @@ OWN_FOLDER = str(SOTER)
 
 @dataclass
 class Tally:
-    """How often an extern answered from Python stepped, and in how many steps it said nothing."""
+    """How often an extern in Python stepped, and in how many steps it published nothing."""
 
     steps: int = 0
     silent: int = 0
 
     def count(self, values: Sequence[Value | None]) -> None:
-        """Add a step that ended well."""
+        """Counts a step without a fault."""
         self.silent += all(v is None for v in values)
 
 
@@ -57,13 +57,13 @@ class ExternAnswers:
         self.layout = layout
         self.library = library
         self.failures: dict[str, str] = {}
-        """First failure of each extern, for the report."""
+        """The first failure of each extern, for the report."""
         self.steps = {x.index: step_of(bound[x.name]) for x in system.components if x.name in bound}
         self.tallies = {x.name: Tally() for x in system.components if x.name in bound}
         self.gates = {x.index: _Gate(system, x) for x in system.components if x.name in bound}
 
     def answer(self, state: Bytes, due: int) -> None:
-        """Compute and give the answer that is due; `state` (state_size,)."""
+        """Computes and writes the answer that is due; `state` (state_size,)."""
         component = self.system.components[due]
         self.tallies[component.name].steps += 1
         try:
@@ -125,18 +125,18 @@ def _encode(component: Component, values: dict[str, Value]) -> bytes:
 
 
 class PlainError(Exception):
-    """A failure whose message says all; its type is no news to a person."""
+    """A failure whose text says all that a person needs, without the type of the exception."""
 
 
 class MisuseError(PlainError):
-    """An extern that does not take what it is called with: said whole, up to `SAID_MAX`."""
+    """An extern does not take what it is called with; the text is told up to `SAID_MAX`."""
 
 
 SAID_MAX = 600
 
 
 class _Gate:
-    """What the gate will refuse, noted with leaf, value and bound: a state only keeps the kind."""
+    """Notes the leaf, value and bound of what the gate will refuse; a state keeps only the kind."""
 
     def __init__(self, system: System, component: Component) -> None:
         self.name = component.name
@@ -147,7 +147,7 @@ class _Gate:
         self.bursts = [component.scope.topics[t] for t in bursts]
 
     def note(self, values: Sequence[Value | None], failures: dict[str, str]) -> None:
-        """Note the first value that is outside its topic's set."""
+        """Notes the first value that is outside its topic's set."""
         if self.name in failures:
             return
         for (topic, check), value in zip(self.checks, values, strict=False):
@@ -160,7 +160,7 @@ class _Gate:
 
 
 def described(error: BaseException, *, place: bool = True) -> str:
-    """A failure of an extern in one line, with the line of the person's own file."""
+    """The words for an extern's failure, with the line of the user's own file."""
     if isinstance(error, ValueShapeError):
         return visible(f"its answer has the wrong shape: {message_of(error)}")
     if isinstance(error, MisuseError):
@@ -172,7 +172,7 @@ def described(error: BaseException, *, place: bool = True) -> str:
 
 
 def _place(error: BaseException) -> str:
-    """File and line of the innermost frame in the file whose code was called; "" if unknown."""
+    """The file and line of the innermost frame in the called code's file; "" if unknown."""
     frames = [
         (frame.f_code.co_filename, line)
         for frame, line in traceback.walk_tb(error.__traceback__)
@@ -194,9 +194,9 @@ def noting(
     failures: dict[str, str],
     tallies: dict[str, Tally],
 ) -> dict[str, object]:
-    """`bound` with the first failure and the silences of each noted, for the interpreter.
+    """`bound` with callables that note each first failure and silences, for the interpreter.
 
-    Silences are those of Python: what C leaves out only its own engine could see.
+    Silences are noted only for Python: what C leaves out only its own engine could see.
     """
     wrapper_by_name: dict[str, object] = {}
     components = {x.name: x for x in system.components}
@@ -241,7 +241,7 @@ class _Noting:
         return answer
 
     def _look_at(self, answer: object) -> object:
-        """The answer of a function is the interpreter's business."""
+        """Does nothing: the interpreter looks at the answer of a function."""
         return answer
 
     def reset(self, seed: int) -> None:

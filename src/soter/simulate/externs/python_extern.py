@@ -1,4 +1,4 @@
-"""Python code behind an extern: found in its file, loaded, kept from harm, answers clipped.
+"""Python code behind an extern: found in its file, loaded, called, and its answers clipped.
 
 Purpose: `python:file.py:name` becomes an object whose `step` never raises anything but `Exception`
 and whose file, name and construction errors are diagnostics (X002, X003). `hint`: where an author
@@ -56,14 +56,14 @@ __all__ = ["PythonExtern", "instantiated", "load_python"]
 
 
 class _ExternChanges:
-    """What externs set: all of them share it, as all share the process."""
+    """The settings of externs; all of them share these, as all share the process."""
 
     folder = ""
     depth = 0
 
 
 def outside(call: Callable[..., object], *arguments: object) -> object:
-    """`call(*arguments)` in the externs' surroundings; raises what it raises."""
+    """Calls `call(*arguments)` with the externs' settings; raises what it raises."""
     home, depth, process = _folder(), sys.getrecursionlimit(), os.getpid()
     if _ExternChanges.folder:
         _go(_ExternChanges.folder)
@@ -83,7 +83,7 @@ def outside(call: Callable[..., object], *arguments: object) -> object:
 
 
 def end_copy(process: int) -> None:
-    """End this process at once unless it is `process`: then it is a copy that an extern made."""
+    """Ends this process at once if it is not `process`, but a copy that an extern made."""
     if os.getpid() != process:
         with suppress(OSError):
             os.write(2, b"soter: an extern forked the process: the copy ends with the call\n")
@@ -107,33 +107,33 @@ DEPTH = 3
 
 
 class FilePolicy:
-    """A policy in a file as an object with `step`; `assumed`: what its files do not say."""
+    """A policy from a file, an object with `step`; `assumed`: what its files leave open."""
 
     assumed: tuple[str, ...]
 
 
 class PolicyFiles(Protocol):
-    """What the add-on for learned policies does with a binding to one."""
+    """The interface of the add-on for learned policies, for a binding to one."""
 
     def sha256_of_files(self, binding: BindingText) -> dict[str, str]:
-        """Of the files that it names, and of those that these name; SoterError X003, X014."""
+        """The SHA-256 of the files it names, and of those they name; `SoterError` X003, X014."""
 
     def action_bounds(self, binding: BindingText) -> list[tuple[float, float]]:
-        """Least and largest of each number that a zip answers; SoterError X003, X014, D007."""
+        """The range of each number that a zip answers; `SoterError` X003, X014, D007."""
 
     def load_policy(
         self, binding: BindingText, reads: Shapes, answers: Shapes, span: Span | None
     ) -> FilePolicy:
-        """The policy; SoterError X003, X014, D007 at the place that declares the node."""
+        """The policy; `SoterError` X003, X014, D007 at the place that declares the node."""
 
 
 def policy_files() -> PolicyFiles:
-    """The add-on; SoterError D007 where it is not installed."""
+    """The add-on for learned policies; `SoterError` D007 where it is not installed."""
     return cast("PolicyFiles", by_name("soter.policy.policy_extern"))
 
 
 def hint(error: Exception, step: object, arguments: Sequence[Any], shapes: Shapes) -> str:
-    """What to write instead; "" where the error is none about the call. One line."""
+    """A line on what to write instead; "" where the error is not about the call."""
     if isinstance(error, TypeError) and _not_entered(error):
         return f"{_called(step, arguments)}{_asked(shapes)}"
     (inputs, *_) = arguments or (None,)
@@ -158,7 +158,7 @@ def _not_entered(error: Exception) -> bool:
 
 
 def _called(step: object, arguments: Sequence[Any]) -> str:
-    """With what: one argument with its attributes, or those of a function."""
+    """Words on what the extern is called with: one argument with attributes, or several."""
     name = getattr(step, "__name__", "step")
     if len(arguments) != 1 or not isinstance(arguments[0], SimpleNamespace):
         given = ", ".join(_typed(a) for a in arguments)
@@ -172,7 +172,7 @@ def _called(step: object, arguments: Sequence[Any]) -> str:
 
 
 def _asked(shapes: Shapes) -> str:
-    """The answer that is asked for."""
+    """Words on the answer that the extern is asked for."""
     if not shapes:
         return ""
     keys = ", ".join(f'"{name}": {t}' for name, t in shapes)
@@ -180,7 +180,7 @@ def _asked(shapes: Shapes) -> str:
 
 
 def _typed(value: object, depth: int = DEPTH) -> str:
-    """The type of a value as Python's people say it, records with their fields."""
+    """The type of a value in words of Python, records with their fields."""
     if isinstance(value, SimpleNamespace):
         inner = ", ".join(f"{n}: {_typed(v, depth - 1)}" for n, v in vars(value).items())
         return f"with {inner}" if depth == DEPTH else f"({inner})" if depth else "(...)"
@@ -193,7 +193,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 _FOLDERS: set[Path] = set()
-"""Where externs of this process lie."""
+"""The folders of this process's externs."""
 
 
 class ExternEscapeError(PlainError):
@@ -204,7 +204,7 @@ class PythonExtern:
     """A bound object as the engines call it: `step`, and `reset(seed)` before every run."""
 
     def __init__(self, name: str, target: object, stop: StopRequest, shapes: Shapes = ()) -> None:
-        """`shapes`: of what it is asked for, to be told where it is called wrongly."""
+        """`shapes`: the names and types of its answer, for hints."""
         self.name = name
         self._target = target
         self._shapes = shapes
@@ -213,10 +213,10 @@ class PythonExtern:
         self.assumed: tuple[str, ...] = target.assumed if isinstance(target, FilePolicy) else ()
 
     def step(self, *arguments: Any) -> object:  # noqa: ANN401 - whatever the extern takes
-        """One step; raises `Exception`s only, but for `Stop`, a person's Ctrl-C.
+        """Makes a step; raises only `Exception`s, and `Stop` for a person's Ctrl-C.
 
-        MisuseError where it is called otherwise than written; what else it raises (`SystemExit`,
-        say) becomes an ExternEscapeError.
+        `MisuseError` where its code does not fit the call; what else it raises (`SystemExit`, say)
+        becomes an `ExternEscapeError`.
         """
         self._stop.in_extern = True
         try:
@@ -234,7 +234,7 @@ class PythonExtern:
             self._stop.in_extern = False
 
     def reset(self, seed: int) -> None:
-        """Start afresh where the object can; raises as `step` does, ExternEscapeError too."""
+        """Resets the object if it has `reset`; raises as `step` does, ExternEscapeError too."""
         start = getattr(self._target, "reset", None)
         if not callable(start):
             return
@@ -252,7 +252,7 @@ class PythonExtern:
 def load_python(source: str, span: Span | None) -> object:
     """The object that `python:file.py:name` names; a class is instantiated.
 
-    `span`: where the program declares it, for the diagnostics. SoterError X003 where the file
+    `span`: where the program declares it, for the diagnostics. `SoterError` X003 where the file
     cannot be run, X002 where it has no such object, or it cannot be called.
     """
     _, file, name = source.split(":")
@@ -278,7 +278,7 @@ def load_python(source: str, span: Span | None) -> object:
 
 
 def _module(path: Path, span: Span | None) -> ModuleType:
-    """The module in a file, executed once a process for each content."""
+    """The module of a file, executed once in a process for each content."""
     try:
         content = read_bytes(path)
     except OSError as error:
@@ -310,10 +310,10 @@ def _module(path: Path, span: Span | None) -> ModuleType:
 
 
 def _put_first(folder: Path) -> None:
-    """Let an extern find the files beside it, now and later.
+    """Lets an extern import the files beside it, now and later.
 
-    What an extern of another folder imported under a name that this folder has, too, is forgotten:
-    else this one would be given the other's. Who imported it keeps it.
+    Modules that an extern of another folder imported under a name that this folder has, too, are
+    forgotten: else this one would get the other's. Whoever imported one keeps it.
     """
     others = _FOLDERS - {folder}
     for name, module in list(sys.modules.items()) if others else ():
@@ -328,12 +328,12 @@ def _put_first(folder: Path) -> None:
 
 
 def _holds(folder: Path, top: str, file: Path) -> bool:
-    """Whether a module or package of that name in the folder is what a file belongs to."""
+    """Whether a file belongs to the module or package `top` in the folder."""
     return file == folder / f"{top}.py" or folder / top in file.parents
 
 
 def instantiated(made_from: type, name: str, span: Span | None) -> object:
-    """An object of a bound class; SoterError X003 where it cannot be made."""
+    """An object of a bound class; `SoterError` X003 where it cannot be made."""
     try:
         return outside(made_from)
     except KeyboardInterrupt:
@@ -345,7 +345,7 @@ def instantiated(made_from: type, name: str, span: Span | None) -> object:
 
 
 def _where(error: BaseException, path: Path) -> tuple[str, ...]:
-    """The line of the extern's own file where it went wrong."""
+    """A note with the line of the extern's own file where it failed; empty if unknown."""
     if isinstance(error, SyntaxError):
         return (f"in line {error.lineno} of `{error.filename}`",)
     places = {str(path), str(path.absolute())}
@@ -368,7 +368,7 @@ def _problem(
 
 
 class Answered(NamedTuple):
-    """What a node answers: name and type of what a step gives, and the set of a message."""
+    """An answer of a node: the name and type of what a step gives, and a message's set."""
 
     name: str
     given: Type
@@ -389,7 +389,7 @@ def answered(system: System, component: Component) -> tuple[Answered, ...]:
 
 
 def clipping(target: object, answers: Sequence[Answered]) -> object:
-    """The same, or where it has an attribute `clip` that is True, what clips its answers."""
+    """The target, or an object that clips its answers, if its attribute `clip` is True."""
     return _Clipping(target, answers) if getattr(target, "clip", False) is True else target
 
 
@@ -401,12 +401,12 @@ class _Clipping(FilePolicy):
         self.assumed = target.assumed if isinstance(target, FilePolicy) else ()
 
     def reset(self, seed: int) -> None:
-        """Start afresh where the extern can."""
+        """Resets the extern if it has `reset`."""
         if callable(self._reset):
             self._reset(seed)
 
     def step(self, *arguments: Any) -> Converted:  # noqa: ANN401 - whatever the extern takes
-        """Its answer, inside of the sets."""
+        """The extern's answer, clipped to the sets."""
         values = converted(self._shapes, self._step(*arguments))
         return Converted(
             None

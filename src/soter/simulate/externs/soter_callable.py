@@ -1,6 +1,7 @@
 """Soter functions as Python callables.
 
-Purpose: let tests, tables and figures ask the program itself, in the reference evaluator.
+Purpose: `python_function` lets tests, tables and figures call a program's own functions, in the
+reference evaluator.
 Non-goals: speed; externs (a call of one faults).
 """
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def python_function(program: TypedProgram, fun: FunSymbol) -> Callable[..., Any]:
-    """`fun` with every parameter of the program at its default."""
+    """A callable for `fun`, with every parameter of the program at its default."""
     basic = Evaluator({})
     evaluator = Evaluator({p: basic.value(p.default) for p in program.params.values()})
     compiled = evaluator.function(fun)

@@ -1,13 +1,13 @@
-"""One combination of parameter values under way, what fails of its claims, and methods of proof.
+"""The state of a verification: one case with its failures, and what a proof method has to offer.
 
-Purpose: `Case` and `Failure`, which every claim reads and enters into; `GroupProof`, what is asked
-of the proof of one group; `Method`, what is asked of a way to prove groups.
+Purpose: `Case` is one combination of parameter values under way; each claim reads it, and enters a
+`Failure` where it is not shown. `GroupProof` is what claims ask of the proof of one group, `Method`
+what they ask of a way to prove groups (grid, polytope).
 Non-goals: the claims (`claims.py`); which methods there are (`verify/proof_methods.py`).
 
-The callers ask the groups in turn, claim by claim, in the order of docs/verification.md, section 3:
-C, K, R(H), then the inclusions of `ttf` and `safer` or their levels, the start, the way back. What
-a group cannot show it enters as a failure. Whatever else is asked has an answer for groups to which
-it does not apply.
+Claims are asked of all groups in the order of docs/verification.md, section 3: C, K, R(H), then
+the inclusions of `ttf` and `safer` or their levels, the start, the way back. Questions that do not
+apply to a group have a default answer. Symbols: head of `verify/grid/sets.py`.
 """
 
 from __future__ import annotations
@@ -39,83 +39,83 @@ if TYPE_CHECKING:
 class GroupProof(GroupResult):
     """The proof of one group under one combination of parameter values.
 
-    Those of the claims in the middle are asked only where it is `fresh` and every group has a K.
+    Claims between K and the start are asked only if it is `fresh` and every group has a K.
     """
 
     fresh: bool
-    """Still to be computed; otherwise it is that of an earlier attempt."""
+    """Whether its sets are still to be computed; else they are those of an earlier attempt."""
     return_ns = 0
-    """The longest time from K to Q, where P2b was shown."""
+    """The longest time from K to Q in ns, where P2b was shown."""
 
     # ------------------------------------------------------------ claims
 
     @abstractmethod
     def take(self, case: Case, part: SetFactor) -> None:
-        """C_g. A group that is not fresh and finds another one than before is fresh again."""
+        """Takes C_g, the group's part of C; if it differs from before, the proof is fresh again."""
 
     @abstractmethod
     def core(self, case: Case) -> bool:
-        """K; False where there is none."""
+        """Computes K, the core; enters a failure of P2a and returns False where it is empty."""
 
     @abstractmethod
     def free_phase(self, case: Case) -> None:
-        """R(H)."""
+        """Computes R(H), the states from which no command of U leads out of K within H."""
 
     @abstractmethod
     def inclusion(self, case: Case, predicate: str) -> None:
-        """`ttf` or `safer`: an estimate from which AC may have control comes from R(H)."""
+        """Checks that `ttf` or `safer` lets AC have control only at estimates of R(H)."""
 
     def entered(self, case: Case) -> str:
-        """Why `enters` of an estimate does not show that the state lies in R(H); "": it does."""
+        """Why a state whose estimate satisfies `enters` may be outside R(H); "": it may not."""
         del case
         return f"its {self.group.representation} is not looked at"
 
     @abstractmethod
     def levels(self, case: Case) -> None:
-        """S_0 ... S_(m-2) of estimates, where predicates are computed."""
+        """Computes S_0 ... S_(m-2), the sets of estimates by which a computed DM decides."""
 
     def without_levels(self) -> GroupProof | None:
-        """Another one with its C, K and R(H) and nothing more; None where there is none."""
+        """A copy with C, K and R(H) and nothing else; None where the method has none."""
         return None
 
     @abstractmethod
     def admit(self, case: Case, table: LevelTable) -> None:
-        """What the DM holds of the levels of all cases; a failure where that is nothing."""
+        """Takes the DM's table, which all cases share; enters a failure where it holds nothing."""
 
     def withheld(self, case: Case) -> bool:
-        """Whether its levels are there, but were not proved."""
+        """Whether it has levels that were not proved."""
         del case
         return False
 
     @abstractmethod
     def start(self, case: Case, until_ns: int) -> None:
-        """The initial states lie in R(`until_ns`). Asked of groups that are not fresh, too."""
+        """Checks that the initial states lie in R(`until_ns`); also asked if it is not fresh."""
 
     @abstractmethod
     def held(self, case: Case) -> SetFactor | None:
-        """States whose every estimate the DM gives back by its table; None: it has none."""
+        """The states at which the DM's table gives AC control on any estimate; None: no table."""
 
     @abstractmethod
     def recover(self, case: Case, target: SetFactor) -> None:
-        """Q, inside a target, and the way there. Asked of groups that are not fresh, too."""
+        """Computes Q inside a target, and the way there; also asked if it is not fresh."""
 
     # ------------------------------------------------------------ after a failure
 
     @property
     def stuck(self) -> float:
-        """Share of K from which no way back was found."""
+        """The share of K from which no way back was found."""
         return 0.0
 
     @property
     def core_cells(self) -> int:
-        """Cells of K, where it has cells."""
+        """How many cells K has; 0 where it has no cells."""
         return 0
 
     def give_up(self, case: Case) -> None:
-        """Leave those states out of K."""
+        """Removes the states from K from which no way back was found."""
 
     def regions(self, cells: Bools, parameters: Sequence[tuple[str, int]]) -> list[Region]:
-        """Where cells of a failure lie, a set of the grid's shape."""
+        """Boxes that hold the cells of a failure, a set of the grid's shape."""
         del cells, parameters
         return []
 
@@ -128,37 +128,37 @@ class GroupProof(GroupResult):
 
     @property
     def together(self) -> tuple[int, ...]:
-        """Controls that are taken to begin to act at one instant."""
+        """The controls that the proof assumes to begin to act at one instant."""
         return ()
 
     # ------------------------------------------------------------ how much it says
 
     @abstractmethod
     def shares(self, case: Case) -> dict[str, float]:
-        """Shares of its ranges that `core`, `free`, `lets_ac`, `gives_back` are, where known."""
+        """The share of its ranges that each known set has, by name (as `ModuleResult.shares`)."""
 
     @abstractmethod
     def drawn(self, chance: np.random.Generator, count: int) -> Floats:
-        """States of K, (count, axes)."""
+        """Random states of K, of shape (count, axes)."""
 
     @property
     def estimates(self) -> Mapping[int, tuple[float, float]]:
-        """State -> the range that states of C have, where that is less than all."""
+        """The range within C of each state for which it is smaller than the declared one."""
         return {}
 
     @property
     def core_share(self) -> float | None:
-        """Share of C_g that K is, where it is measured."""
+        """The share of C_g that K has; None where it is not measured."""
         return None
 
     @property
     def free_share(self) -> float | None:
-        """Share of all that R(H) is, where it is measured."""
+        """The share of the group's ranges that R(H) has; None where it is not measured."""
         return None
 
     @property
     def both(self) -> tuple[float, bool] | None:
-        """Share of K on which `safer` may be true and `ttf` false, and whether that is anything."""
+        """The share of K where `safer` may be true and `ttf` false; whether any state is so."""
         return None
 
     def excludes(self, predicate: str) -> bool:
@@ -167,7 +167,7 @@ class GroupProof(GroupResult):
         return False
 
     def lets_share(self, case: Case, predicate: str) -> float | None:
-        """Share of K that lets AC have control, where its own sets tell that."""
+        """The share of K where a predicate lets AC have control; None where no set tells it."""
         del case, predicate
         return None
 
@@ -178,65 +178,65 @@ class GroupProof(GroupResult):
 
     @property
     def deepest(self) -> Mapping[int, float]:
-        """State -> a value deep inside C_g, where one is known."""
+        """A point deep inside C_g, by state; empty where none is known."""
         return {}
 
 
 class Method(ABC):
-    """A way to prove groups; one object, without state."""
+    """A way to prove groups; there is one object of each, without state."""
 
     kind: str
-    """What a `verify` block writes, and `Group.representation` is."""
+    """The word of a `verify` block for it, as in `Group.representation`."""
     how: Mapping[str, str]
-    """Claim -> how it is shown, in words."""
+    """How each claim is shown, in words."""
     hint = ""
-    """What else helps where `safe` is no product over the groups."""
+    """Further advice where `safe` is no product over the groups."""
 
     @abstractmethod
     def opened(self, case: Case, group: Group) -> GroupProof:
-        """Its proof of a group; UnboundedError where the dynamics have no enclosure."""
+        """A new proof of a group; `UnboundedError` where the dynamics have no enclosure."""
 
     @abstractmethod
     def parts(
         self, case: Case, proofs: Sequence[GroupProof], predicate: str
     ) -> Sequence[SetFactor] | None:
-        """A part for each of its groups on which `safe` or `safer` holds; None where it finds none.
+        """For each of its groups a set on which a predicate holds; None where it finds none.
 
-        The others are where it holds at all: the product is looked at later.
+        The states of other groups are taken where it holds: the product is checked later.
         """
 
     def hinted(
         self, case: Case, proofs: Sequence[GroupProof], parts: Sequence[SetFactor]
     ) -> Sequence[SetFactor] | None:
-        """The parts inside what `core e;` says; None where that holds nowhere."""
+        """The parts cut to where the program's `core e;` holds; None where that is nowhere."""
         del case, proofs
         return parts
 
     @abstractmethod
     def said(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
-        """Of P2a, `ttf` or `safer` that was proved: on what, in words, and counted."""
+        """The text of a proved P2a, `ttf` or `safer`: on how much it was shown; and the counts."""
 
     @abstractmethod
     def table(self, problem: Problem, group: Group, pairs: Sequence[object]) -> LevelTable:
-        """What the DM holds of a group, from its pair in every case."""
+        """The DM's table of a group, made from its `pair` in every case."""
 
     @abstractmethod
     def packed(self, pair: object) -> dict[str, NDArray[np.generic]]:
-        """A pair as arrays to be kept, by name; their shapes are the method's."""
+        """A `pair` as arrays to store, by name; their shapes are the method's own."""
 
     @abstractmethod
     def unpacked(self, group: Group, arrays: Mapping[str, NDArray[np.generic]]) -> object:
-        """The pair again, from arrays of the shapes that `packed` gives.
+        """The `pair` again, from arrays of the shapes that `packed` gives.
 
-        KeyError or ValueError where these are other arrays.
+        `KeyError` or `ValueError` where these are other arrays.
         """
 
     def certified(
         self, certificate: Certificate, group: Group, entry: Mapping[str, Any]
     ) -> object | None:
-        """The pair that a certificate has in the entry of a group; None where it has none.
+        """The `pair` in a certificate's entry of a group; None where it has none.
 
-        RejectedError where its files are not of the size that they should be.
+        `RejectedError` where its files do not have the size that they should.
         """
         del certificate, group, entry
         return None
@@ -244,20 +244,20 @@ class Method(ABC):
 
 @dataclass
 class Failure:
-    """Where a claim could not be shown: cells of one group, or nowhere in particular."""
+    """A claim that could not be shown, and where: on cells of one group, or no one knows where."""
 
     claim: str
     text: str
     proof: GroupProof | None = None
-    """Of the group that fails."""
+    """The proof of the group that fails; None: several are concerned."""
     cells: Bools | None = None
     hint: str = ""
     where: Region | None = None
-    """Where that is."""
+    """A box of states where it fails, if it is known."""
     stuck: bool = False
-    """P2b: the cells are those of K from which no way back was found."""
+    """Whether these are cells of K from which no way back was found (P2b)."""
     cut: bool = False
-    """It was not looked at to the end, as something else fails."""
+    """Whether the claim was not examined to the end, as another one fails."""
 
 
 @dataclass(eq=False)
@@ -268,23 +268,23 @@ class Case:
     parameter: tuple[int, ...]
     forms: CompiledEnclosures
     proofs: list[GroupProof] = field(default_factory=list)
-    """In the order of `verify/proof_methods.py`."""
+    """The proofs of all groups, in the order of `verify/proof_methods.py`."""
     failures: list[Failure] = field(default_factory=list)
     spent: dict[str, float] = field(default_factory=dict)
-    """Seconds per claim."""
+    """The seconds that each claim took."""
     counts: dict[str, int] = field(default_factory=dict)
     vain: float = 0.0
-    """`GridGroup.core`: the share of C that may be followed for nothing; 0: all of it."""
+    """The argument `vain` of `GridGroup.core`."""
     holds: int = 0
-    """`GridGroup.core`: how many holds a cell of C may take on average; 0: any number."""
+    """The argument `holds` of `GridGroup.core`."""
     lawful: FailsafeClaim | None = None
-    """What its fail-safe law keeps; None: not looked at."""
+    """What the fail-safe law keeps; None: it was not looked at."""
     first: Case | None = None
-    """The attempt on the declared grid, where this one is on a finer one."""
+    """The attempt on the declared grid, where this one is on a finer grid; else None."""
 
     @property
     def sets(self) -> CaseSets:
-        """What was found of all groups."""
+        """The sets of all groups, as results have them."""
         return CaseSets(self.parameter, self.proofs)
 
     @property
@@ -293,35 +293,35 @@ class Case:
         return [p for p in self.proofs if p.fresh]
 
     def failed(self, claim: str) -> list[Failure]:
-        """What stands against a claim."""
+        """The failures of a claim."""
         return [f for f in self.failures if f.claim == claim]
 
     def fail(
         self, claim: str, text: str, proof: GroupProof | None = None, hint: str = ""
     ) -> Failure:
-        """Enter a failure; where it is may be added to it."""
+        """Enters a failure and returns it, so that cells may be added."""
         made = Failure(claim, text, proof, hint=hint)
         self.failures.append(made)
         return made
 
     def again(self, proof: GroupProof) -> None:
-        """A group keeps nothing of an earlier attempt."""
+        """Makes a group's proof fresh: it keeps nothing of an earlier attempt."""
         proof.fresh = True
         self.failures = [f for f in self.failures if f.proof is not proof]
 
     def count(self, name: str, value: int) -> None:
-        """Keep the largest of what is counted."""
+        """Sets a count to the larger of its value and this one."""
         self.counts[name] = max(self.counts.get(name, 0), value)
 
 
 SPENT = "its budget is used up"
-"""In what is said of a claim that had more work to do than its method may: nothing was shown."""
+"""Stands in the text of a claim whose method reached its limit of work: nothing was shown."""
 STAGE = {"P2a": "safe", "P3": "tubes", "ttf": "ttf", "safer": "safer", "P2b": "way"}
-"""Where a claim begins, for who is told of it (`STAGES` of verify_module.py)."""
+"""The stage of progress that begins with a claim (`STAGES` of verify_module.py)."""
 
 
 class ClaimTimer:
-    """Adds the seconds of a `with` block to a claim, and tells that it begins."""
+    """A `with` block that counts its seconds for a claim and reports progress at its beginning."""
 
     def __init__(self, case: Case, claim: str) -> None:
         self.case, self.claim = case, claim
@@ -366,7 +366,7 @@ def settled(*results: ModuleResult) -> list[str]:
 
 @contextmanager
 def settled_before(told: Callable[[], list[str]]) -> Iterator[None]:
-    """Whoever ends the command in this block is told so: notes of the interruption."""
+    """A `with` block in which an interruption carries the lines of `told` as its notes."""
     try:
         yield
     except KeyboardInterrupt as stopped:

@@ -40,13 +40,13 @@ if TYPE_CHECKING:
 
 
 def matrix(path: str, values: NDArray[Any], files: dict[str, bytes]) -> dict[str, object]:
-    """Doubles, with their shape."""
+    """An entry that names a file of doubles and their shape; the file is added to `files`."""
     files[path] = np.ascontiguousarray(values, dtype="<f8").tobytes()
     return {"file": path, "shape": list(values.shape)}
 
 
 def axes(problem: Problem, group: Group, stem: str, files: dict[str, bytes]) -> dict[str, Any]:
-    """What kind of group it is, and its breakpoints."""
+    """An entry with a group's kind and axes; the breakpoints are added to `files`."""
     entry: dict[str, Any] = {"kind": group.representation, "axes": []}
     for k, axis in enumerate(group.axes):
         name = f"{stem}_axis{k}.bin"
@@ -64,7 +64,7 @@ def regions_of(
     edges: Sequence[NDArray[np.float64]],
     parameters: Sequence[tuple[str, int]] = (),
 ) -> list[Region]:
-    """Boxes that hold all the cells of a set: dense parts first, the rest in one box.
+    """Boxes that together hold all cells of a set; the last one may hold other cells, too.
 
     `cells` has the grid's shape; `edges` are (cells + 1,) for each axis.
     """
@@ -115,7 +115,7 @@ def _region(
 
 
 def holding(edges: NDArray[np.float64], low: float, high: float) -> slice | None:
-    """Consecutive cells whose union holds [low, high]; None where it is not inside the grid.
+    """The cells, in a row, whose union holds [low, high]; None where it is not inside the grid.
 
     `edges`: breakpoints of an axis, (cells + 1,), rising.
     """
@@ -129,9 +129,9 @@ def holding(edges: NDArray[np.float64], low: float, high: float) -> slice | None
 def mesh_of(
     spans: Sequence[NDArray[np.float64]], turns: Sequence[bool], box: Sequence[Interval]
 ) -> list[list[int] | None]:
-    """On each axis the cells that hold its interval; None where there are none.
+    """The cells of each axis that hold its interval of `box`; None where it leaves the grid.
 
-    `spans`: edges, (n_cells + 1,) of each axis; `turns`: whether an axis wraps around.
+    `spans`: edges of each axis, (cells + 1,); `turns`: whether an axis wraps around.
     """
     cells: list[list[int] | None] = []
     for edges, wraps, i in zip(spans, turns, box, strict=True):
@@ -142,7 +142,7 @@ def mesh_of(
 
 
 def _holding_around(edges: NDArray[np.float64], low: float, high: float) -> list[int] | None:
-    """Of an axis that wraps around: what lies beyond an end is at the other one, up to a turn."""
+    """`holding` on an axis that wraps around: beyond one end it goes on at the other."""
     if not edges[0] - TURN < low <= high < edges[-1] + TURN:
         return None
     turned = [(low, high)]
@@ -158,7 +158,7 @@ def _holding_around(edges: NDArray[np.float64], low: float, high: float) -> list
 
 
 def drawn_edges(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
-    """Edges of every axis, (n + 1,): the cell before an open end counts like the others."""
+    """The edges of each axis, (n + 1,), with the cell at an open end as long as the mean cell."""
     edges_by_axis = []
     for axis in axes:
         edges = np.array(axis.edges)
@@ -169,7 +169,7 @@ def drawn_edges(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
 
 
 def share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
-    """Share of the grid's volume; `cells` has its shape, `edges` are (cells + 1,) for each axis."""
+    """The share of a grid's volume that `cells`, of its shape, have; `edges` are (cells + 1,)."""
     weight = cells.astype(np.float64)
     for e in reversed(edges):
         # not `@`: BLAS has a thread a core for that, and they spin for a while afterwards
@@ -178,15 +178,15 @@ def share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
 
 
 CELLS_MAX = 4_000_000
-"""No group is refined beyond."""
+"""The most cells that a refined group may have."""
 BORDER_MAX = 0.1
-"""A claim that fails on a larger share of the cells fails not only at borders."""
+"""A claim that fails on a larger share of the cells does not fail only at borders."""
 AROUND = 2
-"""Cells around a failing one that are split too."""
+"""How many cells on each side of a failing one are split, too."""
 
 
 def refined(case: Case) -> tuple[Group, ...] | None:
-    """The groups with finer axes, or None where that cannot help or would be too much."""
+    """The groups with finer axes near failing cells; None where that cannot help or is too much."""
     wrong = _failing(case)
     if not wrong:
         return None
@@ -201,7 +201,7 @@ def refined(case: Case) -> tuple[Group, ...] | None:
 
 
 def _failing(case: Case) -> dict[int, Bools] | None:
-    """By `id` of a group's proof the cells on which claims fail; None: not on a few cells alone."""
+    """The cells on which claims fail, by `id` of the proof; None: they do not fail on few cells."""
     wrong: dict[int, Bools] = {}
     for failure in case.failures:
         if failure.cut:
@@ -217,7 +217,7 @@ def _failing(case: Case) -> dict[int, Bools] | None:
 
 
 def _split(group: Group, cells: Bools) -> Group | None:
-    """Every interval near a failing cell in two."""
+    """The group with every interval near a failing cell cut in two; None: too many cells."""
     axes = []
     for k, axis in enumerate(group.axes):
         others = tuple(i for i in range(cells.ndim) if i != k)
@@ -231,7 +231,7 @@ def _split(group: Group, cells: Bools) -> Group | None:
 
 
 def halved(axis: Axis, near: Bools) -> Axis:
-    """The axis with those of its intervals in two; never an outer one of an axis without ends."""
+    """The axis with its `near` intervals cut in two, but never an outer one without an end."""
     edges: list[float] = []
     outer = (0, len(near) - 1) if axis.unbounded else ()
     for k, (low, high, split) in enumerate(zip(axis.edges, axis.edges[1:], near, strict=False)):
@@ -245,13 +245,13 @@ def halved(axis: Axis, near: Bools) -> Axis:
 
 
 def cells_of(problem: Problem) -> int:
-    """Of all groups together."""
+    """How many cells the grids of all groups have together."""
     grids = (g for g in problem.groups if g.representation == "grid")
     return sum(prod(len(a.edges) - 1 for a in g.axes) for g in grids)
 
 
 def smaller_cells(problem: Problem, coarse: Collection[Group]) -> Problem:
-    """Every cell of these grids halved along each axis, but those that an open end makes."""
+    """The problem with every cell of the grids `coarse` halved along each axis, open ends not."""
     groups = tuple(_all_halved(g) if g in coarse else g for g in problem.groups)
     return replace(
         problem, groups=groups, declared_groups=problem.declared_groups or problem.groups
@@ -268,7 +268,7 @@ def _all_halved(group: Group) -> Group:
 
 
 def counts_of(before: Group, after: Group) -> str:
-    """How many cells there were, and are, where that is not the same; "" where it is."""
+    """The numbers of cells before and after along each axis, in words; "": none differs."""
     pairs = zip(before.axes, after.axes, strict=True)
     counts = [(a.name, len(a.edges) - 1, len(b.edges) - 1) for a, b in pairs]
     finer = ", ".join(f"{n} {a:,} -> {b:,}" for n, a, b in counts if a != b)
@@ -303,7 +303,7 @@ def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
 
 
 def _finer_notes(done: Sequence[Case]) -> dict[str, None]:
-    """A line for each group whose Q is on smaller cells than the DM's table."""
+    """A note for each group whose Q is on smaller cells than the DM's table."""
     lines: dict[str, None] = {}
     for part in (part for case in done for part in case.sets.groups):
         if part.finer is None:
@@ -317,7 +317,7 @@ def _finer_notes(done: Sequence[Case]) -> dict[str, None]:
 
 
 def merged(problem: Problem, most: int) -> Problem:
-    """As many cells a step are merged along every axis as leave `most` of them in each group."""
+    """The problem with cells merged along every axis, so that each group has at most `most`."""
     groups = tuple(_merged_group(g, most) for g in problem.groups)
     return replace(problem, groups=groups, declared_groups=())
 
@@ -340,19 +340,19 @@ def _every(axis: Axis, step: int) -> Axis:
 
 
 FROM_CELLS = 50_000
-"""Fewer cells are not worth a look."""
+"""For fewer cells nothing is estimated."""
 PILOTS = (1_500, 6_000)
-"""Cells of a group in the two tries."""
+"""The numbers of cells of a group in the two tries."""
 GROWTH = (1.0, 1.2)
-"""Exponents of the cells between which the time is taken to grow."""
+"""The least and the greatest exponent of the cells with which the time is taken to grow."""
 FROM_S = 20.0
-"""Less is not said."""
+"""An estimate of fewer seconds is not told."""
 TO_S = 10
-"""Seconds that are told apart."""
+"""Estimates are rounded to multiples of this many seconds."""
 
 
 def announce_work(problem: Problem, settle: Settle) -> None:
-    """Say how much work the sets of a problem are. `settle`: a case of a problem, computed."""
+    """Tells how long the sets of a problem will take; `settle` computes a case of a problem."""
     if cells_of(problem) >= FROM_CELLS:
         with passing_phase(f"{problem.name}: how long it will take"):
             announce(lambda: _said(problem, _estimate(problem, settle)))
@@ -378,7 +378,7 @@ def _estimate(problem: Problem, settle: Settle) -> float:
 
 
 def _said(problem: Problem, seconds: float) -> str:
-    """A line; "" where it is not worth one."""
+    """The line to tell; "" where the time is too short for one."""
     if seconds < FROM_S:
         return ""
     shapes = [" x ".join(str(len(a.edges) - 1) for a in g.axes) for g in problem.groups]

@@ -1,14 +1,15 @@
-"""Which cells, how many levels and which core a module has where its program leaves that open.
+"""Chooses the cells, the number of levels and the core of a module that leaves them open.
 
-Purpose: `choose`: one answer for proofs and for whatever flies. `levels`: for a module without
-`ttf` and `safer` the sets S_0, S_1, ... on estimates: ttf := estimate not in S_0, safer := S_(m-2),
-of every case, and what of that the DM holds for all of them. `after_core`: everything that rests on
-K; W stands in the place of K where a few cells of K are not led back to `safer`.
+Purpose: `choose` tries the declared cells, then smaller ones, and the default number of levels,
+then the fewest; proofs and whatever flies use the same answer. `after_core` computes all that
+follows from K, `levels` and `deploy` the predicates of a module without `ttf` and `safer`: ttf is
+"not in S_0", safer is "in S_(m-2)", on estimates. `shrunk` and `returned` give up a few cells of K
+from which no way back to `safer` was found. Symbols: head of `verify/grid/sets.py`.
 Non-goals: finer grids (`cells.py`), the sets of a group (`verify/grid/estimate_sets.py`,
 `verify/polytope/`), W (`verify/grid/recovery.py`), tables (`verify/deploy/`).
 
-Computed predicates rest on K as well: with a smaller one fewer estimates leave AC in control, and Q
-may lose cells, too. What is proved is proved of the sets of the last round, or K is as it was.
+Computed predicates depend on K: with a smaller one fewer estimates leave AC in control, and Q may
+lose cells, too. What is proved is proved of the sets of the last round, or K is as it was.
 """
 
 from __future__ import annotations
@@ -35,20 +36,20 @@ if TYPE_CHECKING:
 
 
 OF_LEVELS = ("ttf", "safer", "P2b")
-"""Claims that the number of levels enters."""
+"""The claims that depend on the number of levels."""
 
 
 def levels(case: Case) -> None:
-    """S_0 ... S_(m-2) of every group; failures of `ttf` and `safer` where they are empty."""
+    """Computes S_0 ... S_(m-2) of every group; enters failures where they are empty."""
     for proof in case.fresh:
         proof.levels(case)
 
 
 def deploy(cases: Sequence[Case]) -> None:
-    """What the DM holds, of all cases together; before P2b, which needs control to come back.
+    """Makes the DM's tables of all cases together, before P2b, which asks them for control back.
 
-    The DM has one table for all values of the parameters: an estimate lets AC have control only
-    where S_0 of every case holds it. Where a case has no sets there is no table.
+    The DM has one table for all values of the parameters: an estimate lets AC have control only if
+    it is in S_0 of every case. Where a case has no sets there is no table.
     """
     problem = cases[0].problem
     pairs = [pairs_of(case.sets) for case in cases]
@@ -61,20 +62,20 @@ def deploy(cases: Sequence[Case]) -> None:
 
 
 def withheld(case: Case) -> bool:
-    """Whether some group has levels that were not proved: they are not put into a DM."""
+    """Whether some group has levels that were not proved, which no DM may use."""
     return any(p.withheld(case) for p in case.proofs)
 
 
 SHRINK_MAX = 0.1
-"""Share of K that may be given up because there is no way back from it."""
+"""The largest share of K that may be given up because no way back from it was found."""
 ROUNDS = 4
-"""So often cells may be given up where predicates are computed."""
+"""How often cells may be given up where predicates are computed."""
 GIVEN_UP, HAD = "given_up", "had"
-"""Counted of a case: cells that are no part of K any more, and those of K before."""
+"""Names of a case's counts: cells that were removed from K, and cells that K had before."""
 
 
 def after_core(case: Case) -> None:
-    """Everything that rests on K."""
+    """Computes and checks everything that follows from K, but P2b."""
     with ClaimTimer(case, "P3"):
         claims.free_phase(case)
     if case.problem.computed:
@@ -89,7 +90,7 @@ def after_core(case: Case) -> None:
 
 
 def shrunk(case: Case) -> bool:
-    """Give up the few cells of K from which no way back was found: W in place of K.
+    """Takes W in the place of K if only a few cells of K lack a way back; True if it did so.
 
     At its border K has cells that SC keeps, but only by chains whose images are all of K. W is
     as good: its cells have chains in C whose images lie in W, and Q is kept.
@@ -102,7 +103,7 @@ def shrunk(case: Case) -> bool:
 
 
 def _few(failures: list[Failure]) -> bool:
-    """Whether all of them are of cells of K that are not led back, few of every group."""
+    """Whether all failures are about cells of K without a way back, few in every group."""
     return all(f.stuck and f.proof and f.proof.stuck <= SHRINK_MAX for f in failures)
 
 
@@ -122,10 +123,10 @@ def _give_up(case: Case, failures: list[Failure]) -> None:
 
 
 def returned(done: list[Case]) -> list[Case]:
-    """With P2b: the DM has one table for all cases, and SC returns to what it holds.
+    """The cases with P2b examined, where predicates are computed.
 
-    Where few cells of K are not led back they are given up, and all that rests on K is found
-    anew; if that shows P2b and costs no other claim, these are the sets.
+    Where a few cells of K have no way back they are given up and all that follows from K is
+    computed anew; these sets are kept if that shows P2b and costs no other claim.
     """
     _recovered(done)
     if not any(case.failed("P2b") for case in done):
@@ -139,7 +140,7 @@ def returned(done: list[Case]) -> list[Case]:
 
 
 def _shown_of_less(done: list[Case]) -> bool:
-    """Whether all but the start is shown once cells of K are given up, a few times at most."""
+    """Gives up cells of K, `ROUNDS` times at most; whether all but the start is shown then."""
     for _ in range(ROUNDS):
         if not all(map(_may_give_up, done)):
             break
@@ -166,39 +167,39 @@ def _recovered(done: list[Case]) -> None:
 
 
 def _unshown_failures(case: Case) -> list[Failure]:
-    """Failures of levels, and of P2a; the start is looked at for itself."""
+    """The failures of P2a and of claims that depend on levels; the start is asked separately."""
     return [f for f in case.failures if f.claim in (*OF_LEVELS, "P2a")]
 
 
 def _may_give_up(case: Case) -> bool:
-    """Whether it fails in nothing but a few cells of K, if at all."""
+    """Whether nothing fails but P2b on a few cells of K."""
     failures = _unshown_failures(case)
     return all(f.claim == "P2b" for f in failures) and _few(failures)
 
 
 def _starts(case: Case) -> bool:
-    """Whether the start is shown; of a flight nobody has asked."""
+    """Whether the start is shown; the case itself is not changed."""
     probe = replace(case, failures=[], spent={}, counts={})
     start.start(probe)
     return not probe.failures
 
 
 class _Before:
-    """A case as it is, to go back to."""
+    """A copy of a case's sets and failures, to which it can be restored."""
 
     def __init__(self, case: Case) -> None:
         self.case, self.failures, self.counts = case, list(case.failures), dict(case.counts)
         self.found = [copy(proof.found) for proof in case.proofs]
 
     def restore(self) -> None:
-        """All sets, and what fails of them."""
+        """Gives the case its sets and failures back."""
         self.case.failures, self.case.counts = self.failures, self.counts
         for proof, found in zip(self.case.proofs, self.found, strict=True):
             proof.found = found
 
 
 def given_up(done: list[Case]) -> tuple[str, ...]:
-    """A line where computed predicates rest on a smaller K than SC keeps."""
+    """A note that cells of K were given up, where predicates are computed; else empty."""
     if not done or not done[0].problem.computed:
         return ()
     lost, of = (max(c.counts.get(name, 0) for c in done) for name in (GIVEN_UP, HAD))
@@ -207,21 +208,20 @@ def given_up(done: list[Case]) -> tuple[str, ...]:
 
 
 CELLS_MAX = {"P2a": 400_000, "P2b": 100_000}
-"""More cells of all groups together are not chosen, where this claim fails on the declared ones."""
+"""The most smaller cells, of all groups, that are tried where this claim fails on declared ones."""
 FAILED = {"P2a": "K is empty", "P2b": "P2b is not shown"}
 SIZES = ("half", "a quarter of")
-"""Of the declared cells, along each axis, tried one after the other."""
+"""The sizes of cells that are tried in turn, as parts of the declared ones along each axis."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A problem with its cells and its number of levels, and what was found with it.
+    """A problem with the chosen cells and number of levels, and what was found with it.
 
-    `done`: every case; None where the dynamics have no enclosure. `why`: what is not shown with
-    `LEVELS_DEFAULT` levels, where the program leaves the number open and fewer were chosen; else
-    "". `size`: of the cells in words, where smaller ones than declared were chosen; else "".
-    `failed`: of the claims in `FAILED` that for which they were. `tried`: where none were, what was
-    tried, a line each.
+    `done`: every case; None where the dynamics have no enclosure. `why`: where fewer levels were
+    chosen than `LEVELS_DEFAULT`, what is not shown with that many; else "". `size`: where smaller
+    cells than declared were chosen, their size in words; else "". `failed`: the claim of `FAILED`
+    for which they were chosen. `tried`: where none were, a line for each size that was tried.
     """
 
     problem: Problem
@@ -233,7 +233,7 @@ class Choice:
 
     @property
     def notes(self) -> list[str]:
-        """A line where fewer levels were chosen, one a group whose cells are smaller."""
+        """A line for each group whose cells are smaller, and one if fewer levels were chosen."""
         levels = f"levels {self.problem.levels}: with {LEVELS_DEFAULT}, as by default, {self.why}"
         pairs = zip(self.problem.declared_groups, self.problem.groups, strict=False)
         counts = filter(None, (counts_of(a, b) for a, b in pairs))
@@ -242,10 +242,10 @@ class Choice:
 
 
 def choose(problem: Problem, attempt: Attempt) -> Choice:
-    """On the declared cells; on smaller ones where that shows P2a of every group, or P2b as well.
+    """Chooses the declared cells, or smaller ones if these show P2a of every group, or P2b as well.
 
-    P2b has to be shown in full, for a computed `safer`: `_with_levels` gives the levels. Counts of
-    cells decide, and no CPU time. What `attempt` gives has all failures of P2a.
+    Smaller cells are tried for P2b only if `safer` is computed. Counts of cells decide, never CPU
+    time. The cases that `attempt` returns must have all failures of P2a.
     """
     first = _with_levels(problem, attempt)
     if not problem.cells_open:
@@ -257,10 +257,7 @@ def choose(problem: Problem, attempt: Attempt) -> Choice:
 
 
 def _on_smaller_cells(first: Choice, claim: str, attempt: Attempt) -> tuple[Choice, list[str]]:
-    """On the largest cells on which nothing fails for which smaller ones are taken, else `first`.
-
-    And what was tried in vain, in words.
-    """
+    """The choice with the largest smaller cells that show a claim, else `first`; what was tried."""
     found = first
     tried = []
     for size in SIZES:
@@ -282,16 +279,16 @@ def _on_smaller_cells(first: Choice, claim: str, attempt: Attempt) -> tuple[Choi
 
 
 def _failing(choice: Choice, claim: str) -> list[Group]:
-    """The grids of which a claim fails in some case."""
+    """The groups on grids for which a claim fails in some case."""
     failures = (f for case in choice.done or () for f in case.failed(claim))
     return [f.proof.group for f in failures if f.proof is not None and f.cells is not None]
 
 
 def _with_levels(problem: Problem, attempt: Attempt) -> Choice:
-    """As many levels as the program says; where it leaves that open, the default or the fewest.
+    """The choice with the program's number of levels, or, if it leaves that open, of one of two.
 
-    The fewest where what is shown with them is more, claim by claim: no CPU time decides. What
-    `attempt` gives has all failures of `OF_LEVELS`, and those of P2a: without it nothing is chosen.
+    The default number is taken, or the fewest levels if with these the claims that fail are a
+    proper part; CPU time does not decide. Where P2a fails the default number stays.
     """
     if problem.levels_open and problem.levels != LEVELS_DEFAULT:
         problem = replace(problem, levels=LEVELS_DEFAULT)
@@ -306,7 +303,7 @@ def _with_levels(problem: Problem, attempt: Attempt) -> Choice:
 
 
 def _with_other_levels(done: Sequence[Case], problem: Problem) -> list[Case] | None:
-    """Cases of grids with another number of levels, of which neither K nor R(H) knows."""
+    """These cases with another number of levels: K and R(H) are kept; None if a group cannot."""
     again = []
     for case in done:
         renewed = [proof.without_levels() for proof in case.proofs]
@@ -329,6 +326,6 @@ def _with_other_levels(done: Sequence[Case], problem: Problem) -> list[Case] | N
 
 
 def _unshown(done: Sequence[Case] | None) -> dict[str, str]:
-    """Claim -> what fails first of it: those of levels, and P2a."""
+    """The text of the first failure of P2a and of each claim that depends on levels, by claim."""
     failures = [f for case in done or () for f in case.failures]
     return {f.claim: f.text for f in reversed(failures) if f.claim in (*OF_LEVELS, "P2a")}

@@ -11,9 +11,9 @@ Non-goals: where control begins (`start.py`), how a group is proved (`case.py`, 
 `verify/polytope/`), refinement and verdicts (`verify_module.py`), the error of a scheme
 (`enclose/scheme_error.py`). That long arrays and lists stay in their sets is an assumption.
 
-The way back may take longer than everything else. Where `ttf`, `safer` or the start fail, `put_off`
-leaves it to an attempt on a finer grid; without one the module is undecided whatever P2b says, and
-`recover_for_report` takes about as long as they took. So CPU time decides no verdict.
+P2b may take longer than all other claims. Where `ttf`, `safer` or the start fail, `put_off` leaves
+it to an attempt on a finer grid; if there is none, the module is undecided whatever P2b says, and
+`recover_for_report` spends about as long on it as they took. So CPU time decides no verdict.
 """
 
 from __future__ import annotations
@@ -57,10 +57,9 @@ if TYPE_CHECKING:
 
 
 HOLDS = 8
-"""Of a cell of C, on average, on smaller cells than declared: with more K is given up there.
-
-Where SC keeps a set, few cells take more than one hold to come back to it; where it keeps none,
-each is followed again and again, 20 to 60 holds of robots that were tried, and 4 of the lift's.
+"""The limit of periods per cell of C, on average, on smaller cells than declared: beyond it K is
+given up. Where SC keeps a set, few cells take more than one period to come back to it; where it
+keeps none, each is followed again and again: 20 to 60 periods for robots tried, 4 for the lift's.
 """
 CLAMP = (
     "clamp what SC publishes to the topic's set: a float by `clamp`, each component of a vector by "
@@ -75,10 +74,10 @@ def open_case(
     parameter: tuple[int, ...],
     before: Case | None = None,
 ) -> Case:
-    """The proofs of every group; UnboundedError where the dynamics have no enclosure.
+    """A case with a proof of every group; `UnboundedError` where the dynamics have no enclosure.
 
-    Of an earlier attempt `before`, groups that are the same keep their sets and their failures: the
-    analysis of a group looks at the ranges of the others only.
+    A group that is the same as in the earlier attempt `before` keeps its sets and failures: they
+    depend on the other groups' ranges only.
     """
     case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
     case.holds = HOLDS if problem.declared_groups else 0
@@ -97,7 +96,7 @@ def open_case(
 
 
 def parts_of(case: Case, predicate: str) -> list[SetFactor] | None:
-    """A part for every group on which a predicate holds; None where none was found."""
+    """For every group a set of its states on which a predicate holds; None where none was found."""
     all_parts: list[SetFactor] = []
     for method, proofs in by_method(case):
         parts = method.parts(case, proofs, predicate)
@@ -108,7 +107,10 @@ def parts_of(case: Case, predicate: str) -> list[SetFactor] | None:
 
 
 def constraint(case: Case) -> bool:
-    """C_g for every group, the product check, and that SC stays inside its sets; False: no C."""
+    """Gives every group its part of C, and checks their product; False: there is no C.
+
+    Enters a failure of P2a where SC may fault or publish outside its sets on C.
+    """
     parts = parts_of(case, "constraint")
     if parts is None:
         case.fail("P2a", "no state was found on which `safe` holds")
@@ -134,7 +136,7 @@ def constraint(case: Case) -> bool:
 
 
 def _kept_by_law(case: Case, parts: Sequence[SetFactor]) -> FailsafeClaim:
-    """K_fs on the same groups, and C inside it."""
+    """Computes K_fs, the core of the fail-safe law, on the same groups, and C cut to it."""
     problem = case.problem.law
     assert problem is not None
     names = [s.name for s in case.problem.quantities.states]
@@ -154,7 +156,7 @@ def _kept_by_law(case: Case, parts: Sequence[SetFactor]) -> FailsafeClaim:
 
 
 def _hinted(case: Case, parts: Sequence[SetFactor]) -> list[SetFactor] | None:
-    """The parts inside `core e;`."""
+    """The parts of C on which the program's `core e;` holds, too; None where it holds nowhere."""
     left = dict(zip(map(id, case.proofs), parts, strict=True))
     core_parts: list[SetFactor] = []
     for method, proofs in by_method(case):
@@ -166,9 +168,9 @@ def _hinted(case: Case, parts: Sequence[SetFactor]) -> list[SetFactor] | None:
 
 
 def core(case: Case) -> bool:
-    """K of every group; False where one is empty.
+    """Computes K of every group; False where one is empty.
 
-    Where SC keeps nothing inside what the fail-safe law keeps, K is looked for without the law.
+    Where SC keeps nothing inside what the fail-safe law keeps, K is computed without the law.
     """
     whole = _cores(case)
     if whole or case.lawful is None or not case.lawful.narrows:
@@ -188,24 +190,24 @@ def _cores(case: Case) -> bool:
 
 
 def free_phase(case: Case) -> None:
-    """R(H) of every group."""
+    """Computes R(H) of every group."""
     for proof in case.fresh:
         proof.free_phase(case)
 
 
 def inclusion(case: Case, predicate: str) -> None:
-    """`ttf` or `safer`: an estimate from which AC may have control comes from a state in R(H)."""
+    """Checks that `ttf` or `safer` lets AC have control only at estimates of states in R(H)."""
     for proof in case.fresh:
         proof.inclusion(case, predicate)
 
 
 GIVE_BACK = "let one of them give control back whatever the other one does"
 MS = 1_000_000
-"""Times in hints are whole milliseconds, upwards."""
+"""Nanoseconds in a millisecond: times in hints are rounded up to whole ones."""
 
 
 def recover(case: Case) -> None:
-    """Q, W and the time to Q of every group; enters failures of P2b."""
+    """Computes Q, W and the time to Q of every group; enters failures of P2b."""
     targets = _targets(case)
     if targets is None:
         return
@@ -218,7 +220,7 @@ def recover(case: Case) -> None:
 
 
 def _targets(case: Case) -> list[SetFactor] | None:
-    """Per group the states all of whose estimates satisfy `safer`."""
+    """For each group the states all of whose estimates satisfy `safer`; None: a failure of P2b."""
     if case.problem.computed:
         held = [p.held(case) for p in case.proofs]
         target_parts = [part for part in held if part is not None]
@@ -238,7 +240,7 @@ def _targets(case: Case) -> list[SetFactor] | None:
 
 
 def in_time(case: Case) -> None:
-    """The declared T, where there is one."""
+    """Enters a failure of P2b where the time T is longer than the one declared, if one is."""
     wanted, needed = case.problem.recover_ns, case.counts["recover_ns"]
     if wanted is not None and needed > wanted and not case.failed("P2b"):
         case.fail(
@@ -249,7 +251,7 @@ def in_time(case: Case) -> None:
 
 
 def waits(problem: Problem, finding: Finding) -> None:
-    """P2b of a module that waits for others is about times at which these are in AC."""
+    """Weakens P2b of a module that waits for others: it is proved only while these are in AC."""
     modes = problem.modes
     if modes is None or not modes.waits or finding.verdict != PROVED:
         return
@@ -261,11 +263,11 @@ def waits(problem: Problem, finding: Finding) -> None:
 
 CHEAPER = ("ttf", "safer", "start")
 LEAST_S = 4.0
-"""CPU seconds that it gets in any case."""
+"""CPU seconds that `recover_for_report` may take in any case."""
 
 
 def put_off(case: Case) -> bool:
-    """Whether a cheaper claim fails: then P2b is entered as not looked at."""
+    """Whether a cheaper claim fails; then P2b is entered as a failure that was not looked at."""
     failing = next((f.claim for f in case.failures if f.claim in CHEAPER), None)
     if failing is not None:
         case.fail("P2b", f"not looked at to the end: `{failing}` fails first").cut = True
@@ -273,9 +275,9 @@ def put_off(case: Case) -> bool:
 
 
 def recover_for_report(case: Case) -> None:
-    """`recover` of a case that is undecided, which put it off; cut short, nothing of it is kept.
+    """Runs `recover` for a case that put it off, for a limited time; a part of it is not kept.
 
-    Only grids are cut: where other groups are, nothing is.
+    With groups that are not on grids there is no limit.
     """
     not_looked_at = [f for f in case.failures if f.cut]
     assert not_looked_at, "a case that may be proved has no budget"
@@ -297,7 +299,7 @@ FAULT = "what plants drive may fault"
 
 
 def narrowed(problem: Problem, forms: CompiledEnclosures) -> list[str]:
-    """Each leaf that its plant cannot publish everywhere in the ranges, with what it takes."""
+    """A text for each leaf that a plant may leave the set of, within the ranges of states."""
     driven = list(_driven(problem))
     if len(driven) > forms.results:
         return []
@@ -317,7 +319,7 @@ def narrowed(problem: Problem, forms: CompiledEnclosures) -> list[str]:
 
 
 def say_narrowed(result: ModuleResult, done: Sequence[Case], claims: Iterable[str]) -> None:
-    """What plants cannot publish is no part of C: said, and where something is open as a help."""
+    """Notes that C is cut to what plants can publish; open claims get a hint to widen the set."""
     texts = narrowed(result.problem, done[0].forms)
     if not texts:
         return
@@ -331,9 +333,9 @@ def say_narrowed(result: ModuleResult, done: Sequence[Case], claims: Iterable[st
 
 
 def _driven(problem: Problem) -> Iterator[tuple[str, Bound | None, float, bool]]:
-    """Name, set and error of every driven leaf, in the order of `drives`; whether it is one number.
+    """Name, set, error of every driven leaf, in the order of `drives`, and whether it is a number.
 
-    Of lists, and arrays too long to be numbered, it is not.
+    Lists, and arrays too long to be numbered, are none; that they stay in their sets is assumed.
     """
     system = problem.system
     plants = [c for c in system.components if c.plant is not None]
@@ -355,20 +357,20 @@ IN_PROOF = (
 
 
 def shown_scheme(problem: Problem, done: Sequence[Case]) -> frozenset[str]:
-    """For linear flows the simulator's scheme is part of the proof: one assumption is shown."""
+    """The key of the assumption SCHEME where the proof shows it: all flows are linear."""
     assumed = SCHEME in problem.assumptions
     return frozenset((SCHEME.key,)) if assumed and all(map(_follows_scheme, done)) else frozenset()
 
 
 def solutions(problem: Problem, done: Sequence[Case]) -> list[Assumption]:
-    """What stands in the place of SCHEME where SC comes to rest: there a rate may jump."""
+    """The assumption in the place of SCHEME where SC comes to rest: there a rate may jump."""
     groups = [g for c in done for g in c.sets.groups]
     rests = SCHEME in problem.assumptions and any((g.core == RESTS).any() for g in groups)
     return [EVERY_SOLUTION] * rests
 
 
 def scheme_diverges(problem: Problem) -> str:
-    """What is known against the scheme where it is assumed; "": nothing is."""
+    """Why the assumed scheme is known to diverge, in words; "": it is not."""
     states = zip(problem.quantities.states, problem.states, strict=True)
     within = {(s.owner, s.member, s.path): (r.low, r.high) for s, r in states}
     for c in problem.system.components:
@@ -396,11 +398,11 @@ HOW = {
     "failsafe": "K inside the core of the fail-safe law",
     "DM": "the compiled DM on all facts, and tried on every class of input",
 }
-"""What is no matter of groups."""
+"""How claims are shown that are not shown group by group."""
 
 
 def static_claims(problem: Problem, result: ModuleResult) -> None:
-    """P1a and P1b were checked with the program; P1c is a sum."""
+    """Enters P1a and P1b, which were checked with the program, and P1c, which compares times."""
     times = problem.times
     result.findings["P1a"] = Finding(
         PROVED,

@@ -1,10 +1,10 @@
-"""Sets that are products over groups, and predicates that may not be.
+"""Sets that are products over groups, and the check that a predicate holds on such a product.
 
-Purpose: parts C_g of a predicate, one a group, and the check that their product satisfies it
-(docs/verification.md, Groups); that SC's commands lie in their sets. `FailsafeClaim`: the parts of
-C inside K_fs, the core of the module with its fail-safe law in the place of SC; SC is then asked to
-keep these instead of C, so that the law may take over at any time (docs/proof.md, "When the trusted
-part stops").
+Purpose: a `SetFactor` is one group's part of a set. `product_holds` checks that a predicate is true
+all over the product of such parts (docs/verification.md, Groups); `law_stays_inside`, that SC does
+not fault there nor publish outside its sets. `FailsafeClaim` cuts C to K_fs, the core of the module
+with its fail-safe law in the place of SC: SC then has to keep that instead of C, so that the law
+may take over at any time (docs/proof.md, "When the trusted part stops").
 Non-goals: dynamics; computing K_fs (`claims.py`), its problem
 (`verify/problem/verification_system.py`), the lease.
 """
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 
 Block: TypeAlias = list[slice]
 SPLITS_MAX = 20_000
-"""Boxes that a product check may look at."""
+"""The most boxes that a product check examines; `LAW_SPLITS_MAX`: a check of SC."""
 LAW_SPLITS_MAX = 4_000
 
 
 def states_elsewhere(
     problem: Problem, group: GridGroup, point: Floats
 ) -> dict[int, tuple[float, float]]:
-    """Ranges that pin the states of other groups to a point, (states,)."""
+    """Ranges that fix the states of other groups at a point, of shape (states,)."""
     own = set(group.axes)
     return {
         s: (float(point[s]), float(point[s])) for s in range(len(problem.states)) if s not in own
@@ -46,10 +46,7 @@ def states_elsewhere(
 
 
 def candidates(problem: Problem) -> list[Floats]:
-    """Points at which a product predicate may hold: the start, zero, the middle of the ranges.
-
-    Each (states,).
-    """
+    """Points, (states,) each, where a predicate may hold: the start, zero, the ranges' middle."""
     low = np.array([r.low for r in problem.states])
     high = np.array([r.high for r in problem.states])
     start = np.array([i.low / 2 + i.high / 2 for i in problem.initial])
@@ -57,26 +54,26 @@ def candidates(problem: Problem) -> list[Floats]:
 
 
 class SetFactor(ABC):
-    """A set over one group's states, as a factor of a product: a block, or cells that are split.
+    """A set over one group's states, as a factor of a product: one box, or cells (`divisible`).
 
-    A block is a slice of cells an axis; one of a part that has no cells is empty.
+    A block is a list of slices of cells, one an axis; it is empty for a part without cells.
     """
 
     divisible = False
 
     @abstractmethod
     def hull(self, block: Block | None = None) -> Block | None:
-        """The smallest block inside that holds the same of the set; None where there is none.
+        """The smallest block that holds all of the set in `block`; None where nothing is in it.
 
-        Without `block`: inside everything.
+        Without `block` it holds all of the set.
         """
 
     @abstractmethod
     def ranges(self, block: Block) -> Ranges:
-        """State -> (low, high) of a block."""
+        """The ranges (low, high) of a block, by state."""
 
     def first(self, block: Block) -> Block:
-        """One cell of the set in a block."""
+        """A block that is one cell of the set within `block`."""
         return block
 
     def suffices(self, predicate: str) -> bool:
@@ -87,35 +84,35 @@ class SetFactor(ABC):
 
 @dataclass(frozen=True)
 class BoxPart(SetFactor):
-    """Ranges of some states."""
+    """A set that is a box: the ranges of some states."""
 
     box: Ranges
 
     def hull(self, block: Block | None = None) -> Block | None:
-        """There is one block, without cells."""
+        """The one block there is, which has no slices."""
         return [] if block is None else block
 
     def ranges(self, block: Block) -> Ranges:
-        """All of it."""
+        """The ranges of the box."""
         del block
         return self.box
 
 
 @dataclass(frozen=True, eq=False)
 class CellsPart(SetFactor):
-    """Cells of a grid."""
+    """A set of cells of a grid."""
 
     engine: GridGroup
     cells: Bools
     divisible = True
 
     def hull(self, block: Block | None = None) -> Block | None:
-        """Around the cells of the set in a block."""
+        """The smallest block around the cells of the set in a block."""
         whole = [slice(0, n) for n in self.cells.shape] if block is None else block
         return _hull(self.cells, whole)
 
     def ranges(self, block: Block) -> Ranges:
-        """The ends of a block along every axis."""
+        """The ends of a block along every axis, by state."""
         every = zip(self.engine.axes, self.engine.spans, block, strict=True)
         return {
             state: (float(edges[part.start]), float(edges[part.stop]))
@@ -123,23 +120,23 @@ class CellsPart(SetFactor):
         }
 
     def first(self, block: Block) -> Block:
-        """The first cell in C order."""
+        """The first cell of the set in a block, in C order."""
         at = np.argwhere(self.cells[tuple(block)])[0]
         return [
             slice(p.start + int(i), p.start + int(i) + 1) for p, i in zip(block, at, strict=True)
         ]
 
     def suffices(self, predicate: str) -> bool:
-        """By every cell alone."""
+        """Whether a predicate holds on every cell, with all other states anywhere."""
         return bool((self.engine.definitely(predicate) | ~self.cells).all())
 
 
 def product_holds(forms: CompiledEnclosures, parts: Sequence[SetFactor], predicate: str) -> bool:
     """Whether a predicate is true all over the product of the parts; False also where unknown.
 
-    A product of blocks is the hull of the cells that the sets have in them. Where the predicate is
-    unknown there, the block that matters is split: along the axis with most cells, of the group for
-    which splitting decides most.
+    It is evaluated on the product of the sets' blocks. Where it is unknown there, a block is split
+    along its longest axis: that of a group which, at one cell alone, decides the predicate, or else
+    the longest block.
     """
     divisible = [p for p in parts if p.divisible]
     if len(divisible) == 1 and divisible[0].suffices(predicate):
@@ -169,7 +166,7 @@ def _holds(forms: CompiledEnclosures, parts: Sequence[SetFactor], predicate: str
 
 
 def _hull(cells: Bools, block: Block) -> Block | None:
-    """The smallest block inside that holds the same cells; None where there is none."""
+    """The smallest block around the cells in `block`; None where there are none."""
     inside = cells[tuple(block)]
     if not inside.any():
         return None
@@ -190,14 +187,14 @@ def _box(forms: CompiledEnclosures, parts: Sequence[SetFactor], blocks: Sequence
 
 
 def _cells(block: Block) -> int:
-    """Along its longest axis."""
+    """The number of cells of a block along its longest axis."""
     return max((p.stop - p.start for p in block), default=1)
 
 
 def _split(
     forms: CompiledEnclosures, parts: Sequence[SetFactor], blocks: Sequence[Block], predicate: str
 ) -> list[tuple[Block | None, ...]] | None:
-    """Two products that hold the same cells, or None where all blocks are single cells."""
+    """The two products that a split makes; None where all blocks are single cells."""
     best: int | None = None
     for g, block in enumerate(blocks):
         if _cells(block) == 1:
@@ -241,7 +238,7 @@ def law_stays_inside(
 
 
 def law_within(problem: Problem, forms: CompiledEnclosures, box: Floats) -> str:
-    """The same on a box of all inputs, (inputs, 2)."""
+    """Why SC might fault or publish outside its sets on a box of inputs, (inputs, 2); else ""."""
     count = len(problem.controls)
     limits = np.array([(c.low, c.high) for c in problem.controls])
     moving = [i for i in range(len(box)) if box[i, 0] < box[i, 1]]
@@ -283,17 +280,17 @@ NOT_FOR_LAWS = (
 OTHER_CELLS = "a law is not looked at on a"
 NOTHING_KEPT = "no set was found that the law keeps"
 VAIN = 0.001
-"""Of C: with more cells that stay in it and never come back to the set it is given up as empty.
+"""The share of C's cells that may stay in C and never come back to K_fs: with more it is given up.
 
-A law that drifts leaves nothing, one layer of cells a round, and each is followed to the end: a
-hundred times the work of SC's own set, for an answer that is known after the first layers. Of every
-law that keeps something, in the examples and the tests, there was not one such cell.
+A law that drifts loses one layer of cells in each round until nothing is left, and each cell is
+followed to the end: a hundred times the work for SC's own set. Of every law that keeps something,
+in the examples and the tests, there was not one such cell.
 """
 NOTHING_INSIDE = "SC keeps nothing inside what the law keeps"
 
 
 def hint_of(why: str) -> str:
-    """What would help where the law is looked at and not shown; `why`: of a `FailsafeClaim`."""
+    """Advice where the fail-safe law is not shown; `why`: that of its `FailsafeClaim`."""
     if why.startswith(OTHER_CELLS):
         return "a `grid` for what the law moves"
     if why == NOTHING_INSIDE:
@@ -306,9 +303,9 @@ def hint_of(why: str) -> str:
 
 @dataclass(eq=False)
 class FailsafeClaim:
-    """`parts`: C_g inside K_fs, or C_g itself; `why`: why it is C_g itself, "" where it is not.
+    """C cut to K_fs, group by group (`parts`), or C itself (`whole`) if `why` says why not.
 
-    `cells`: of K_fs, and of C, of all groups together.
+    `cells`: the numbers of cells of K_fs and of C, of all groups together.
     """
 
     parts: Sequence[SetFactor]
@@ -316,27 +313,27 @@ class FailsafeClaim:
     why: str = ""
     cells: tuple[int, int] = (0, 0)
     law: CaseSets | None = None
-    """The sets of the law, where it is not."""
+    """The sets of the law, where it is cut to K_fs."""
 
     @property
     def narrows(self) -> bool:
-        """Whether SC is asked for more than `safe`."""
+        """Whether SC has to keep less than C."""
         return self.parts is not self.whole
 
     def give_up(self, why: str) -> None:
-        """SC is asked for `safe` alone."""
+        """Lets SC keep all of C again; `why` the law is not shown."""
         self.parts, self.why = self.whole, why
 
 
 def without_law(problem: Problem, parts: Sequence[SetFactor]) -> FailsafeClaim | None:
-    """The answer where there is nothing to compute; None: there is a law to be looked at."""
+    """The claim where no law has to be examined; None: there is one."""
     if problem.law is not None:
         return None
     return FailsafeClaim(parts, parts, problem.law_unread or NO_LAW)
 
 
 def inside(law: CaseSets, parts: Sequence[SetFactor]) -> FailsafeClaim:
-    """C_g inside K_fs, from the sets of the law, on the same cells."""
+    """The claim with C cut to K_fs; `law` has the law's sets, on the same cells as `parts`."""
     core_parts: list[SetFactor] = []
     kept = of = 0
     for proof, part in zip(law.proofs, parts, strict=True):

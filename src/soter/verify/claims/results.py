@@ -1,7 +1,8 @@
 """What a verification found, as plain data.
 
-Purpose: verdicts per property with how they were reached; the sets of every case and group, as
-certificates, monitors, computed predicates and reports take them.
+Purpose: the verdict on each property and how it was reached (`Finding`), and the sets of every case
+and group, which certificates, monitors, computed predicates and reports use. Symbols: head of
+`verify/grid/sets.py`; the index g is one group's part.
 Non-goals: computing or printing anything.
 """
 
@@ -31,17 +32,17 @@ PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed
 WORSE = (PROVED, ASSUMED, UNDECIDED, REFUTED)
 """Each is worse than those before it."""
 NO_CORE = "there is no K"
-"""What every claim that rests on K says where there is none: P2a says why."""
+"""The text of every claim that needs K where K is empty; P2a says why it is."""
 PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe", "DM")
-"""In this order everywhere; `start` is that the declared initial states are among those proved,
-`failsafe` that the fail-safe law keeps C once the lease has ended (`product_sets.py`),
-`DM` that the generated C of the decision module is the switching logic (`dm_check.py`)."""
+"""All properties, in the order of every output. `start`: the declared initial states are among
+those proved; `failsafe`: the fail-safe law keeps C once the lease has ended (`product_sets.py`);
+`DM`: the decision module's generated code decides as declared (`deploy/dm_check.py`)."""
 STAYS = "not asked: `{}`, SC may keep control for ever"
-"""With the clause that says so."""
+"""The text of P2b where it is not asked; {}: the clause of the program that says so."""
 REGIONS_SHOWN = 3
 """Of a finding, for people."""
 UNCLAIMED = ("DM",)
-"""What no certificate claims: that is about C."""
+"""Properties that no certificate claims, as they are about generated code."""
 
 
 @dataclass(frozen=True)
@@ -58,17 +59,17 @@ class Region:
 
     @property
     def ranges(self) -> dict[str, list[float]]:
-        """Both ends by name."""
+        """The ends [low, high] of each state, by name."""
         return {name: [low, high] for name, low, high in self.axes}
 
 
 @dataclass(frozen=True)
 class Vacuity:
-    """That a proof says little: AC never, or hardly ever, has control (`vacuity.py`).
+    """Why a proof says little: AC never, or hardly ever, has control (`diagnosis/vacuity.py`).
 
-    `how_often`: "not shown" where nothing says that it ever has; `what`: of `ttf`, `safer`, `safe`,
-    `core` (K itself) or "above" (the module above); `share`: of K, of C for `core`; `parameters`:
-    of the worst case where there are several.
+    `how_often`: how often it has, "not shown" where that is unknown; `what` is the reason: `ttf`,
+    `safer`, `safe`, `core` (K itself) or "above" (the module above); `share`: the share of K, or of
+    C for `core`, where AC may have control; `parameters`: of the worst case of several.
     """
 
     how_often: str
@@ -80,7 +81,7 @@ class Vacuity:
 
 @dataclass(frozen=True)
 class Cause:
-    """Why a claim could not be shown, as runs show it (`open_claims.py`).
+    """Why a claim could not be shown, as runs show it (`diagnosis/open_claims.py`).
 
     `kind`: for machines (docs/json.md); `text`: what was measured, one sentence; `hint`: what
     would help; `numbers`: the measurement.
@@ -107,14 +108,14 @@ class LeavingRun:
     side: int
     safe: bool
     start: str
-    """Whose start it is: `the declared start`, `the middle of C`, `inside C`."""
+    """Where the run starts: `the declared start`, `the middle of C` or `inside C`."""
     chosen: tuple[str, ...]
-    """What the adversary did, for people."""
+    """The disturbances and errors that were chosen against SC, in words."""
     parameter: tuple[int, ...] = ()
-    """Of the case."""
+    """The parameter values of its case."""
 
     def __str__(self) -> str:
-        """One line."""
+        """The run in one line."""
         first = ", ".join(f"{n} = {x:.6g}" for n, x in zip(self.names, self.states[0], strict=True))
         last = self.states[-1][self.names.index(self.axis)]
         where = "leaves `safe`" if self.safe else "leaves the grid"
@@ -127,24 +128,24 @@ class LeavingRun:
 
 @dataclass(frozen=True)
 class FlownFigures:
-    """What a run says of a module. `ac_share`: of the time; `table_bytes`: 0 without tables."""
+    """A module's figures in a run; `ac_share`: AC's share of the time; `table_bytes`: 0 if none."""
 
     takeovers_per_min: float
     ac_share: float
     table_bytes: int
 
     def __str__(self) -> str:
-        """A clause."""
+        """The figures as a clause of a sentence."""
         tables = f", {self.table_bytes:,} bytes of tables" if self.table_bytes else ""
         return f"{self.takeovers_per_min:.4g} takeovers a minute, AC {self.ac_share:.1%}{tables}"
 
 
 @dataclass(frozen=True)
 class RemedyCost:
-    """What changes that prove a module cost, in runs of `system` with seed 1 (`tried_remedies.py`).
+    """What changes that prove a module cost, measured in runs of `system` with seed 1.
 
     `before`: None where the program as it stands has no tables to fly. `not_measured`: why there
-    are no figures at all, "" where there are.
+    are no figures, "" where there are. Made by `diagnosis/tried_remedies.py`.
     """
 
     system: str
@@ -154,7 +155,7 @@ class RemedyCost:
     not_measured: str = ""
 
     def __str__(self) -> str:
-        """One line."""
+        """The costs in one line."""
         if self.not_measured:
             return f"not measured: {self.not_measured}"
         run = f"{self.until_s:g} s of {self.system} simulated, seed 1"
@@ -171,7 +172,7 @@ class Finding:
     """
 
     verdict: str
-    """The worst of what it rests on: `rest_on` makes it worse, and nothing makes it better."""
+    """The worst verdict that it depends on: `rest_on` makes it worse, and nothing better."""
     seconds: float = 0.0
     method: str = ""
     text: str = ""
@@ -182,13 +183,13 @@ class Finding:
     causes: list[Cause] = field(default_factory=list)
     leaving: LeavingRun | None = None
     tried: list[str] = field(default_factory=list)
-    """What of the remedies was verified, and what came of it (`tried_remedies.py`)."""
+    """The remedies that were verified, each with its outcome (`diagnosis/tried_remedies.py`)."""
     remedied: Problem | None = None
-    """Where every claim is proved with what was tried: that problem."""
+    """The problem with the remedies that prove every claim; None: none do."""
     cost: RemedyCost | None = None
-    """What that costs; None where nothing that was tried proves every claim."""
+    """What these remedies cost; None: none prove every claim."""
     saved: Path | None = None
-    """The file of the counterexample."""
+    """The file that the counterexample was saved to."""
 
     def __setattr__(self, name: str, value: object) -> None:
         if name == "verdict" and hasattr(self, "verdict"):
@@ -196,9 +197,9 @@ class Finding:
         super().__setattr__(name, value)
 
     def rest_on(self, verdict: str, text: str = "", hint: str = "") -> None:
-        """It rests on this, too: the verdict is the worse of both.
+        """Makes the verdict the worse of its own and this one.
 
-        `text` and `hint` say why where that makes it worse, or as bad as it is.
+        `text` and `hint` replace the finding's unless its own verdict is the worse one.
         """
         if WORSE.index(verdict) < WORSE.index(self.verdict):
             return
@@ -208,7 +209,7 @@ class Finding:
 
     @property
     def holds(self) -> bool:
-        """Whether it may be relied on."""
+        """Whether the verdict is `proved` or `assumed`."""
         return self.verdict in (PROVED, ASSUMED)
 
 
@@ -228,43 +229,43 @@ class GroupSets:
     possible: NDArray[np.bool_] | None = None
     """Cells on which `safe` may be true."""
     lets_ac: NDArray[np.bool_] | None = None
-    """Cells on which `ttf` may be false."""
+    """Cells on which `ttf` may be false: there AC may keep control."""
     gives_back: NDArray[np.bool_] | None = None
-    """Cells on which `safer` may be true."""
+    """Cells on which `safer` may be true: there AC may get control."""
     target: NDArray[np.bool_] | None = None
-    """States all of whose estimates satisfy `safer`: what Q was looked for in."""
+    """States all of whose estimates satisfy `safer`: Q was looked for in them."""
     home: NDArray[np.uint8] | None = None
     rank: NDArray[np.uint16] | None = None
     rank_holds: NDArray[np.uint8] | None = None
     finer: tuple[str, Group] | None = None
     return_ns: int = 0
-    """The longest time from W to Q."""
+    """The longest time from W to Q in ns."""
     levels: list[NDArray[np.bool_]] = field(default_factory=list)
-    """S_0, S_1, ... on estimates, where predicates are computed."""
+    """S_0, S_1, ..., sets of estimates, where predicates are computed."""
     tops: NDArray[np.uint8] | None = None
-    """Where the module has a shield, (cells..., command cells): of the least command cell that may
-    act the number of cells up to the greatest that may; 0: none."""
+    """Of a shield, shape (cells..., command cells): for command cell i one more than the last cell
+    up to which commands may act together with those of i; 0: those of i may not act."""
     lasting: NDArray[np.uint8] | None = None
     """Of a shield `toward sc`, of the same shape: 1 where commands of a cell may act longer."""
     command: int | None = None
-    """The control that moves the group, where a shield asks."""
+    """The control that moves the group, where the module has a shield."""
     deployed: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None
-    """(S_0, S_(m-2)) as the DM holds them: what is in those of every case. None: no table."""
+    """S_0 and S_(m-2) in the DM's table: what is in those of every case. None: no table."""
     solver: object | None = None
-    """The engine's group (`verify/grid/sets.py`), for whoever computes more."""
+    """The group's engine (`verify/grid/sets.py`), for further computation."""
 
     @property
     def edges(self) -> tuple[tuple[float, ...], ...]:
-        """Breakpoints per axis."""
+        """The breakpoints of each axis."""
         return tuple(a.edges for a in self.group.axes)
 
 
 @dataclass(eq=False)
 class PolytopePart:
-    """A polytope group under one combination of parameter values.
+    """The sets of a polytope group under one combination of parameter values.
 
-    `limits`: C_g, a box over the group's own states; `multipliers`: of what was proved, by part of
-    the proof; `shares`: sampled, for people.
+    `limits`: C_g, a box over the group's own states; `multipliers`: the proof, by its parts;
+    `shares`: how large the sets are, by random samples, for people.
     """
 
     group: Group
@@ -274,14 +275,14 @@ class PolytopePart:
     multipliers: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
     shares: dict[str, float] = field(default_factory=dict)
     boxes: dict[str, int] = field(default_factory=dict)
-    """Boxes that were looked at for an inclusion, by predicate."""
+    """How many boxes were examined for an inclusion, by predicate."""
     deployed: tuple[Polytope, Polytope] | None = None
-    """(S_0, S_(m-2)) as the DM holds them, up to rounding: as for grids."""
+    """S_0 and S_(m-2) as the DM holds them, up to rounding, as for grids."""
     return_ns: int = 0
 
 
 class GroupResult(ABC):
-    """One group under one combination of parameter values, as results are read.
+    """The result for one group under one combination of parameter values.
 
     `found`: its sets, in a class of the method that proves it.
     """
@@ -289,30 +290,30 @@ class GroupResult(ABC):
     group: Group
     found: object
     mark = ""
-    """Of its files in a certificate: no two methods have the same."""
+    """A part of its file names in a certificate, different for each method."""
 
     @property
     def cells(self) -> int:
-        """Of its grid, where it has one."""
+        """How many cells its grid has; 0 without a grid."""
         return 0
 
     @property
     @abstractmethod
     def pair(self) -> object | None:
-        """(S_0, S_(m-2)) of computed predicates, as the method's tables take them; None: none."""
+        """S_0 and S_(m-2) of computed predicates, for the method's tables; None: it has none."""
 
     @abstractmethod
     def entry(self, problem: Problem, stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """The group in a certificate; what it names is put into `files`."""
+        """The group's entry in a certificate; the files that it names are added to `files`."""
 
     @abstractmethod
     def figures(self, note: str) -> list[RegionFigure]:
-        """Its regions, for the report."""
+        """The figures of its regions, for the report."""
 
 
 @dataclass(eq=False)
 class CaseSets:
-    """All groups under one combination of parameter values."""
+    """The results of all groups under one combination of parameter values."""
 
     parameter: tuple[int, ...]
     proofs: Sequence[GroupResult]
@@ -339,28 +340,28 @@ class ModuleResult:
     """The sets of the fail-safe law, case by case; empty: it is not proved."""
     seconds: float = 0.0
     shares: dict[str, float] = field(default_factory=dict)
-    """Shares of the grid box's volume: `core`, `free`, `lets_ac`, `gives_back` of states and, where
-    predicates are computed, `estimates` (S_0); the least over the parameters."""
+    """Shares of the grid's volume, the least over the parameters: `core` (K), `free` (R(H)),
+    `lets_ac`, `gives_back` and, where predicates are computed, `estimates` (S_0)."""
     recover_s: float | None = None
-    """The T that P2b was proved with, in s."""
+    """The time T within which P2b was proved to give control back, in s."""
     vacuity: Vacuity | None = None
-    """That the sets are empty, or nearly: said in the headline."""
+    """The reason why the proof says little, for the headline; None: it does not."""
     at_the_start: str = ""
-    """A line where AC cannot have control at the start."""
+    """A line that AC cannot have control at the start; "": it can."""
     notes: tuple[str, ...] = ()
     """Lines about how it was proved that are no assumptions."""
     cells_why: str = ""
-    """The claim that is not shown on the declared cells, where smaller ones were chosen."""
+    """The claim for which smaller cells than declared were chosen; "": none were."""
     levels_why: str = ""
-    """What is not shown with as many levels as there are by default, where fewer were chosen."""
+    """What is not shown with the default number of levels; "": no fewer were chosen."""
     levels_cost: RemedyCost | None = None
-    """What these cost: `before` is with as many as by default."""
+    """What fewer levels cost; `before` is with the default number."""
     added: tuple[Assumption, ...] = ()
-    """What the proof takes for granted beyond its problem."""
+    """The assumptions that the proof makes beyond those of its problem."""
     shown: frozenset[str] = frozenset()
-    """Keys of those assumptions of its problem that the proof shows."""
+    """The keys of assumptions of its problem that the proof shows to hold."""
     ask_rechecker: Callable[[], str] | None = None
-    """Gives `not_rechecked`; None: python-flint is not installed."""
+    """The function that gives `not_rechecked`; None: python-flint is not installed."""
 
     def __repr__(self) -> str:
         held = ", ".join(f"{name} {f.verdict}" for name, f in self.findings.items())
@@ -368,17 +369,17 @@ class ModuleResult:
 
     @property
     def name(self) -> str:
-        """Full name of the module."""
+        """The module's full name."""
         return self.problem.name
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
-        """Everything that the verdicts rest on."""
+        """All assumptions that the verdicts depend on."""
         return remaining(self.problem.assumptions, added=self.added, shown=self.shown)
 
     @property
     def verdict(self) -> str:
-        """Of the module: refuted before undecided before proved."""
+        """The module's verdict: refuted or undecided if some finding is, then proved, assumed."""
         verdicts = {f.verdict for f in self.findings.values()}
         for verdict in (REFUTED, UNDECIDED):
             if verdict in verdicts:
@@ -387,24 +388,24 @@ class ModuleResult:
 
     @property
     def assumed(self) -> list[str]:
-        """What a headline names as assumed: properties, and the scheme of the plants."""
+        """The properties that are assumed, and the plants' scheme if it is, for a headline."""
         names = [n for n, f in self.findings.items() if f.verdict == ASSUMED]
         return [*names, *(a.key for a in self.assumptions if a.key == SCHEME.key)]
 
     @property
     def whilst(self) -> str:
-        """Of a module below another one: when its `safe` is claimed; "" at all times."""
+        """The condition under which `safe` of a module below another is claimed; "": always."""
         return f" while {self.problem.above} is in AC" if self.problem.above else ""
 
     @cached_property
     def not_rechecked(self) -> str | None:
-        """Why `soter recheck` cannot check it; "": it can. None: not proved, or nobody to ask."""
+        """Why `soter recheck` cannot check it; "": it can; None: not proved, or it is not known."""
         held = self.verdict in (PROVED, ASSUMED)
         return self.ask_rechecker() if held and self.ask_rechecker is not None else None
 
     @property
     def headline(self) -> str:
-        """The verdict and, where it says little or nobody else can check it, that."""
+        """The verdict, and that the proof says little or cannot be re-checked, if so."""
         if self.verdict not in (PROVED, ASSUMED):
             return self.verdict
         verdict = self.verdict + self.whilst
@@ -413,18 +414,18 @@ class ModuleResult:
 
     @property
     def cells(self) -> int:
-        """Cells of all groups and cases together."""
+        """The number of cells of all groups and cases together."""
         return sum(p.cells for c in self.cases for p in c.proofs)
 
     @property
     def core_share(self) -> float:
-        """Share of the grid's volume that is K."""
+        """The share of the grid's volume that K has."""
         return self.shares.get("core", 0.0)
 
 
 @dataclass(eq=False, repr=False)
 class VerifyReport:
-    """What `Program.verify` gives: one result a module, and the hash of what was proved."""
+    """What `Program.verify` returns: a result for each module, and the hash of the program."""
 
     path: str
     program_sha256: str
@@ -434,15 +435,15 @@ class VerifyReport:
     command: str = ""
     """The command line that verifies the same again."""
     coverage: VerificationScope = field(default_factory=VerificationScope)
-    """What it is about beside these modules, and what it is not."""
+    """What else the report covers beside these modules, and what it does not."""
     contents: Mapping[Path, str] = field(default_factory=dict, repr=False)
     """SHA-256 of every file that the program was made of, as it was read, by path."""
     page: Callable[[VerifyReport], str] | None = field(default=None, repr=False, compare=False)
-    """Gives the page of `--report` as one HTML text; for notebooks."""
+    """The function that makes the page of `--report` as one HTML text, for notebooks."""
 
     @property
     def verdict(self) -> str:
-        """The worst of the modules' verdicts; `proved` where there is none to be doubted."""
+        """The worst of the modules' verdicts; `proved` where there is no module."""
         verdicts = {m.verdict for m in self.modules}
         for verdict in (REFUTED, UNDECIDED, ASSUMED):
             if verdict in verdicts:
@@ -451,10 +452,10 @@ class VerifyReport:
 
     @property
     def together(self) -> str:
-        """Of the conjunction (Theorem 4.1).
+        """The verdict on all modules together (Theorem 4.1).
 
-        The worst of the modules' verdicts; `assumed` where all are proved and one takes for granted
-        what another one should guarantee that is not proved here.
+        It is the worst of the modules' verdicts; `assumed` where all are proved and one relies on
+        what a module guarantees that is not proved here.
         """
         proved = {m.name.removesuffix(f" as {m.problem.view}") for m in self.modules}
         promised = (g.by for g in self.coverage.guarantees if g.how == "guaranteed")
@@ -475,7 +476,7 @@ class VerifyReport:
 
     @property
     def said(self) -> dict[str, str]:
-        """What each module keeps: its `safe`, as it is written, by the module's name."""
+        """The text of the `safe` that each module keeps, by the module's name."""
         safe_by_module = {}
         for m in self.modules:
             name = m.name.removesuffix(f" as {m.problem.view}")
@@ -486,12 +487,12 @@ class VerifyReport:
 
     @property
     def composed(self) -> bool:
-        """Whether several modules are spoken of, or one that rests on what another guarantees."""
+        """Whether there are several modules, or one that relies on what another guarantees."""
         taken = any(g.how == "guaranteed" for g in self.coverage.guarantees)
         return taken or len(self.modules) > 1
 
     def __getitem__(self, module: str) -> ModuleResult:
-        """The result of one module, by full name; KeyError where there is none."""
+        """The result of one module, by full name; `KeyError` where there is none."""
         return {m.name: m for m in reversed(self.modules)}[module]
 
     def __repr__(self) -> str:

@@ -45,7 +45,7 @@ STEPS_MAX = 10_000
 
 
 def fault_on_defaults(problem: Problem) -> str:
-    """What may go wrong, in words; empty: nothing."""
+    """Why SC may fault on defaults, in words; "": it does not."""
     schedule = problem.times.schedule
     steps = schedule.defaults_read
     if not steps:
@@ -69,7 +69,7 @@ def fault_on_defaults(problem: Problem) -> str:
 
 
 def _first_fault(system: System, sc: Component, steps: int, modes: Sequence[int]) -> str:
-    """What goes wrong in so many first steps; "": nothing."""
+    """The first fault in SC's first steps, in words; "": none."""
     dummies = {c.name: _silent for c in system.components if c.extern}
     interpreter = Interpreter(system, 0, dummies)
     c = interpreter.initial()
@@ -83,7 +83,7 @@ def _first_fault(system: System, sc: Component, steps: int, modes: Sequence[int]
 
 
 def _published_together(problem: Problem, topics: set[str]) -> bool:
-    """Whether SC reads defaults of all of these topics, or of none."""
+    """Whether SC at any time reads defaults of all of these topics, or of none."""
     schedule, paths = problem.times.schedule, problem.times.schedule.read_by_sc
     at_once = len({p.publisher for p in paths}) == 1
     if not any(p.nodes for p in paths) and not schedule.dropout:
@@ -97,14 +97,14 @@ def _modes(problem: Problem) -> Mapping[TopicSymbol, str]:
 
 
 def _in_every_mode(c: Configuration, modes: Sequence[int]) -> Iterator[Configuration]:
-    """The same with every combination of other modes; SC keeps nothing from one to the next."""
+    """The configuration with every combination of other modules' modes."""
     for combination in product((SC, AC), repeat=len(modes)):
         by = dict(zip(modes, combination, strict=True))
         yield replace(c, Topics=tuple(by.get(i, value) for i, value in enumerate(c.Topics)))
 
 
 def _alone(problem: Problem) -> tuple[System, int]:
-    """The module without plants: nobody publishes what SC reads; a shield judges AC alone."""
+    """The module's system without plants, so that nobody publishes what SC reads."""
     system = derived_systems.module_alone(problem.system, problem.module)
     system = derived_systems.with_module(system, replace(system.modules[0], shield=None))
     return derived_systems.forced(system, 0, "sc"), system.modules[0].sc
@@ -119,7 +119,7 @@ MAY_HOLD = 2
 
 
 def not_entered(case: Case) -> str:
-    """Why it is not shown, for people; "" where it is."""
+    """Why it is not shown that `enters` implies R(H), in words; "": it is shown."""
     problem, library = case.problem, case.forms.library
     if library.symbol(ENTERS) == library.ffi.NULL:
         return "what it says cannot be enclosed"
@@ -139,10 +139,10 @@ def not_entered(case: Case) -> str:
 
 
 def reach_of(problem: Problem) -> list[tuple[float, float] | None]:
-    """What each state can be where `enters` is judged: what is published lies in its set.
+    """The range of each state where `enters` is judged, by the sets of the topics that it reads.
 
-    None where no topic that it reads shows the state. Below another module any topic may: a plant
-    that publishes anything else there stops.
+    None where none of them shows the state. Below another module every topic counts: a plant stops
+    rather than publish anything outside its set.
     """
     scope = problem.module.scope.topics
     read = {scope[t] for t in topic_reads(problem.module.symbol.verify.enters) if t in scope}
@@ -158,16 +158,16 @@ def reach_of(problem: Problem) -> list[tuple[float, float] | None]:
 
 
 def _error(problem: Problem, topic: int, leaf: int) -> float:
-    """The largest of what is published there."""
+    """The largest error of what is published on a leaf of a topic."""
     path = list(leaves(problem.system.topics[topic].type))[leaf][0]
     every = zip(problem.quantities.errors, problem.errors, strict=True)
     return sum(max(-r.low, r.high) for e, r in every if (e.owner, e.path) == (topic, path))
 
 
 def _outside(case: Case, reach: Floats) -> Iterator[tuple[str, Floats]]:
-    """Boxes of all inputs, (inputs, 2), that cover the states outside the grid; in words, too.
+    """Boxes of all inputs, (inputs, 2), that cover the states outside the grid, with a text each.
 
-    `reach`: (states, 2), what each state can be.
+    `reach`: the range of each state, of shape (states, 2).
     """
     for axis in (a for proof in case.proofs for a in proof.group.axes):
         s, first, last = axis.state, axis.edges[0], axis.edges[-1]
@@ -187,7 +187,10 @@ SETS = "declare the sets of what plants drive, and let SC answer all of them"
 
 
 def handed_back(case: Case) -> None:
-    """For every value of the parameters, as the module above may give control back at any time."""
+    """Enters a failure of `start` where a module above may give control back outside R(H).
+
+    It is asked for every value of the parameters, as that may happen at any time.
+    """
     wrong_read = fault_on_defaults(case.problem)
     if wrong_read:
         hint = "let SC step only after what it reads was published: `phase`"
@@ -207,7 +210,7 @@ def handed_back(case: Case) -> None:
 
 
 def shown(problem: Problem) -> str:
-    """What is proved, one sentence."""
+    """The sentence that says what is proved of a hand-back."""
     return (
         f"wherever {problem.above} may give control back the state lies in "
         f"R({show_ns(problem.times.horizon_ns)}); SC answers all that may be published before"
@@ -215,23 +218,23 @@ def shown(problem: Problem) -> str:
 
 
 def while_in_ac(problem: Problem, finding: Finding) -> None:
-    """P2b of a module below another one is about times at which that one stays in AC."""
+    """Weakens P2b of a module below another one: it is proved only while that one is in AC."""
     if problem.above and finding.verdict == PROVED:
         text = f"{finding.text} while {problem.above} is in AC: not proved"
         finding.rest_on(ASSUMED, text)
 
 
 def notes(problem: Problem) -> list[str]:
-    """Of a module above another one what is assumed of that one: next to nothing."""
+    """A note for a module above another one: how little is assumed of that one."""
     text = "{} stands in the place of AC: nothing is assumed of it, its controllers and its DM, "
     text += "but that what they publish lies in the declared sets, which each step checks"
     return [text.format(name) for name in problem.below[:1]]
 
 
 def start(case: Case) -> None:
-    """The declared initial states lie in R(h_0), h_0 the first instant SC's output acts.
+    """Checks that the initial states lie in R(h_0); by h_0 an output of SC has acted.
 
-    Below another module that one has control first: asked is where it gives control back.
+    Below another module, which has control first, it checks the states where that gives it back.
     """
     if case.problem.above:
         handed_back(case)

@@ -1,1 +1,1 @@
-"""Computed predicates, and the DM that flies."""
+"""Computed predicates, the check of the DM that flies, and proofs of deployed systems."""

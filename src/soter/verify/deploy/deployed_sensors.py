@@ -1,10 +1,11 @@
-"""What sensors of the world give a module, against what the plants of its proof gave.
+"""Whether the sensors of a deployed system give a module what the plants of its proof gave it.
 
-Purpose: of every topic that a plant of the proof drove and DM or SC reads: errors, ages, steps.
-Of several sensors that speak one by one: that they can be taken for one state: how far a leaf of a
-topic moves in a time, from the plant's own equations, and which pairs of topics are too far apart
-in time for what the proof allows as errors.
-Non-goals: which proofs are carried (`proof_transfer.py`); rates.
+Purpose: for every topic that a plant of the proof drove and DM or SC reads, `covers` compares the
+error, the age and (for plants that move in steps) the step that the deployed system declares. For
+several sensors that speak one by one, `too_far` checks that their values can count as one state: it
+bounds how far each moves in a time, by the plant's own equations, and finds pairs of topics that
+are too far apart in time for the errors that the proof allows.
+Non-goals: which proofs are carried (`proof_transfer.py`).
 
 Why it suffices (docs/deploy.md, "Several sensors"). A read takes topic i as it was at s_i, with
 t - s_i in [0, a_i]. Leaf k of it is off by e_k there, moves by V_k a second at most, and E_k is
@@ -52,9 +53,10 @@ NS = 10**9
 
 @dataclass(frozen=True, eq=False)
 class SensedTopic:
-    """A topic as it comes: at most `age` ns old, leaf k `errors[k]` off where `allowed[k]` may be.
+    """A topic as the deployed system gives it: at most `age` ns old, leaf k off by `errors[k]`.
 
-    `errors[k]` is None for a leaf that is no float.
+    `allowed[k]` is the error that the proof allows. `errors[k]` is None for a leaf that is no
+    float.
     """
 
     topic: Topic
@@ -65,7 +67,7 @@ class SensedTopic:
 
 @dataclass(frozen=True, eq=False)
 class TopicSkew:
-    """Two topics that may show states `apart` ns from each other; `covered`: what is allowed."""
+    """Two topics that may show states `apart` ns from each other; the proof covers `covered` ns."""
 
     one: Topic
     other: Topic
@@ -74,7 +76,7 @@ class TopicSkew:
 
 
 def too_far(problem: Problem, heard: Sequence[SensedTopic]) -> list[TopicSkew]:
-    """Pairs whose errors leave too little for the time between them; none for a single topic.
+    """The pairs of topics that may be further apart in time than the allowed errors cover.
 
     `SoterError` R007, X004, X006 as of `library_of`.
     """
@@ -91,14 +93,14 @@ def too_far(problem: Problem, heard: Sequence[SensedTopic]) -> list[TopicSkew]:
 def _pairs(
     ages: Sequence[int], slacks: Sequence[Fraction | float]
 ) -> list[tuple[int, int, int, Fraction | float]]:
-    """(i, j, max(a_i, a_j), sigma_i + sigma_j) where that is less; in ns."""
+    """(i, j, max(a_i, a_j), sigma_i + sigma_j) in ns, for pairs where the sum is the smaller."""
     every = combinations(range(len(ages)), 2)
     told = [(i, j, max(ages[i], ages[j]), slacks[i] + slacks[j]) for i, j in every]
     return [x for x in told if x[2] > x[3]]
 
 
 def rates_of(problem: Problem) -> list[float]:
-    """How fast each state of a flow moves at most, a second, wherever C is; inf: not known."""
+    """The greatest rate of each state of a flow, per second, within its ranges; inf: unknown."""
     assert problem.kind == "flow"
     library, _ = library_of(problem)
     rates = [0.0 for _ in problem.states]
@@ -112,9 +114,9 @@ def rates_of(problem: Problem) -> list[float]:
 
 
 def _slack(problem: Problem, heard: SensedTopic, rates: Sequence[float]) -> Fraction | float:
-    """Sigma in ns: for how long the topic stays within what is allowed; inf where it is for ever.
+    """Sigma in ns, for how long the topic stays within the allowed error; inf: for ever.
 
-    0 where a leaf is no float, or not a state as it is: how fast that moves is not known.
+    0 where a leaf is no float or no state: how fast that moves is not known.
     """
     slack: Fraction | float = inf
     index = next(t.index for t in problem.system.topics if t.name == heard.topic.name)
@@ -136,7 +138,7 @@ NO_ERROR = 0.0
 
 
 class Sensors:
-    """What DM and SC read of the plants of the proved system, and what is said of it here."""
+    """The topics of plants that DM and SC read in the proved system, and their sensors here."""
 
     def __init__(self, here: System, there: System, problem: Problem) -> None:
         """`problem`: of a module of `there`, beside the plants that are there."""
@@ -155,7 +157,7 @@ class Sensors:
         assert len(self.topics) == len(read)
 
     def errors_of(self, topic: Topic) -> list[float]:
-        """What the proof allows for, leaf by leaf."""
+        """The error of each leaf of a topic that the proof allows."""
         errors = [NO_ERROR for _ in leaves(topic.type)]
         for m in self.plants[topic.index].measured:
             if m.topic == topic.index:
@@ -166,7 +168,7 @@ class Sensors:
 def covers(
     here: System, there: System, problem: Problem, diagnostics: Diagnostics
 ) -> tuple[list[str], list[str]]:
-    """What is covered, and what is assumed of the sensors besides, in words; D019 otherwise."""
+    """What the sensors cover, and what is assumed of them besides, in words; D019 otherwise."""
     s = Sensors(here, there, problem)
     before = len(diagnostics.items)
     stepped = problem.kind == "map"
@@ -195,7 +197,7 @@ def covers(
 
 
 def _errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
-    """The error of every float is said, and no wider than that of the plant."""
+    """D019 where the error of a float is not declared, or larger than that of the plant."""
     for k, ((path, t), allowed) in enumerate(
         zip(leaves(topic.type), s.errors_of(topic), strict=True)
     ):
@@ -217,7 +219,7 @@ def _errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> 
 
 
 def _age(s: Sensors, topic: Topic, e: External, problem: Problem, diagnostics: Diagnostics) -> None:
-    """It comes so often, and so soon, that SC never reads what is older than the proof allows."""
+    """D019 where a topic comes too seldom or too late: SC might read older values than proved."""
     if e.every_ns is None:
         diagnostics.error(
             "D019",
@@ -253,7 +255,7 @@ def _oldest(e: External, problem: Problem) -> int:
 
 
 def _steps(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
-    """It comes once in every step of its plant, and is never on its way."""
+    """D019 where a topic does not come once in every step of its plant, without delay."""
     plant = s.plants[topic.index]
     if e.every_ns == plant.period_ns and not e.delay_ns:
         return

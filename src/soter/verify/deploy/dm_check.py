@@ -8,7 +8,7 @@ Purpose: the emitted C of every DM against the switching logic of the paper's Fi
   published; with and without a gate fault and clean outputs owed; in both modes.
 The expected answers are written down here anew, from docs/semantics.md; the truth of predicates is
 the reference interpreter's, and one that faults is unknown, which counts as unsafe.
-Non-goals: whether the predicates are right (`verify.py`); the kernel, which calls the DM.
+Non-goals: whether the predicates are right (`verify_module.py`); the kernel, which calls the DM.
 """
 
 from __future__ import annotations
@@ -66,21 +66,21 @@ if TYPE_CHECKING:
 
 NEVER = -(2**62)
 WHOLE = 24
-"""For so many values every age is tried with every state of the gate; for the others some."""
+"""For this many values every age is tried with every state of the gate; for others `SOME` pairs."""
 SOME = 5
 LATCHES = 2
-"""For so many values every state of the latch is tried, by `ttf` and `safer`."""
+"""For this many values of each (ttf, safer) every state of the latch is tried."""
 ASKED_NS = tuple(10**k for k in range(6, 11))
-"""Ages of topics whose age a predicate asks for: 1 ms to 10 s."""
+"""The ages that are tried for topics whose age a predicate reads: 1 ms to 10 s."""
 FAILURES_MAX = 10
 
 
 @dataclass(eq=False)
 class DMCheck:
-    """What was tried, and where the C differed; `verdict` is proved or refuted.
+    """What was tried on a DM, and where the C differed; `verdict` is proved or refuted.
 
-    `facts`: combinations of facts, all there are; `states`: states of the classes of input;
-    `cells`: cells of tables, all there are.
+    `facts`: how many combinations of facts (all); `states`: how many states of the classes of
+    input; `cells`: how many cells of tables (all).
     """
 
     module: str
@@ -88,17 +88,17 @@ class DMCheck:
     states: int = 0
     cells: int = 0
     points: int = 0
-    """Points around borders that are not those of cells."""
+    """How many points around borders that are not those of cells."""
     failures: list[str] = field(default_factory=list)
 
     @property
     def verdict(self) -> str:
-        """`proved` where nothing differed."""
+        """`proved` if nothing differed, else `refuted`."""
         return "refuted" if self.failures else "proved"
 
     @property
     def text(self) -> str:
-        """One sentence."""
+        """What was tried, or how it differed, in one sentence."""
         if self.failures:
             return f"the C of the DM differs from the switching logic: {self.failures[0]}"
         return (
@@ -109,7 +109,7 @@ class DMCheck:
         )
 
     def differs(self, what: str) -> None:
-        """Enter a difference."""
+        """Enters a difference."""
         if len(self.failures) < FAILURES_MAX:
             self.failures.append(what)
 
@@ -131,11 +131,11 @@ def check_decisions(
     change: Callable[[str], str] | None = None,
     acted_ns: int | None = 0,
 ) -> list[DMCheck]:
-    """Check the C of every decision module of a system.
+    """Checks the C of every decision module of a system.
 
-    `found`: the tables of computed predicates (one module), every cell of which is tried;
-    `leaves_of`: state -> the (topic, leaf) that shows it; `change` edits the C first (for tests);
-    `acted_ns`: W, for so long a command counts that a shield's module has replaced; None: not at
+    `level_tables`: the tables of computed predicates (of one module), of which every cell is tried;
+    `leaves_of`: the (topic, leaf) that shows each state; `change` edits the C first (for tests);
+    `acted_ns`: W, how long a command that a shield's module replaced still counts; None: not at
     all.
     """
     at = leaves_of or {}
@@ -158,7 +158,7 @@ def check_decisions(
 
 
 def check_module(result: ModuleResult) -> DMCheck:
-    """The DM of a verified module; with the predicates that were computed, where they were."""
+    """Checks the DM of a verified module, with its computed predicates if it has any."""
     problem = result.problem
     sets = [pairs_of(case) for case in result.cases]
     if problem.computed and all(len(pairs) == len(problem.groups) for pairs in sets):
@@ -167,7 +167,7 @@ def check_module(result: ModuleResult) -> DMCheck:
 
 
 def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMCheck:
-    """The DM of a module, with these tables for its computed predicates, where there are some."""
+    """Checks the DM of a module, with these tables for its computed predicates, if any."""
     system = derived_systems.unbound(problem.whole or problem.system)
     module = system.modules[problem.module.index]
     if level_tables:
@@ -181,7 +181,7 @@ def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMChe
 
 
 class _Compiled:
-    """The compiled unit with its wrapper."""
+    """The compiled C of a system, with functions that call parts of a DM."""
 
     def __init__(self, unit: Unit) -> None:
         self.unit = unit
@@ -195,7 +195,7 @@ class _Compiled:
         self.lib: Any = opened(self.ffi, library(unit))
 
     def switch(self, mode: int, facts: Sequence[bool]) -> int:
-        """Facts in the order stale, ttf, safer, gate fault, clean."""
+        """The mode after the switch; facts in the order stale, ttf, safer, gate fault, clean."""
         bits = sum(1 << i for i, fact in enumerate(facts) if fact)
         return int(self.lib.soter_check_switch(mode, bits))
 
@@ -222,12 +222,12 @@ class _Compiled:
         return levels
 
     def decide(self, module: int, state: bytearray) -> int:
-        """The DM's answer; it notes the facts in `state`."""
+        """The DM's answer in a state; it writes the facts into `state`."""
         return int(self.lib.soter_check_decide(module, self.ffi.from_buffer(state)))
 
 
 def _all_facts(c: _Compiled, check: DMCheck) -> None:
-    """Two modes and five facts: 64 combinations, all there are."""
+    """Tries all 64 combinations of two modes and five facts."""
     names = ("stale", "ttf", "safer", "gate_fault", "clean")
     for mode in (SC, AC):
         for facts in itertools.product((False, True), repeat=5):
@@ -247,7 +247,7 @@ def _name(mode: int) -> str:
 
 
 class _Inputs:
-    """States of every class: values of topics, times their ages, times what the gate says."""
+    """Tries a DM on states of every class: values of topics, their ages, states of the gate."""
 
     def __init__(self, c: _Compiled, system: System, module: Module, check: DMCheck) -> None:
         self.c, self.system, self.module, self.check = c, system, module, check
@@ -268,7 +268,7 @@ class _Inputs:
         self.asked = sorted({scope[topic] for topic in asked})
 
     def run(self, points: Points) -> None:
-        """Try them all."""
+        """Tries the DM on values of the topics that its predicates read."""
         system, symbol = self.system, self.module.symbol
         predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
         scope = {**system.components[self.module.sc].scope.topics, **self.module.scope.topics}
@@ -295,7 +295,7 @@ class _Inputs:
         others: Sequence[LevelTable],
         leaves_of: Mapping[int, tuple[int, int]],
     ) -> tuple[bytearray, NDArray[np.uintp]] | None:
-        """A state with all fresh, other groups where they allow everything; where `own` lies."""
+        """A state with fresh topics and other groups inside S_(m-2); offsets of `own`'s states."""
         layout, topics = self.c.unit.layout, self.system.topics
         state = ExpectedFacts(self.system, self.module).state(
             self.c.unit, tuple(t.default for t in topics)
@@ -323,7 +323,7 @@ class _Inputs:
         leaves_of: Mapping[int, tuple[int, int]],
         acted_ns: int | None,
     ) -> None:
-        """The samples of a table; the other groups where they allow everything."""
+        """Tries the samples of a table, with the other groups inside S_(m-2)."""
         samples, fresh = table.samples, self._fresh(table, others, leaves_of)
         if samples is None or fresh is None:
             return
@@ -340,7 +340,7 @@ class _Inputs:
                 struct.pack_into("<d", state, acting[0], NEVER_HELD)
 
     def _tried(self, state: bytearray, at: NDArray[np.uintp], samples: EstimateSamples) -> None:
-        """The compiled DM on samples, in this state otherwise."""
+        """Tries the compiled DM on samples, in this state otherwise."""
         points, surely = samples.points, samples.surely
         facts = (self.at["ttf"], self.at["safer"])
         got = self.c.levels(self.module.index, state, facts, at, points)
@@ -353,11 +353,10 @@ class _Inputs:
             self.check.differs(f"at {where} its level is {got[k]}, not {surely[k]}")
 
     def _commands(self, table: LevelTable, acted_ns: int | None) -> Iterator[ActingCommands]:
-        """The command that is held and another one that may just still act, in all pairs of cells.
+        """All pairs of cells of the command that is held and of one that may just still act.
 
-        `acted_ns` None: no other one acts, whatever was held until now.
-
-        With where they lie in a state, and on which samples they are permitted.
+        Each with its offsets, and the samples at which it is permitted. `acted_ns` None: only the
+        held one acts.
         """
         shield = self.module.shield
         if shield is None or not isinstance(table, GroupTable) or table.commands is None:
@@ -386,10 +385,7 @@ class _Inputs:
                 yield (place, value), when, tops[:, low] > high
 
     def _ages(self) -> Iterator[dict[int, int]]:
-        """Ages: all fresh; then each input at its limit, beyond it, never published.
-
-        Of topics whose age a predicate asks for some more.
-        """
+        """Ages to try: all fresh; each input at its limit, beyond, never published; `ASKED_NS`."""
         yield {}
         for index, limit in self.limits:
             for age in (limit, limit + 1, NOW_NS - NEVER):
@@ -429,7 +425,7 @@ class _Inputs:
             self.check.differs(f"in {_name(mode)} on {facts}: {_name(got)}, not {_name(wanted)}")
 
     def _latched(self, state: bytearray, *, ttf: bool, safer: bool) -> None:
-        """Fresh, clean, and with the latch in every state."""
+        """Tries the latch in every state, with all topics fresh and no clean outputs owed."""
         if self.latch is None or self.tried[ttf, safer] >= LATCHES:
             return
         self.tried[ttf, safer] += 1
@@ -452,7 +448,7 @@ class _Inputs:
 
 
 def _place_of(layout: StateLayout, topic: Topic, leaf: int) -> int:
-    """Where a leaf of a topic, one of `leaves` and of no list, lies in a state."""
+    """The offset in a state, in bytes, of a leaf of a topic that is in no list."""
     path = list(leaves(topic.type))[leaf][0]
     every = placed_leaves(topic.type, layout.topic_offset(topic.index))
     return next(at for p, _, at in every if p == path)

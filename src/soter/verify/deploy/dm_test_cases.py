@@ -1,11 +1,11 @@
-"""What a decision module is tried on for its check, and what it should find there.
+"""The test cases for the check of a decision module, and the answers that are expected of it.
 
-Purpose: values of the topics that a DM reads, every class at least once: NaN, infinities, huge
-ones, zeros of both signs, the ends of each range and breakpoints with their neighbours, all members
-of enums, and points drawn at random; every state of the gate; the C by which a DM is called.
-`ExpectedFacts`: `ttf` and `safer` by the reference interpreter. `LatchBytes`: all that a latch may
-remember, what a look has to make of it (written down here anew from docs/semantics.md, The latch),
-and where it lies in a state.
+Purpose: `values` gives values of the topics that a DM reads, every class at least once: NaN,
+infinities, huge numbers, zeros of both signs, the ends of each range and breakpoints with their
+neighbours, all members of enums, and random points; `gates` gives every state of the gate.
+`ExpectedFacts` evaluates `ttf` and `safer` in the reference interpreter. `LatchBytes` knows where a
+latch lies in a state, all that it may remember, and what a look must make of that (written anew
+from docs/semantics.md, The latch).
 Non-goals: trying any of it (`dm_check.py`).
 """
 
@@ -77,7 +77,7 @@ unsigned soter_check_switch(unsigned mode, unsigned facts) {{
 
 
 def gates(module: Module) -> Iterator[tuple[int, int, int]]:
-    """(mode, gate fault, clean outputs owed)."""
+    """Every state of the gate: (mode, gate fault, clean outputs owed)."""
     owed = (0, 1, module.clean, 2**31, 2**32 - 1)
     for mode in (SC, AC):
         for gate_fault in (0, 1):
@@ -91,7 +91,7 @@ def values(
     points: Points,
     chance: random.Random,
 ) -> Iterator[tuple[Value, ...]]:
-    """Values of the topics that are read: each leaf in each class, and points drawn at random."""
+    """Values of the topics that are read: each leaf in each class, then random points."""
     flat = []
     for index in read:
         topic = system.topics[index]
@@ -114,14 +114,14 @@ def values(
 
 @dataclass(frozen=True)
 class _TriedLeaf:
-    """One scalar of a topic: which values are tried."""
+    """The values that are tried for one scalar of a topic."""
 
     type: Type
     bound: Bound | None
     points: Sequence[float] = ()
 
     def classes(self) -> Iterator[Value]:
-        """Every class once."""
+        """One value of every class."""
         if isinstance(self.type, FloatType):
             yield from SPECIAL
             ends = () if self.bound is None else (self.bound.low, self.bound.high)
@@ -141,7 +141,7 @@ class _TriedLeaf:
         return self.type.low, self.type.high
 
     def draw(self, chance: random.Random) -> Value:
-        """Some value: of the range where there is one."""
+        """A random value, within its range if it has one."""
         if isinstance(self.type, FloatType):
             if self.points:
                 low, high = min(self.points), max(self.points)
@@ -171,7 +171,7 @@ NOW_NS = 10**15
 
 
 class ExpectedFacts:
-    """What the reference interpreter says about a module's predicates."""
+    """Evaluates a module's predicates in the reference interpreter."""
 
     def __init__(self, system: System, module: Module) -> None:
         self.system = system
@@ -183,10 +183,10 @@ class ExpectedFacts:
         self.period_ns = module.period_ns
         self.reads_ages = any(isinstance(n, AgeRead) for n in nodes([symbol.ttf, symbol.safer]))
         self._image = bytearray()
-        """A state with all topics at their defaults."""
+        """The bytes of a state with all topics at their defaults."""
 
     def truths(self, topics: tuple[Value, ...], ages: Mapping[int, int]) -> tuple[bool, bool]:
-        """(ttf, safer); unknown is unsafe. `ages`: of topics that are not of now, in ns."""
+        """(ttf, safer); a fault counts as unsafe. `ages`: of topics not published now, in ns."""
         env = Environment(
             topics=topics,
             stamps=tuple(NOW_NS - ages.get(i, 0) for i in range(len(topics))),
@@ -205,7 +205,7 @@ class ExpectedFacts:
         return truths[0], truths[1]
 
     def state(self, unit: Unit, topics: tuple[Value, ...]) -> bytearray:
-        """A state that holds these values."""
+        """The bytes of a state that holds these values of topics."""
         defaults = [t.default for t in self.system.topics]
         self._image = self._image or _with(bytearray(unit.layout.size), unit, defaults)
         new = (None if v is d else v for v, d in zip(topics, defaults, strict=True))
@@ -213,7 +213,7 @@ class ExpectedFacts:
 
 
 def _with(out: bytearray, unit: Unit, topics: Sequence[Value | None]) -> bytearray:
-    """A state in which these topics are new; None: as it was."""
+    """The state `out` with these topics changed; None leaves one as it was."""
     for at, m in (
         (g.offset, m) for g in unit.layout.groups if g.owner < 0 for m in g.struct.members
     ):
@@ -226,11 +226,11 @@ def _with(out: bytearray, unit: Unit, topics: Sequence[Value | None]) -> bytearr
 NEVER = -(2**62)
 WAITS, READY, ACKNOWLEDGED = range(3)
 Held = tuple[int, int]
-"""What it remembers: the value and the stamp of the topic that holds it."""
+"""What a latch remembers: the value and the stamp of the topic that holds it."""
 
 
 class Seen(NamedTuple):
-    """What a DM finds: what it remembers, and the button with the time of its publication, ns."""
+    """What a DM's look finds: its memory, the button, and when that was published, in ns."""
 
     held: Held
     pressed: bool = False
@@ -239,7 +239,7 @@ class Seen(NamedTuple):
 
 @dataclass(frozen=True)
 class LatchBytes:
-    """The latch of a module in a state: offsets in bytes; `button` None: `returns never`."""
+    """A module's latch in a state, by offsets in bytes; `button` None: `returns never`."""
 
     value: int
     since: int
@@ -249,7 +249,7 @@ class LatchBytes:
 
     @classmethod
     def of(cls, system: System, layout: StateLayout, module: Module) -> LatchBytes | None:
-        """None where it has none."""
+        """The latch of a module; None where it has none."""
         if module.latch is None:
             return None
         button = module.acknowledgement
@@ -262,13 +262,13 @@ class LatchBytes:
         )
 
     def release(self, state: bytearray) -> None:
-        """Nothing is in the way of AC: acknowledged now, or AC has never had control."""
+        """Writes a latch that lets AC have control: acknowledged now, or never engaged."""
         now = struct.unpack_from("<q", state, 0)[0]
         held = (0, NEVER) if self.button is None else (ACKNOWLEDGED, now)
         self.put(state, Seen(held))
 
     def put(self, state: bytearray, seen: Seen) -> None:
-        """Write what a look finds."""
+        """Writes what a look finds."""
         struct.pack_into("<b", state, self.value, seen.held[0])
         struct.pack_into("<q", state, self.since, seen.held[1])
         if self.button is not None:
@@ -276,12 +276,12 @@ class LatchBytes:
             struct.pack_into("<q", state, self.stamp, seen.stamp)
 
     def remembered(self, state: bytearray) -> Held:
-        """What the DM has written."""
+        """Reads what the DM has written."""
         value = struct.unpack_from("<b", state, self.value)[0]
         return int(value), int(struct.unpack_from("<q", state, self.since)[0])
 
     def every(self, now: int) -> Iterator[Seen]:
-        """Every value, with every order of the times, and ages around the limit."""
+        """All cases of a look: every value, every order of the times, ages around the limit."""
         if self.button is None:
             yield from (Seen((value, NEVER)) for value in (0, 1))
             return
@@ -292,7 +292,7 @@ class LatchBytes:
                 yield Seen((value, since), pressed, stamp)
 
     def looked(self, seen: Seen, now: int) -> tuple[Held, bool]:
-        """What is remembered after a look in SC, and whether it lets AC have control."""
+        """The memory after a look in mode SC, and whether the latch lets AC have control."""
         value, since = seen.held
         if self.button is None:
             return seen.held, value == 0
@@ -307,7 +307,7 @@ class LatchBytes:
         return (value, since), value == ACKNOWLEDGED
 
     def switched(self, mode: int, now: int) -> Held:
-        """What is remembered after a switch to this mode."""
+        """The memory after a switch to this mode."""
         if self.button is None:
             return 1, NEVER
         return WAITS, NEVER if mode == AC else now

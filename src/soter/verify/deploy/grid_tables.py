@@ -1,4 +1,4 @@
-"""Computed predicates as functions of the program: a table, and how it is read.
+"""Computed predicates as functions of the program: a table of levels, and how it is read.
 
 Purpose: levels of estimates (0: ttf, 1: in S_0, 2: in S_(m-2)) packed four cells a byte, and
 checked expressions for `ttf` and `safer` that interpreter, Core and C see like any other.
@@ -38,16 +38,17 @@ if TYPE_CHECKING:
 PER_BYTE = 4
 POWERS = (1, 4, 16, 64)
 FULL = 2
-"""The level at which AC may have control back."""
+"""The level at which AC may get control back."""
 
 
 @dataclass(frozen=True, eq=False)
 class CommandTable:
-    """What a shield permits.
+    """The commands that a shield permits.
 
-    `tops`: of every cell and least command cell the number of cells up to the greatest that may
-    act, 0 where none may. `control`: the command, `name`; None: none moves the group. `lasting`: of
-    every cell and command cell 1 where its commands may act for longer, else 0; None: nobody asks.
+    `tops`: for each cell and command cell i one more than the last command cell up to which
+    commands may act together with those of i; 0: those of i may not act. `control`: the command;
+    None: none moves the group. `lasting`: for each cell and command cell 1 where its commands may
+    act for longer, else 0; None: the shield does not need it.
     """
 
     control: int | None
@@ -58,7 +59,7 @@ class CommandTable:
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """S_0 and S_(m-2) of a group, of the grid's shape, and what a shield permits."""
+    """S_0 (`outer`) and S_(m-2) (`inner`) of a group, in the grid's shape, and a shield's table."""
 
     outer: Bools
     inner: Bools
@@ -72,21 +73,21 @@ class GroupTable(LevelTable):
     states: tuple[int, ...]
     edges: tuple[tuple[float, ...], ...]
     entries: NDArray[np.uint8]
-    """0, 1, 2 a cell."""
+    """The level, 0, 1 or 2, of each cell."""
     commands: CommandTable | None = None
     wraps: tuple[bool, ...] = ()
-    """Of each axis whether estimates are brought back to it by whole turns; none where empty."""
+    """For each axis whether estimates are brought back to it by whole turns; empty: for none."""
 
     @property
     def packed(self) -> bytes:
-        """Four cells a byte, the first in the lowest bits; C order."""
+        """The levels, four cells a byte, the first in the lowest bits, in C order."""
         flat = self.entries.ravel()
         flat = np.concatenate([flat, np.zeros(-len(flat) % PER_BYTE, dtype=np.uint8)])
         four: NDArray[np.uint8] = flat.reshape(-1, PER_BYTE) @ np.array(POWERS, dtype=np.uint8)
         return four.tobytes()
 
     def share(self, group: Group) -> float:
-        """By the volume of cells."""
+        """The share of the volume of cells that S_0 has."""
         axes = [a for a in group.axes if a.state in self.states]
         return share(self.entries > 0, drawn_edges(axes))
 
@@ -101,12 +102,12 @@ class GroupTable(LevelTable):
 
     @property
     def ends(self) -> tuple[tuple[float, ...], ...]:
-        """Breakpoints."""
+        """The breakpoints of each axis."""
         return self.edges
 
     @property
     def samples(self) -> EstimateSamples | None:
-        """The middle of every cell, where it lies inside; None where the DM sees no axis."""
+        """The middle of every cell that has one inside; None where the DM sees no axis."""
         if not self.states:
             return None  # one entry for all estimates
         middle = [np.array(e[:-1]) / 2 + np.array(e[1:]) / 2 for e in self.edges]
@@ -118,18 +119,18 @@ class GroupTable(LevelTable):
 
     @property
     def wide(self) -> Bools:
-        """Which cells, (cells,) in C order, hold their middle inside."""
+        """Which cells, (cells,) in C order, have a double between their ends."""
         edges = [np.array(e) for e in self.edges]
         middle = [e[:-1] / 2 + e[1:] / 2 for e in edges]
         wide = [(m > e[:-1]) & (m < e[1:]) for m, e in zip(middle, edges, strict=True)]
         return np.asarray(np.logical_and.reduce(np.meshgrid(*wide, indexing="ij")).ravel())
 
     def function(self, w: Writer, name: str) -> t.FunSymbol:
-        """The cell is looked for by halving."""
+        """The function that finds the level of an estimate; it finds the cell by bisection."""
         return level_function(w, name, self)
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """Breakpoints and packed levels, as in the C."""
+        """The table's entry in a certificate: breakpoints and packed levels, as in the C."""
         files[f"{stem}.bin"] = self.packed
         axes = []
         for i, (state, edges) in enumerate(zip(self.states, self.edges, strict=True)):
@@ -143,7 +144,7 @@ class GroupTable(LevelTable):
 
 
 def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTable:
-    """The table of a grid from (S_0, S_(m-2)) in every case: what holds in all of them.
+    """The table of a grid: the levels that hold in every case, from (S_0, S_(m-2)) of each.
 
     All sets have the grid's shape.
     """
@@ -166,7 +167,7 @@ def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTa
 def _commands(
     problem: Problem, pairs: Sequence[Estimates], unseen: tuple[int, ...]
 ) -> CommandTable | None:
-    """What a shield permits in every case, wherever the state lies on axes that nobody sees."""
+    """The commands that a shield permits in every case, at any place on axes the DM cannot see."""
     every = [p.commands for p in pairs if p.commands is not None]
     if len(every) < len(pairs) or len({c.control for c in every}) != 1:
         return None
@@ -184,9 +185,9 @@ def _commands(
 def predicates(
     problem: Problem, level_tables: Sequence[LevelTable]
 ) -> tuple[t.TypedExpr, t.TypedExpr]:
-    """(ttf, safer): some group below level 1, every group at level 2.
+    """(ttf, safer): `ttf` if some group is below level 1, `safer` if every group is at level 2.
 
-    Where no table knows a level 1, `ttf` is that `safer` does not hold.
+    Where no table has a level 1, `ttf` is "not safer".
     """
     symbol = problem.module.symbol
     w = Writer(symbol.span)
@@ -204,7 +205,7 @@ def predicates(
 
 
 def estimate(w: Writer, problem: Problem, table: LevelTable) -> list[t.TypedExpr]:
-    """The leaves of topics that a table is read with."""
+    """The leaves of topics that are the estimate for a table."""
     shown, arguments = seen(problem), []
     for state in table.states:
         topic, leaf = problem.topic_leaf_of_state[state]
@@ -234,9 +235,9 @@ def grid_ends(
 def place_function(
     w: Writer, name: str, edges: Sequence[float], *, wraps: bool = False
 ) -> t.FunSymbol:
-    """`fun place(x: float): int`: a cell that contains x, or -1 where there is none.
+    """`fun place(x: float): int`: the number of a cell that contains x, or -1 where none does.
 
-    `wraps`: or x brought back by whole turns, where it is not too many turns away.
+    `wraps`: x is first brought back by whole turns, if it is not too many turns away.
     """
     count = len(edges) - 1
     table = w.array(f"{name}_EDGES", FLOAT, tuple(float(e) for e in edges))
@@ -262,11 +263,11 @@ def place_function(
 
 
 def _brought_back(w: Writer, x: t.Variable, low: float, high: float) -> t.TypedExpr:
-    """An estimate less whole turns: min(max(x - turn * floor((x - low) / turn), low), high).
+    """An estimate minus whole turns: min(max(x - turn * floor((x - low) / turn), low), high).
 
-    Up to `FARTHEST` it is off by less than `FAR_TURNS`: the turn by 2^-51 and so by 2^-40 as often,
-    a product and two sums by 2^-39 each; the quotient may say a turn less or more next to an end,
-    which is then where x is but for that.
+    Up to `FARTHEST` its error is below `FAR_TURNS`: the turn is off by 2^-51, so its multiple by
+    2^-40; a product and two sums round by 2^-39 each; near an end the quotient may be a turn off,
+    and then x is that end but for these errors.
     """
     turn = w.decimal(TURN)
     since = w.real("-", w.read(x), w.decimal(low))
@@ -283,7 +284,7 @@ def cell_of(
     edges_by_axis: Sequence[Sequence[float]],
     wraps: Sequence[bool] = (),
 ) -> tuple[list[t.TypedStmt], t.TypedExpr]:
-    """(statements, the number of the cell that holds the inputs); outside they return 0."""
+    """(statements, the cell's number as an expression); the statements return 0 outside."""
     body: list[t.TypedStmt] = []
     cell: t.TypedExpr = w.number(0)
     outside = []

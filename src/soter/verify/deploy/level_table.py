@@ -1,7 +1,7 @@
-"""What a DM holds of one group, and how functions of the program are built for it by hand.
+"""The interface of a DM's tables of levels, and a builder of checked trees to write them with.
 
-Purpose: `LevelTable`: what is asked of a table of levels, however it is read; `Writer`: checked
-trees, all standing at one place of the program, with which tables and half-spaces are written.
+Purpose: `LevelTable` is what every table of levels offers, however it is read; `Writer` builds
+checked expressions and functions of the program, which all stand at one place of its text.
 Non-goals: tables of cells (`grid_tables.py`), half-spaces
 (`verify/polytope/tables.py`).
 """
@@ -36,38 +36,38 @@ class Writer:
         self.span = span
 
     def number(self, value: int) -> t.TypedExpr:
-        """An int."""
+        """An int literal."""
         return t.Literal(INT, self.span, value)
 
     def decimal(self, value: float) -> t.TypedExpr:
-        """A float."""
+        """A float literal."""
         return t.Literal(FLOAT, self.span, value)
 
     def real(self, op: str, left: t.TypedExpr, right: t.TypedExpr) -> t.TypedExpr:
-        """Arithmetic on floats."""
+        """An arithmetic operation on floats."""
         return t.TypedBinary(FLOAT, self.span, op, left, right)
 
     def variable(self, name: str, kind: str, type_: Type) -> t.Variable:
-        """A variable."""
+        """A new variable."""
         return t.Variable(name, type_, kind, self.span, used=True)
 
     def read(self, variable: t.Variable) -> t.TypedExpr:
-        """A variable's value."""
+        """The value of a variable."""
         return t.VarRead(variable.type, self.span, variable)
 
     def op(self, op: str, left: t.TypedExpr, right: t.TypedExpr) -> t.TypedExpr:
-        """Arithmetic on ints, or a comparison, or a connective."""
+        """An arithmetic operation on ints, a comparison, or a connective."""
         return t.TypedBinary(INT if op in "+-*/%" else BOOL, self.span, op, left, right)
 
     def chain(self, op: str, terms: Sequence[t.TypedExpr]) -> t.TypedExpr:
-        """Several booleans joined."""
+        """Several booleans joined by a connective."""
         first, *rest = terms
         for term in rest:
             first = self.op(op, first, term)
         return first
 
     def at(self, array: t.TypedExpr, index: t.TypedExpr) -> t.TypedExpr:
-        """An element."""
+        """An element of an array."""
         assert isinstance(array.type, ArrayType)
         return t.Index(array.type.element, self.span, array, index)
 
@@ -97,16 +97,16 @@ class Writer:
         return e
 
     def declare(self, variable: t.Variable, value: t.TypedExpr) -> t.TypedStmt:
-        """`let` or `var`."""
+        """The statement `let` or `var`, by the variable's kind."""
         return t.TypedDeclare(self.span, variable, value)
 
     def assign(self, variable: t.Variable, value: t.Variable) -> t.TypedStmt:
-        """`variable = value;`."""
+        """The statement `variable = value;`."""
         place = t.Place(variable, (), variable.type, self.span)
         return t.TypedAssign(self.span, place, self.read(value))
 
     def give(self, value: t.TypedExpr) -> t.TypedStmt:
-        """`return value;`."""
+        """The statement `return value;`."""
         return t.TypedReturn(self.span, value)
 
     def function(
@@ -116,7 +116,7 @@ class Writer:
         return t.FunSymbol(name, self.span, parameters, INT, tuple(body), False, None)
 
     def call(self, fun: t.FunSymbol, *arguments: t.TypedExpr) -> t.TypedExpr:
-        """A call."""
+        """A call of a function."""
         return t.TypedCall(fun.result, self.span, fun, arguments)
 
 
@@ -124,8 +124,8 @@ class Writer:
 class EstimateSamples:
     """Estimates on which the compiled DM is tried.
 
-    `points` (n, states); `surely` (n,): the level that each has; `least` (n,): the level that it
-    must be given at least. `whole`: one for every cell that there is.
+    `points` (n, states); `surely` (n,): the level of each; `least` (n,): the least level that it
+    must be given. `whole`: whether there is one for every cell.
     """
 
     points: NDArray[np.float64]
@@ -147,31 +147,31 @@ class LevelTable(ABC):
     @property
     @abstractmethod
     def ends(self) -> tuple[tuple[float, ...], ...]:
-        """Per state the numbers between which inputs are told apart."""
+        """For each state the numbers that divide its values into classes of input."""
 
     @abstractmethod
     def share(self, group: Group) -> float:
-        """Share of the volume of its group's ranges that S_0 is, of estimates."""
+        """The share of the volume of its group's ranges that S_0 has."""
 
     @property
     @abstractmethod
     def full(self) -> tuple[float, ...] | None:
-        """A point of S_(m-2), well inside; None where there is none."""
+        """A point well inside S_(m-2); None where there is none."""
 
     @property
     @abstractmethod
     def samples(self) -> EstimateSamples | None:
-        """What to try the compiled function on; None where there is nothing to tell apart."""
+        """The estimates to try the compiled function on; None where all have one level."""
 
     @abstractmethod
     def function(self, w: Writer, name: str) -> FunSymbol:
-        """`fun level(x0: float, ...): int`: the level of an estimate."""
+        """The function `fun level(x0: float, ...): int`, which finds the level of an estimate."""
 
     def more(self, w: Writer, problem: Problem) -> list[TypedExpr]:
-        """What it is read with beside an estimate."""
+        """Further arguments with which it is read, beside an estimate."""
         del w, problem
         return []
 
     @abstractmethod
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """The table in a certificate; `names` of all states."""
+        """The table's entry in a certificate; `names`: those of all states."""

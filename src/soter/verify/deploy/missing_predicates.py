@@ -1,8 +1,8 @@
-"""Modules without `ttf` and `safer`: their sets are computed and put into the system.
+"""Computes `ttf` and `safer` of modules that declare neither, and puts them into the system.
 
 Purpose: `complete` gives every such module of a flat system predicates that read tables, so that
-interpreter, lowering and C all see them; tables are kept in the cache folder.
-Non-goals: the sets (`verify/claims/`), reading a table (`tables.py`), verdicts.
+interpreter, lowering and C all see them; the sets are kept in the cache folder.
+Non-goals: computing sets (`verify/claims/`), tables (`verify/tables/`), verdicts.
 """
 
 from __future__ import annotations
@@ -59,37 +59,37 @@ if TYPE_CHECKING:
 
     Found = list[LevelTable]
     Sets = tuple[Problem, list[Pairs]]
-    """With its cells and its number of levels, and the pairs of every case."""
+    """A problem with the chosen cells and number of levels, and the pairs of sets of every case."""
 
 ENGINE_ROOMS = ("codegen", "core", "language", "runtime", "semantics", "verify")
-"""A set depends on how a program is read, lowered, enclosed and computed with."""
+"""The packages whose files a set depends on: a change in them makes cached sets useless."""
 FILE, REST, LEVELS, EDGES = "sets.npz", "rest", "levels", "edges"
 OF_SETS = ("P2a", "ttf", "safer")
-"""Where these hold the sets of a proof are whole."""
+"""The claims that have to hold so that the sets of a proof may be kept for flying."""
 NEVER = "ttf and safer are not computed, its AC never gets control"
 
 
 class Known(Protocol):
-    """What somebody has of the tables of modules, and what he is told."""
+    """A source of sets that need not be computed; it also learns which tables were built."""
 
     def sets(self, problem: Problem) -> list[Pairs] | None:
-        """The pairs of every case, which are then not computed; None: it does not know them."""
+        """The pairs (S_0, S_(m-2)) of every case; None: it does not know them."""
 
     def built(self, problem: Problem, level_tables: Found) -> None:
-        """What the module's DM is given; it raises where that may not be. Empty: nothing."""
+        """Learns the tables that a module's DM is given (empty: none); may raise to refuse them."""
 
 
 def open_modules(flat: System) -> list[Module]:
-    """Modules whose predicates are to be computed."""
+    """The modules whose predicates are to be computed."""
     return [m for m in flat.modules if m.symbol.ttf is None and m.symbol.safer is None]
 
 
 def complete(flat: System, known: Known | None = None) -> list[str]:
-    """Give the modules of `flat` that have neither `ttf` nor `safer` computed ones, in place.
+    """Gives the modules of `flat` without `ttf` and `safer` computed ones, in place.
 
-    A module that determines no verification problem, or whose problem has no solution, stays as it
-    is: its AC never gets control. `known` has what need not be computed. Who is told how far it is
-    may raise `CancelledError`. Gives a note about each module; `soter verify` says more.
+    A module that determines no verification problem, or for which no sets are found, stays as it
+    is: its AC never gets control. `known`: sets that need not be computed. Returns a note about
+    each module. Whoever is told of progress may raise `CancelledError`.
     """
     if flat.proved is not None:  # of a deployed system: what was computed where it was proved
         notes = complete(flat.proved, known)
@@ -130,7 +130,7 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
 
 
 def _follow(flat: System, module: Module, problem: TubeProblem) -> str:
-    """The predicates of a module with `rest`, and a note: none where its rest is not kept."""
+    """Gives a module with `rest` its predicates, unless rest is not shown; returns a note."""
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
     check = TubeCheck(problem)
     claims = rest_claims(check)
@@ -144,7 +144,7 @@ def _follow(flat: System, module: Module, problem: TubeProblem) -> str:
 
 
 def followed_costs(flat: System) -> tuple[dict[str, Cost], list[Diagnostic]]:
-    """What a decision of each module with `rest` takes at worst; why others are not followed."""
+    """The worst cost of a decision of each module with `rest`; the errors of those refused."""
     found: dict[str, Cost] = {}
     refused: list[Diagnostic] = []
     for module in flat.modules:
@@ -167,7 +167,7 @@ def followed_costs(flat: System) -> tuple[dict[str, Cost], list[Diagnostic]]:
 
 
 def rest_claims(check: TubeCheck) -> RestClaims:
-    """What is shown of a rest, from the cache or computed."""
+    """What is shown of a module's `rest`, from the cache or computed."""
     p = check.problem
     names = [s.name for s in p.quantities.states]
     ranges = (p.drifts, p.states, p.initial, p.disturbances, check.read_sets, names)
@@ -187,8 +187,8 @@ def rest_claims(check: TubeCheck) -> RestClaims:
 def _carry(here: System, there: System) -> None:
     """Gives the modules of `here` the predicates that were computed for those of `there`.
 
-    A margin here counts until the next look and no further (`Module.looks` stays 1): that more
-    looks keep AC is an argument about sensors, which may be covered or not.
+    A margin here reaches only to the next look (`Module.looks` stays 1): that more looks keep AC
+    depends on the sensors, which may be covered or not.
     """
     for m in here.modules:
         proved = next(x for x in there.modules if x.name == m.name)
@@ -206,9 +206,9 @@ def _carry(here: System, there: System) -> None:
 def _carry_shield(
     m: Module, proved: Module, there: System, scope: dict[TopicSymbol, int]
 ) -> list[TopicSymbol]:
-    """Gives a module what its proved one permits, and the topics that this is said of.
+    """Copies the shield's expressions from the proved module; returns the topics that they read.
 
-    `scope` learns which topic of here the shield's is.
+    `scope` learns which topic of this system the shield's topic is.
     """
     if m.shield is None or proved.shield is None or proved.shield.held is None:
         return []
@@ -221,7 +221,7 @@ def _carry_shield(
 
 
 def put(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:
-    """The predicates of these tables as the module's own."""
+    """Makes the predicates of these tables the module's own."""
     ttf, safer = predicates(problem, level_tables)
     reads = tuple(topic_reads(ttf, safer))
     scope = {**flat.components[module.sc].scope.topics, **module.scope.topics}
@@ -239,9 +239,9 @@ def put(flat: System, module: Module, problem: Problem, level_tables: Found) -> 
 def _shield(
     flat: System, module: Module, problem: Problem, level_tables: Found, scope: dict[Any, int]
 ) -> TypedExpr:
-    """`ttf` of a module with a shield: the command that is held is not permitted.
+    """`ttf` of a module with a shield: true where the command that is held is not permitted.
 
-    Where some group has no table of commands nothing is.
+    Where some group has no table of commands it is always true.
     """
     shield, span = module.shield, module.symbol.span
     assert shield is not None
@@ -261,7 +261,7 @@ def _shield(
 def _scoped(
     flat: System, module: Module, shield: Shield, scope: dict[Any, int], ttf: TypedExpr
 ) -> TypedExpr:
-    """`ttf`, once the module and its DM know the topics that a shield reads."""
+    """Returns `ttf` after adding the topics that a shield reads to the module's and DM's scopes."""
     assert shield.held is not None
     assert shield.permits is not None
     hidden = [i for i in (shield.topic, shield.proposed) if i is not None]
@@ -273,12 +273,12 @@ def _scoped(
 
 
 def looks_of(problem: Problem, level_tables: Found) -> int:
-    """How many looks of the DM keep AC, the one that finds `safer` among them: m - 1, or 1.
+    """For how many looks of the DM AC keeps control from one that finds `safer`: m - 1, or 1.
 
-    An estimate in S_(m-2) leaves ttf false at the next m - 2 looks (proof-sets.md, Margin). Just
-    one look, which says nothing but when the next one is, where that argument has a gap: the DM's
-    table is that of several cases, but the levels are nested in each of them alone; of a map a
-    state may come to lie on the border of a cell; a half-space is read with a little less than S_0.
+    An estimate in S_(m-2) leaves ttf false at the next m - 2 looks (docs/proof-sets.md, Margin).
+    It is 1, which promises nothing beyond the next look, where that argument has a gap: the table
+    is that of several cases, but levels are nested in each case alone; on a map a state may come
+    to lie on the border of a cell; half-spaces are read with a little less than S_0.
     """
     alone = sum(1 for _ in cases(problem)) == 1
     inside = problem.kind == "flow" and all(isinstance(x, GroupTable) for x in level_tables)
@@ -289,7 +289,7 @@ def looks_of(problem: Problem, level_tables: Found) -> int:
 
 
 def sets_of(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
-    """The problem as it is chosen to be, and pairs of every case, from the cache or computed.
+    """The problem with chosen cells and levels, and pairs of every case, cached or computed.
 
     None where the engine has no answer.
     """
@@ -305,7 +305,7 @@ def sets_of(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
 
 
 def keep(result: ModuleResult) -> None:
-    """What a proof has found, for whatever flies: the same would be found once more."""
+    """Puts the sets of a proof into the cache, for whatever flies: they would be found again."""
     problem = result.problem
     if problem.computed and problem.groups and all(result.findings[c].holds for c in OF_SETS):
         pairs = [pairs_of(case) for case in result.cases]
@@ -323,9 +323,9 @@ def _computed(problem: Problem, library: ReachLibrary) -> Sets | None:
 
 
 def _cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
-    """Every case up to its levels, and with P2b, for which K may lose cells.
+    """Every case with its levels, after P2b, for which K may lose cells.
 
-    None where the dynamics have no enclosure. No levels where some case has no K.
+    None where the dynamics have no enclosure. There are no levels where some case has no K.
     """
     every = list(cases(problem))
     done = []
@@ -340,7 +340,7 @@ def _cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
 
 
 def _case(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...]) -> Case:
-    """One case up to its levels, if it has a K."""
+    """One case with its levels, if it has a K."""
     case = claims.open_case(problem, library, problem.groups, parameter)
     within = claims.constraint(case)
     phase(f"{problem.name}: what SC keeps")
@@ -356,7 +356,7 @@ def _case(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...]) -
 
 
 def _key(problem: Problem, library: ReachLibrary) -> str:
-    """A hash of everything the sets depend on: the enclosures' C, all numbers, the engine."""
+    """A hash of everything the sets depend on: the enclosures' code, all numbers, the engine."""
     told = hashlib.sha256()
     for part in (
         VERSION,
@@ -393,7 +393,7 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
 
 
 def _of_the_law(problem: Problem) -> tuple[object, ...]:
-    """What K_fs depends on besides: SC is asked to keep it, so the sets hang on it as well."""
+    """What K_fs depends on besides, as SC has to keep it where a fail-safe law is declared."""
     law = problem.law
     if law is None:
         return ()
@@ -402,14 +402,14 @@ def _of_the_law(problem: Problem) -> tuple[object, ...]:
 
 
 def engine_files() -> list[Path]:
-    """Every file that the sets depend on, however the rooms are cut."""
+    """Every file of `ENGINE_ROOMS`, on which the sets depend."""
     files = [f for room in ENGINE_ROOMS for f in files_below(SOTER / room, "*.py", "*.[ch]")]
     texts = [f for room in ("language", "verify") for f in files_below(SOTER / room, "*.soter")]
     return [*files, *texts]
 
 
 def _keep(key: str, problem: Problem, pairs: list[Pairs]) -> None:
-    """Write the sets; a cache that cannot be written is no error."""
+    """Writes the sets into the cache; that it cannot be written is no error."""
     arrays: dict[str, NDArray[np.generic]] = {LEVELS: np.array(problem.levels)}
     for k, axis in enumerate(a for group in problem.groups for a in group.axes):
         arrays[f"{EDGES}{k}"] = np.array(axis.edges)
@@ -426,7 +426,7 @@ def _keep(key: str, problem: Problem, pairs: list[Pairs]) -> None:
 
 
 def _kept(key: str, problem: Problem) -> Sets | None:
-    """The sets of an earlier run; None where there are none."""
+    """The cached sets of an earlier run; None where there are none."""
     folder = find_cached("sets", key, (FILE,))
     if folder is None:
         return None
@@ -443,7 +443,7 @@ def _kept(key: str, problem: Problem) -> Sets | None:
 
 
 def _on_its_cells(data: Any, problem: Problem) -> Problem:  # noqa: ANN401 - an open archive
-    """The problem on the cells that were chosen for it."""
+    """The problem on the cells that were chosen for it in an earlier run."""
     count, groups = itertools.count(), []
     for group in problem.groups:
         edges = [tuple(data[f"{EDGES}{next(count)}"].tolist()) for _ in group.axes]

@@ -1,10 +1,10 @@
-"""What a deployed system inherits of the system of its proofs, and of a certificate.
+"""What a deployed system takes over from the system of its proofs, and from a certificate.
 
-Purpose: `inherited`: which proofs are carried, and what is still assumed, module by module.
-`certified_sets`: S_0 and S_(m-2) of every group and case as the certificate has them, read in place
-of being computed once more; `same_tables`: whether the tables that are built are those of the
-certificate, whoever computed them.
-Non-goals: whether a certificate is right: whoever asks has had it checked (`soter.recheck`), and
+Purpose: `inherited` says module by module whether the proof holds for the deployed system, and what
+is still assumed. `certified_sets` reads S_0 and S_(m-2) of every group and case from a certificate,
+so that they need not be computed; `same_tables` says whether the tables that are built are those of
+a certificate, whoever computed them.
+Non-goals: whether a certificate is right: the caller has had it checked (`soter.recheck`), and
 `ttf` and `safer` of the module confirmed; that both systems are the same program
 (`language/elaborate/wellformed.py`), what sensors have to give (`deployed_sensors.py`).
 """
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
 def certified_sets(
     certificate: Certificate, system: str, module: str, problem: Problem
 ) -> list[Pairs] | None:
-    """The pairs of every case of a module of a system, both as the certificate calls them.
+    """The pairs of every case; `system` and `module` are names as in the certificate.
 
-    None where it does not have them of just this problem's cases, groups and grids.
+    None where it does not have exactly this problem's cases, groups and grids.
     """
     entries = [
         e
@@ -72,9 +72,9 @@ def same_tables(
     problem: Problem,
     built: Sequence[LevelTable],
 ) -> bool:
-    """Whether a module's DM is given just the tables that a certificate has of it, in every byte.
+    """Whether the tables `built` for a module's DM equal those of a certificate, byte for byte.
 
-    A certificate that has none says nothing of them.
+    Also true of a certificate without tables of the module.
     """
     entries = [
         e
@@ -92,25 +92,25 @@ def same_tables(
 
 
 def _wraps_alike(entry: Mapping[str, Any], problem: Problem) -> bool:
-    """Whether the same axes wrap around, by the places of their states."""
+    """Whether the same axes wrap around as in the certificate's entry."""
     names = [i["name"] for i in entry["inputs"] if i["kind"] == "state"]
     wraps = entry.get("wraps", ())
     return {k for k, name in enumerate(names) if name in wraps} == problem.quantities.turning
 
 
 def _told(certificate: Certificate, entry: dict[str, Any]) -> Any:  # noqa: ANN401 - see `_read`
-    """The tables of a module in a certificate."""
+    """The tables of a module in a certificate, with names and files resolved."""
     inputs = [i["name"] for i in entry["inputs"] if i["kind"] in ("state", "control")]
     return _read(entry["tables"], {**certificate.contents, **_numbered(inputs)})
 
 
 def _numbered(names: Sequence[str]) -> dict[str, object]:
-    """States and controls by their places: a file that is imported calls them otherwise."""
+    """The place of each name of a state or control: names differ in a file that is imported."""
     return {name: place for place, name in enumerate(names)}
 
 
 def _read(entry: Any, said: Mapping[str, object]) -> Any:  # noqa: ANN401 - a part of a manifest
-    """An entry with what its names stand for: bytes of files, places of states."""
+    """An entry whose names are replaced by what they stand for: bytes of files, places."""
     if isinstance(entry, dict):
         return {name: _read(part, said) for name, part in entry.items()}
     if isinstance(entry, list):
@@ -121,7 +121,7 @@ def _read(entry: Any, said: Mapping[str, object]) -> Any:  # noqa: ANN401 - a pa
 def _pair(
     certificate: Certificate, problem: Problem, group: Group, entry: dict[str, Any]
 ) -> object | None:
-    """(S_0, S_(m-2)) of a group; None where its entry is one of another group, or has none."""
+    """S_0 and S_(m-2) of a group; None where the entry is that of another group, or has none."""
     names = [problem.quantities.states[a.state].name for a in group.axes]
     if entry["kind"] != group.representation or [a["state"] for a in entry["axes"]] != names:
         return None
@@ -139,18 +139,18 @@ IN_TIME = "the loop runs every instant no later than `late` says (SOTER_LATE tel
 
 @dataclass(eq=False)
 class TransferredProof:
-    """A module of a deployed system; `why_not`: why nothing of its proof holds here, or ""."""
+    """What a module of a deployed system takes over; `why_not`: why nothing, or ""."""
 
     module: str
     why_not: str = ""
     covered: list[str] = field(default_factory=list)
-    """What comes from outside, each with the bounds that the proof allows for."""
+    """The inputs from outside that are covered, with the bounds that the proof allows."""
     assumptions: list[str] = field(default_factory=list)
-    """What is assumed of the world and of the loop besides what the proof assumes."""
+    """The assumptions of the proof, and those about the world and the loop besides."""
 
 
 def inherited(here: System, there: System) -> tuple[TransferredProof, ...]:
-    """Of every module what it inherits; `there` as it was declared, without computed predicates.
+    """What each module of `here` takes over from `there`, which has no computed predicates yet.
 
     `SoterError` D019 where something from outside is not covered.
     """
@@ -175,7 +175,7 @@ def how_to_deploy(here: System, cert: str) -> tuple[str, str]:
 
 
 def _all_sensed(here: System, there: System, diagnostics: Diagnostics) -> None:
-    """D019 where a plant reads what nobody takes out of the deployed system."""
+    """D019 where a plant reads a topic that is no external topic of the deployed system."""
     said = {here.topics[e.topic].name for e in here.externals}
     for c in there.components:
         for topic in c.plant.reads if c.plant is not None else ():
@@ -216,7 +216,7 @@ def _of_module(
 
 
 def _beyond(problem: Problem, module: Module) -> str:
-    """Why a proof of this kind is not carried into the world."""
+    """Why a proof of this kind does not hold for a deployed system; "": it may."""
     if module.symbol.verify.abstracts or problem.view:
         return (
             "it was proved on verification plants (`abstracts`), and how old a state is behind the "

@@ -1,16 +1,17 @@
-"""What a shield permits, and where to it moves a command, as functions of the program.
+"""A shield as functions of the program: which commands it permits, and to which one it moves AC's.
 
-Purpose: checked expressions for what becomes of the shield's topic where a command is published,
-and whether all commands that may still act are permitted; in the place of `ttf` the same of the
-command that is held. `moved`: for each number of a command that is not permitted the number nearest
-to AC's, on the way to SC's, that may act for longer than a judgement asks.
+Purpose: `shield_expressions` writes checked expressions for the new value of the shield's topic
+when a command is published, and for whether all commands that may still act are permitted; `ttf` is
+the same about the command that is held. `moved` writes, for a number of a command that is not
+permitted, the search for the number nearest to AC's, toward SC's, that may act longer than a
+judgement asks.
 Non-goals: which commands are permitted (`verify/grid/estimate_sets.py`), when they are judged
-(`semantics/rules.py`). What `moved` gives is judged like any other command, so nothing that is
-claimed hangs on it.
+(`semantics/rules.py`). What `moved` finds is judged like any other command, so no claim depends on
+the search.
 
-A way is gone cell by cell, in one pass of at most as many steps as there are cells; of a cell that
-is entered its nearest number is taken. Floats are looked up and compared, never calculated with.
-Where no cell of the way is fine SC's command is taken if it is permitted, else AC's stays.
+The search goes cell by cell, in one pass of at most as many steps as there are cells, and takes the
+nearest number of a cell. Floats are looked up and compared, never calculated with. If no cell on
+the way is fine SC's command is taken if it is permitted, else AC's stays.
 
 Cells are closed and their ends are compared exactly, so a command lies in the cell that was looked
 up. Of each cell the topic holds the time until which a command of it was held: what was held at t -
@@ -40,9 +41,9 @@ if TYPE_CHECKING:
 
 
 class ShieldParts(Writer):
-    """What the expressions here are made of; a shield's writer has it.
+    """The parts that `moved` needs; `ShieldWriter` provides them.
 
-    `edges`, `places`: of each control between what its cells lie, and the function that finds one.
+    `edges`, `places`: for each control the edges of its cells, and the function that finds a cell.
     """
 
     problem: Problem
@@ -79,7 +80,7 @@ class ShieldParts(Writer):
 def moved(
     w: ShieldParts, topic: Topic, tables: Sequence[GroupTable], ends: t.FunSymbol
 ) -> Iterator[t.TypedExpr]:
-    """What AC publishes in the place of each number, in the order of `topic`: proposals."""
+    """The numbers to publish in the place of AC's, in the order of `topic`; they are proposals."""
     read = t.TopicRead(topic.type, w.span, topic.symbol)
     problem = w.problem
     places = [
@@ -107,7 +108,7 @@ def moved(
 def _nearest(
     w: ShieldParts, control: int, tables: Sequence[tuple[int, GroupTable]], ends: t.FunSymbol
 ) -> t.FunSymbol:
-    """`fun nearest(mine, other, times, since, x0, ...): float`."""
+    """`fun nearest(mine, other, times, since, x0, ...): float`, which does the search."""
     name = f"{w.name}_toward{control}"
     mine, other, since = (w.variable(v, "parameter", FLOAT) for v in ("mine", "other", "since"))
     times = w.variable("times", "parameter", w.topic.type)
@@ -171,7 +172,7 @@ def _lasting(w: ShieldParts, table: GroupTable, name: str) -> t.FunSymbol:
 def _entrances(
     w: ShieldParts, name: str, control: int, cell: t.Variable
 ) -> tuple[t.TypedExpr, t.TypedExpr]:
-    """Of a cell the least number that is looked up there, and the greatest."""
+    """Expressions for the least and the greatest number that is looked up in a cell."""
     edges = w.edges[control]
     least = edges[:-1]
     inner = (max(nextafter(high, -inf), low) for low, high in pairwise(edges[:-1]))
@@ -229,11 +230,11 @@ class ShieldWriter(ShieldParts):
         return self.leaf(output.symbol, leaf.path)
 
     def cell(self, control: int) -> t.TypedExpr:
-        """The cell that it lies in; -1 outside of its set."""
+        """The cell of that number; -1 outside of its set."""
         return self.call(self.places[control], self.command(control))
 
     def held(self) -> t.TypedExpr:
-        """The times, where the commands that were held so far end now."""
+        """The new value of the shield's topic: the commands that were held so far end now."""
         times = self.variable("times", "parameter", self.topic.type)
         now = self.variable("now", "parameter", FLOAT)
         inputs = [self.variable(f"i{k}", "parameter", INT) for k in range(len(self.places))]
@@ -263,9 +264,9 @@ class ShieldWriter(ShieldParts):
         return t.TopicRead(self.topic.type, self.span, self.topic.symbol)
 
     def ends(self) -> t.FunSymbol:
-        """A function: the least cell and the greatest of `own` and of those held since `since`.
+        """A function: the least and the greatest cell among `own` and those held since `since`.
 
-        As least + cells * greatest. `first`: where the times of the command begin.
+        It returns least + cells * greatest. `first`: where the times of the command begin.
         """
         times = self.variable("times", "parameter", self.topic.type)
         first, own = (self.variable(n, "parameter", INT) for n in ("first", "own"))
@@ -295,7 +296,7 @@ class ShieldWriter(ShieldParts):
         return self.function(f"{self.name}_ends", (times, first, own, since), body)
 
     def permitted(self, table: GroupTable, ends: t.FunSymbol, number: int) -> t.TypedExpr:
-        """Whether the commands that may act are permitted at the estimate, of one group."""
+        """The expression that the commands that may act are permitted at one group's estimate."""
         assert table.commands is not None
         arguments = estimate(self, self.problem, table)
         if table.commands.control is None:
@@ -350,7 +351,7 @@ class ShieldWriter(ShieldParts):
         return self.function(name, (*inputs, ends), [*body, self.give(fine)])
 
     def fresh(self) -> list[t.TypedExpr]:
-        """That what the DM reads is no older than it may be, as it is for its look."""
+        """The expressions that what the DM reads is fresh, as its own look requires."""
         maps = map_topics(self.problem.system, self.problem.module)
         shown = {*seen(self.problem).values(), *maps}
         conditions: list[t.TypedExpr] = []
@@ -363,7 +364,7 @@ class ShieldWriter(ShieldParts):
 
 
 def command_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
-    """Between which the cells of a command lie: equal, but for rounding; the ends are exact."""
+    """The edges of a command's cells: equally spaced but for rounding, with exact ends."""
     inner = [low + (high - low) * (k / cells) for k in range(1, cells)]
     return (low, *inner, high)
 
@@ -371,7 +372,7 @@ def command_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
 def shield_expressions(
     problem: Problem, system: System, shield: Shield, tables: Sequence[GroupTable]
 ) -> tuple[t.TypedExpr, t.TypedExpr, t.TypedExpr]:
-    """(held, permits) of a module's `Shield`, and `ttf`: its DM sees by itself what is old.
+    """(held, permits) of a module's `Shield`, and `ttf`, which leaves stale reads to the DM.
 
     Fills in `shield.moved`, where commands are moved.
     """

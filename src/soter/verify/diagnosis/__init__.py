@@ -1,1 +1,1 @@
-"""Why nothing was proved, or proved of nothing: figures, experiments, pictures."""
+"""Why a proof failed, or says little: runs of the model, changes that were tried, figures."""

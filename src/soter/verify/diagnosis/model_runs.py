@@ -1,7 +1,8 @@
-"""Runs of the model under SC: what a proof speaks about, at points instead of boxes.
+"""Runs of the model under SC: the dynamics that a proof encloses, at points instead of boxes.
 
-Purpose: the verification system with disturbances and errors at their corners, constant or
-following a rate, and commands as late as the declared times allow; the run that leaves C soonest.
+Purpose: `run` simulates the verification system with disturbances and errors at their ends,
+constant or following a rate, and commands as late as the declared times allow; `soonest` finds the
+run that leaves C, the states where `safe` holds, soonest.
 Non-goals: refuting: these are runs of the plant's equations, integrated by RK4, not of the program
 (`verify/refute.py`); finding the worst adversary.
 
@@ -30,16 +31,16 @@ if TYPE_CHECKING:
 
 NS = 1e-9
 CORNERS_MAX = 6
-"""So many signs are tried in all combinations; of more, `DRAWN` combinations."""
+"""Up to this many signs are tried in all combinations; of more, `DRAWN` combinations."""
 DRAWN = 48
 LENGTHS = (100, 800, 5000)
-"""Holds of a run: all patterns for the first length, those that got furthest for the next ones."""
+"""Lengths of runs in periods: all patterns the first, those that got furthest the next ones."""
 FURTHEST = 5
 STEPS_A_HOLD = 2
 SHOWN = 600
-"""So many states of a run are kept to be shown, the first and the last among them."""
+"""How many states of a run are kept to be shown; the first and the last are among them."""
 FALSE, TRUE = 1, 2
-"""Truths that are certain."""
+"""The truth values (bit masks) that are certain."""
 
 
 class StepFaultError(Exception):
@@ -47,7 +48,7 @@ class StepFaultError(Exception):
 
 
 class PointModel:
-    """The enclosures of one case at points."""
+    """Evaluates the enclosures of one case at points."""
 
     def __init__(self, case: Case) -> None:
         self.problem, self.inputs = case.problem, of_problem(case.problem, case.parameter)
@@ -84,7 +85,7 @@ class PointModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the states."""
+        """The names of the states."""
         return tuple(s.name for s in self.problem.quantities.states)
 
     def _call(self, name: str) -> None:
@@ -93,7 +94,7 @@ class PointModel:
             raise StepFaultError(name)
 
     def law(self, x: Floats, errors: Floats, others: Floats) -> Floats:
-        """What SC publishes on an estimate; the middle, where its locals leave more than one.
+        """What SC publishes on an estimate; the middle of it where that depends on its locals.
 
         `x` (states,), `errors` (errors,), `others` (others,) -> (controls,).
         """
@@ -142,10 +143,10 @@ class PointModel:
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """What the adversary does: -1, 0 (the middle) or 1 for each disturbance, error and other.
+    """A pattern of disturbances, errors and other inputs: -1 (low), 0 (middle) or 1 (high) each.
 
-    `late`: commands act as late, and answer states as old, as they may. `follows`: a state with the
-    sign of whose rate the disturbances turn; None: they are constant.
+    `late`: commands act as late, and answer states as old, as they may. `follows`: disturbances
+    have the sign of this state's rate; None: they are constant.
     """
 
     disturbances: Floats
@@ -156,12 +157,12 @@ class Pattern:
 
     @property
     def any(self) -> bool:
-        """Whether there is an adversary at all."""
+        """Whether the pattern has anything that is not in the middle."""
         return bool(self.late or self.disturbances.any() or self.errors.any() or self.others.any())
 
 
 def patterns(model: PointModel) -> Iterator[Pattern]:
-    """No adversary at all first; then corners."""
+    """The patterns to try: first that with everything in the middle, then corners."""
     sizes = [len(model.problem.disturbances), len(model.problem.errors)]
     sizes.append(len(model.problem.others))
     yield Pattern(np.zeros(sizes[0]), np.zeros(sizes[1]), np.zeros(sizes[2]))
@@ -181,7 +182,7 @@ def patterns(model: PointModel) -> Iterator[Pattern]:
 
 @dataclass(eq=False)
 class ModelTrace:
-    """A run: it left C at the last state if `left`."""
+    """The states of a run; if `left`, it left C at the last one."""
 
     times: list[float]
     states: list[Floats]
@@ -200,7 +201,7 @@ def run(
     *,
     beyond: bool = False,
 ) -> ModelTrace:
-    """A run under SC until it leaves C, at most for `until_s`; `start` (states,).
+    """A run under SC from `start` (states,) until it leaves C, at most for `until_s` seconds.
 
     `beyond`: it goes on outside of C.
     """
@@ -267,7 +268,7 @@ def _delays(model: PointModel) -> tuple[int, int]:
 
 
 def _against(model: PointModel, p: Pattern, x: Floats, u: Floats) -> Floats:
-    """The disturbances that the pattern has now."""
+    """The values of the disturbances that the pattern has in this state."""
     if p.follows is None:
         return _scaled(model, model.disturbances, p.disturbances)
     middle = _scaled(model, model.disturbances, np.zeros_like(p.disturbances))
@@ -276,7 +277,7 @@ def _against(model: PointModel, p: Pattern, x: Floats, u: Floats) -> Floats:
 
 
 def _left(model: PointModel, trace: ModelTrace) -> bool:
-    """Whether the last state is outside C; enters by which end."""
+    """Whether the last state is outside C; if so it enters by which end it left."""
     x = trace.states[-1]
     beyond = (x < model.low) | (x > model.high)
     beyond[model.turning] = False  # at the other end it goes on
@@ -303,23 +304,23 @@ def _left(model: PointModel, trace: ModelTrace) -> bool:
 
 @dataclass(eq=False)
 class LeavingSearch:
-    """The run that leaves soonest, and what was tried."""
+    """The run that leaves C soonest, and what was tried."""
 
     soonest: LeavingRun | None = None
     trace: ModelTrace | None = None
     runs: int = 0
     longest_s: float = 0.0
     undisturbed_s: float | None = None
-    """When the run without any adversary leaves; None: it was not seen to."""
+    """When the run with everything in the middle leaves, in s; None: it was not seen to."""
     cut: bool = False
 
 
 def soonest(
     model: PointModel, start: Floats, whose: str, going: Callable[[], bool]
 ) -> LeavingSearch:
-    """Of all patterns the run from `start` that leaves C first; `going` says when to stop.
+    """The run from `start`, (states,), that leaves C soonest under any pattern.
 
-    `start`: (states,).
+    `going`: whether there is time left to go on.
     """
     search, period = LeavingSearch(), model.inputs.period_ns * NS
     todo = list(patterns(model))
@@ -348,14 +349,14 @@ def soonest(
 
 
 def _reach(model: PointModel, trace: ModelTrace) -> float:
-    """How far a run gets from where it began, in halves of the grid."""
+    """How far a run gets from its start, in halves of the grid."""
     states = np.array(trace.states)
     half = np.maximum(model.high - model.low, 1e-300) / 2
     return float(np.nan_to_num(np.abs((states - states[0]) / half), nan=0.0).max())
 
 
 def told(model: PointModel, trace: ModelTrace, pattern: Pattern, whose: str) -> LeavingRun:
-    """A run as plain data."""
+    """A run as plain data for results."""
     names = model.names
     last = len(trace.times) - 1
     shown = np.unique(np.linspace(0, last, min(last + 1, SHOWN)).astype(int))
@@ -373,19 +374,19 @@ def told(model: PointModel, trace: ModelTrace, pattern: Pattern, whose: str) -> 
 
 
 def point_text(model: PointModel, x: Floats) -> str:
-    """States, (states,), by name, for people."""
+    """The values of the states, (states,), with their names, in words."""
     return ", ".join(
         f"{n} = {without_rounding(v):.5g}" for n, v in zip(model.names, x, strict=True)
     )
 
 
 def without_rounding(value: float) -> float:
-    """A number that is 0 but for rounding, as 0."""
+    """The number, or 0 where it is 0 but for rounding."""
     return 0.0 if abs(value) < 1e-9 else value
 
 
 def pattern_text(model: PointModel, pattern: Pattern) -> tuple[str, ...]:
-    """What an adversary does, for people."""
+    """What a pattern chooses, in words."""
     q = model.problem.quantities
     names = tuple(s.name for s in q.states)
     chosen = []

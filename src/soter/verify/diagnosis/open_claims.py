@@ -1,4 +1,4 @@
-"""What was found open: a run of the model that shows it, and where.
+"""Explains a claim that was not proved by a run of the model, in a few CPU seconds at most.
 
 Purpose: `explain`: of an empty K the run under SC that leaves C soonest, or that none was seen to;
 of a way back that is not shown the run that ends furthest outside `safer`, or that none does. Also
@@ -48,25 +48,25 @@ if TYPE_CHECKING:
 
 
 HOLDS = 2000
-"""So long a run is followed, in periods of SC."""
+"""For how many periods of SC a run is followed."""
 STILL = 1e-3
-"""Of an axis: a run that moves less in the last quarter of its time has come to rest."""
+"""As a share of an axis: a run that moves less in its last quarter has come to rest."""
 MOVED = 0.1
-"""Of an axis: so far a state is put beside the place of rest."""
+"""As a share of an axis: how far a state is put beside the place of rest."""
 LOOKS = 50
-"""Places at which `safe` is asked on the way from there to the end of an axis."""
+"""At how many places `safe` is evaluated on the way from there to the end of an axis."""
 
 
 @dataclass(frozen=True)
 class Habit:
-    """What SC does, a sentence, and what to write in its place."""
+    """What SC does wrong, in a sentence, and what to write in its place."""
 
     text: str
     hint: str
 
 
 def habit(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit | None:
-    """Of SC from a state, (states,); None where the runs show none, or there was no time."""
+    """The habit of SC from a state, (states,); None: the runs show none, or time ran out."""
     calm = next(patterns(model))
     until_s = HOLDS * model.inputs.period_ns * NS
     first = run(model, start, calm, until_s, going, beyond=True)
@@ -96,7 +96,7 @@ def _beside(
     until_s: float,
     going: Callable[[], bool],
 ) -> Habit | None:
-    """What SC does of one state beside the place where it rests."""
+    """The habit of SC if a state is put beside the place where SC rests; None: it leads back."""
     calm, name, begin = next(patterns(model)), model.names[axis], rest.copy()
     step = side * MOVED * (model.high[axis] - model.low[axis])
     begin[axis] += step
@@ -124,7 +124,7 @@ def _beside(
 def _drift(
     model: PointModel, pattern: Pattern, name: str, seen: tuple[float, float, float]
 ) -> Habit:
-    """`seen`: where a state began, where SC left it, and how fast it is pushed from rest."""
+    """The habit of leaving a state; `seen`: its start, its end, how fast it is pushed at rest."""
     begin, end, speed = seen
     by = ", ".join(pattern_text(model, pattern))
     text = (
@@ -135,7 +135,7 @@ def _drift(
 
 
 def _ends_unsafe(model: PointModel, rest: Floats, axis: int, speed: float) -> bool:
-    """Whether `safe` ends on the way that a state drifts, inside of the grid."""
+    """Whether `safe` ceases to hold on the way that a state drifts, inside of the grid."""
     x, end = rest.copy(), model.high[axis] if speed > 0.0 else model.low[axis]
     for value in np.linspace(rest[axis], end, LOOKS):
         x[axis] = value
@@ -154,14 +154,14 @@ def _rests(model: PointModel, trace: ModelTrace) -> bool:
 
 
 OPEN = (UNDECIDED, REFUTED)
-"""A run says that something fails, and not why SC keeps nothing or does not come back."""
+"""The verdicts that are explained: a refuting run does not say why SC keeps nothing."""
 EMPTY, HABIT = "K is empty", "habit"
 RUNS_S, BACK_S, HABIT_S = 2.5, 1.5, 2.0
-"""CPU seconds for runs that leave C, for those that do not come back, and for SC's own habit."""
+"""CPU seconds for runs that leave C, for runs that do not come back, and for SC's habit."""
 FROM_START = 0.7
-"""Of these, so much for runs from the declared start; of what is left so much for each other."""
+"""The share of the time for runs from the declared start; then of the rest for each other one."""
 WALK_HOLDS = 2000
-"""How long a run is followed to see where SC brings it."""
+"""For how many periods a run is followed to see where SC brings it."""
 DECLARED = "the declared start"
 GIVEN_ALL_THE_SAME = (
     "`{}` says that AC need not get control back (P2b), not that it never does: the DM gives it "
@@ -171,7 +171,7 @@ TURNS = "; {axis} is an angle whose axis does not wrap around, as {who} reads ho
 
 
 def explain(done: Sequence[Case], result: ModuleResult, go_on: GoOn) -> None:
-    """Enter what shows that K is empty, or that SC does not come back."""
+    """Enters why K is empty, or why SC does not come back, in the findings."""
     p2a, p2b, safer = (result.findings[claim] for claim in ("P2a", "P2b", "safer"))
     empty = next((c for c in done if c.failed("P2a")), None)
     if p2a.verdict in OPEN and empty is not None:
@@ -188,7 +188,7 @@ def explain(done: Sequence[Case], result: ModuleResult, go_on: GoOn) -> None:
 
 
 def _within(seconds: float, go_on: GoOn) -> GoOn:
-    """Whether there is time left, of which this may take so much."""
+    """A `go_on` that is true for this many CPU seconds, and while the given one is."""
     until = time.process_time() + seconds
     return lambda: go_on() and time.process_time() < until
 
@@ -223,7 +223,7 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
 
 
 def _no_constraint(model: PointModel) -> Cause:
-    """C itself has no cell."""
+    """The cause that C itself has no cell."""
     start, held = model.start, model.safe(model.start)
     text = "`safe` holds on no whole cell of the grid"
     if (start == np.clip(start, model.low, model.high)).all() and held in (FALSE, TRUE):
@@ -248,7 +248,7 @@ def _left(search: LeavingSearch, case: Case) -> tuple[str, Cause]:
 
 
 def _none_left(search: LeavingSearch) -> tuple[str, Cause]:
-    """What cells lose is not SC's."""
+    """The text and cause where no run leaves C: cells are lost by their size, not by SC."""
     text = f"of {search.runs} runs of the model, up to {search.longest_s:.4g} s, none leaves C"
     text += " (cut off)" * search.cut + ": perhaps SC keeps C, and the sets do not show it"
     numbers = ("runs", float(search.runs)), ("longest_s", search.longest_s)
@@ -256,7 +256,7 @@ def _none_left(search: LeavingSearch) -> tuple[str, Cause]:
 
 
 def _leaving(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
-    """The soonest run from the declared start, else from another state of C."""
+    """The run that leaves C soonest, from the declared start, else from another state of C."""
     last = LeavingSearch()
     for start, whose in _starts(case, model):
         inside = (start >= model.low).all() and (start <= model.high).all()
@@ -274,7 +274,7 @@ def _leaving(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
 
 
 def _starts(case: Case, model: PointModel) -> Iterator[tuple[Floats, str]]:
-    """The declared start, the middle of C, and half way from there to either end of each axis."""
+    """The starts to try: the declared one, the middle of C, points half way to each end."""
     yield model.start, DECLARED
     middle = model.start
     for proof in case.proofs:
@@ -311,7 +311,7 @@ class _End:
 
 
 class _WayBack:
-    """Where SC brings the plant, and whether it gives control back there."""
+    """Finds out where SC brings the plant, and whether the DM gives control back there."""
 
     def __init__(self, case: Case, failure: Failure) -> None:
         self.case, self.failure, self.model = case, failure, PointModel(case)
@@ -319,7 +319,7 @@ class _WayBack:
         self.grid = failure.proof
 
     def shown(self, go_on: GoOn) -> Cause:
-        """The run that ends outside: the undisturbed one, else the worst with an adversary."""
+        """The cause: the run that ends outside `safer`, undisturbed if possible, else the worst."""
         target = self.grid.found.target
         if target is not None and not target.any():
             text = "there is no cell all of whose estimates satisfy `safer`"
@@ -348,7 +348,7 @@ class _WayBack:
         return Cause("comes_back", text + "was shown that all runs stay in")
 
     def _begin(self) -> tuple[Floats, str]:
-        """A cell without a way back; else the declared start, or a state of K."""
+        """The start and its name: a cell without a way back, the declared start, a state of K."""
         if self.failure.stuck and self.failure.cells is not None:
             return self._inside(self.failure.cells), "one of them"
         if self._in(self.grid.found.core > 0, self.model.start):
@@ -356,7 +356,7 @@ class _WayBack:
         return self._inside(self.grid.found.core > 0), "inside K"
 
     def _inside(self, of: Bools) -> Floats:
-        """The middle of the cell of a set that is nearest to the grid's middle."""
+        """The middle of that cell of a set which is nearest to the grid's middle."""
         x, cells, middle = self.model.start, np.argwhere(of), np.array(of.shape) / 2
         at = cells[int(np.argmin((np.abs(cells - middle) / middle).max(axis=1)))]
         for state, edges, i in zip(self.grid.engine.axes, self.grid.engine.edges, at, strict=True):
@@ -371,7 +371,7 @@ class _WayBack:
         return len(inside) == len(at) and bool(cells[inside].all())
 
     def _gives_back(self, x: Floats, *, exact: bool) -> bool:
-        """On the exact estimate of a state, (states,), or on every one; by the DM's table."""
+        """Whether DM gives control back at a state's exact estimate, or (not `exact`) at all."""
         if self.case.problem.computed:
             target = self.grid.found.target
             return target is not None and self._in(target, x)

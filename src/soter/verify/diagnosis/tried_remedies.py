@@ -1,11 +1,10 @@
-"""What to write, tried before it is said, and what it costs.
+"""Advice for a module that is not proved: changes are tried before they are advised, and costed.
 
-Purpose: for a module that is not proved one loop: change what a person could change (a row of
-`variations.py`), prove again within a bound on its CPU time, on merged cells first, and keep what
-helps. Those that helped, those that did not, and those that were not tried are told apart.
-`enter_cost`: takeovers a minute, AC's
-share of the time and the bytes of the DM's tables, in one run of the system as it is and in one as
-it would be with what was tried.
+Purpose: `diagnose` is one loop: make a change that a person could make (a row of `variations.py`),
+prove again within a limit of CPU time, on merged cells first, and keep the change if it helps. The
+advice says which changes helped, which did not, and which were not tried. `enter_cost` runs the
+system as it is and as it would be with the changes, and compares takeovers a minute, AC's share of
+the time and the bytes of the DM's tables.
 Non-goals: verdicts: nothing of it is claimed of the program as it is; other laws, other plants;
 costs in systems with externs, which `soter verify` never runs.
 """
@@ -66,18 +65,18 @@ if TYPE_CHECKING:
 
 SEED = 1
 UNTIL_NS, PERIODS = 60_000_000_000, 200
-"""A run that lasts longer ends here, or after so many periods of the DM, if that is later."""
+"""Runs end after this time in ns, or after this many periods of the DM, if that is later."""
 SLICE_NS, SLICES = 1_000_000_000, 1000
-"""After so long it is asked whether there is CPU time left, so often at most."""
+"""After this much time in ns the CPU time is looked at; this often at most."""
 CPU_S = 5.0
-"""So many CPU seconds of this process both runs get, with the tables that they need."""
+"""The CPU seconds that both runs get together, with the tables that they need."""
 
 
 def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
-    """Enter what the changes cost that prove every claim, beside their advice.
+    """Enters what the changes cost that prove every claim, beside the advice to make them.
 
-    And what was chosen for a module that is proved: smaller cells, fewer levels. `fresh`: gives the
-    system that it was proved in, as it flies.
+    For a module that is proved it enters what smaller cells and fewer levels cost. `fresh` makes
+    the system in which it was proved, as it flies.
     """
     held = result.verdict in (PROVED, ASSUMED)
     if held and result.cells_why and result.problem.computed:
@@ -97,7 +96,7 @@ def enter_cost(result: ModuleResult, fresh: Callable[[], System]) -> None:
 
 
 def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System]) -> RemedyCost:
-    """`problem`: as it is; None: without tables."""
+    """The cost of `remedied` against `problem`; None: the latter has no tables to fly."""
     flat, ends = fresh(), time.process_time() + CPU_S
     if problem is not None and remedied.module.sc != problem.module.sc:
         return RemedyCost(flat.name, not_measured="it is a module with other controllers")
@@ -124,7 +123,7 @@ def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System
 
 
 def _world(problem: Problem) -> object:
-    """What a run of the system takes from its plants, and not from the problem."""
+    """The numbers that a run takes from the plants, so that changes of them cannot be run."""
     return problem.initial, problem.disturbances, problem.errors
 
 
@@ -143,7 +142,7 @@ def _why_not(flat: System, problem: Problem) -> str:
 
 
 def _instances(flat: System, problem: Problem) -> list[Module]:
-    """The modules that what is written of this one is written of."""
+    """The modules of the system that are instances of the same declaration."""
     declared = problem.module.symbol.span
     return [m for m in flat.modules if m.symbol.span == declared]
 
@@ -167,7 +166,7 @@ def _changed(flat: System, problem: Problem, remedied: Problem) -> System:
 
 
 def _flown(flat: System, tried: Problem, until_ns: int) -> FlownFigures | None:
-    """A run, with predicates computed on the cells and levels of `tried`; None: there are none."""
+    """The figures of a run with predicates computed for `tried`; None: none could be computed."""
     (module,) = _instances(flat, tried)
     count = 0
     if module in open_modules(flat):
@@ -197,30 +196,30 @@ def _flown(flat: System, tried: Problem, until_ns: int) -> FlownFigures | None:
 
 
 LEAST_S, OF_PROOF, SHOWN_S = 8.0, 1.0, 4.0
-"""CPU seconds that a module gets for all of this: so many, or so often what the proof has taken,
-and as many more as what shows that it is open may take."""
+"""CPU seconds for all trials of a module: this many, or this often the time of the proof, and this
+many more for the runs that explain why it is open."""
 COARSE = 40_000
-"""Cells of a group on which a change is tried first."""
+"""The number of cells of a group on which a change is tried first."""
 PILOT, LONGER = 1_500, 4.0
-"""Cells on which AC in SC's place is set up for a run, and how often as long as SC's it is."""
+"""For a run with AC in SC's place: the number of cells, and how often as long as SC's it lasts."""
 CHAIN_MAX = 3
-"""So many changes are made together at most."""
+"""The most changes that are made together."""
 ORDER = ("P2a", "ttf", "safer", "start", "P2b")
 WORDS = {"a wider grid": "a longer axis", "wider ranges": "a longer axis", "smaller errors": HALVED}
-"""How a hint begins with what a remedy was that was tried: in vain it is no advice."""
+"""The first words of hints that a remedy stands for: if it was tried in vain they are dropped."""
 NOT_TRIED = "(not tried)"
-"""Behind what is suggested, and nobody has proved the module with."""
+"""Stands behind a suggestion with which the module was not proved."""
 
 
 class Trials:
-    """Verifications of changed problems of one module, and the CPU time that they may take."""
+    """Verifies changed problems of one module, within a limit of CPU time."""
 
     def __init__(self, cpu_s: float, attempt: Attempt) -> None:
         self._attempt = attempt
         self._until = time.process_time() + SHOWN_S + max(LEAST_S, OF_PROOF * cpu_s)
 
     def failing(self, problem: Problem) -> tuple[str, ...] | None:
-        """The claims that are not proved of a problem, in order; None: that was not seen.
+        """The claims that are not proved of a problem, in order; None: it could not be verified.
 
         An AC that never has control counts as a failure of `ttf`.
         """
@@ -244,7 +243,7 @@ class Trials:
         return done if self.go_on() else None
 
     def stays(self, problem: Problem, leaving: LeavingRun | None) -> bool:
-        """Whether the undisturbed run of a problem stays in C, and for longer than that one."""
+        """Whether the undisturbed run of a problem stays in C longer than the given run."""
         done = self._done(merged(problem, PILOT))
         if leaving is None or not done:
             return False
@@ -258,9 +257,9 @@ class Trials:
 
 
 def in_order(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
-    """What is tried of some changes, few cells first: on merged cells each, then as it is.
+    """The trials of some changes: each on merged cells, then as it is, with few cells first.
 
-    So that one grid of many cells does not take the time of all that would have been quick.
+    So one grid with many cells does not take the time from changes that would have been quick.
     """
     trials = []
     for change in changes:
@@ -272,9 +271,9 @@ def in_order(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
 
 
 def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: Attempt) -> None:
-    """Enter what was found open, and what was tried, where anything is undecided or SC refuted.
+    """Explains what is open, tries changes and enters the advice, if anything is undecided.
 
-    `cpu_s`: what the proof took, in CPU seconds.
+    It does so for a refuted SC, too. `cpu_s`: the CPU seconds that the proof took.
     """
     failing = tuple(c for c in ORDER if not result.findings[c].holds)
     findings = [result.findings[c] for c in failing]
@@ -300,7 +299,7 @@ def _first_verdict(result: ModuleResult) -> str:
 
 
 class _Helped:
-    """Changes that were made one on top of the other, each kept where it helps."""
+    """The changes kept so far, each made on top of the ones before."""
 
     def __init__(self, found: NotProved) -> None:
         self.found = found
@@ -309,7 +308,7 @@ class _Helped:
         self.untried: dict[str, None] = {}
 
     def by_one_more(self, trials: Trials) -> bool:
-        """Whether one more change helps, which is then made."""
+        """Tries one more change, and keeps it if it helps; whether one was kept."""
         found = self.found
         for remedy, tried in in_order(remedies(found)):
             if remedy.cost == OTHERS and not trials.stays(tried, found.leaving):
@@ -329,7 +328,7 @@ class _Helped:
         return False
 
     def enter(self, result: ModuleResult, failing: Sequence[str]) -> None:
-        """Say so at the first claim that is not proved."""
+        """Enters the advice at the first claim that is not proved."""
         left, told = self.found.failing, "; ".join
         first = result.findings[failing[0]]
         if self.said:
@@ -353,12 +352,12 @@ class _Helped:
 
 
 def _better(now: Sequence[str], left: Sequence[str]) -> bool:
-    """Whether fewer claims fail, or SC keeps something at last."""
+    """Whether fewer claims fail now than before, or P2a no longer does."""
     return set(now) < set(left) or (left[0] == "P2a" and "P2a" not in now)
 
 
 def mark_untried(result: ModuleResult) -> ModuleResult:
-    """Say behind each suggestion that was not tried that it was not."""
+    """The result with "(not tried)" behind each suggestion that was not tried."""
     for finding in result.findings.values():
         if finding.hint and not any(word in finding.hint for word in ("tried", "as for `")):
             finding.hint += f" {NOT_TRIED}"

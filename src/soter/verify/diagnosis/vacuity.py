@@ -1,9 +1,9 @@
 """Whether a proof says anything: how often AC can have control at all.
 
-Purpose: per group and combination of parameter values, how much of K `ttf` and `safer` leave to AC;
-the least of it, in words for a headline, where it is nothing or hardly anything. What is called
-*never* is enclosed: it holds of every state. What is called *hardly ever* is a share that was
-measured: of cells on which a predicate may let AC have control, or of states drawn from K.
+Purpose: `vacuity` computes, for each group and combination of parameter values, on how much of K
+(the states that SC keeps) `ttf` and `safer` let AC have control, and puts the least share into
+words for a headline if it is nothing, or hardly anything. *Never* is enclosed: it holds of every
+state. *Hardly ever* is measured: as a share of cells, or of states drawn from K.
 Non-goals: verdicts: a proof about an empty set is a proof.
 """
 
@@ -38,11 +38,11 @@ DRAWN = 2000
 FEW_STATES = 0.2
 """Below this share of a polytope's ranges a note says what makes K larger."""
 ENOUGH = 0.1
-"""Drawing ends early where so much of at least `FEW` states lets AC have control."""
+"""Drawing ends early where this share of at least `FEW` states lets AC have control."""
 FEW = 100
 ANCHORS_MAX = 4
 LETS = {"ttf": 1, "safer": 2}
-"""The bit of a predicate's truth that says: AC may have control."""
+"""The bit of a predicate's truth that means: AC may have control."""
 NEVER, HARDLY_EVER, NOT_SHOWN = "never", "hardly ever", "not shown"
 OF_FRESH = "of whatever is fresh"
 ABOVE = "above"
@@ -50,7 +50,7 @@ HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says not
 
 
 def vacuity(done: Sequence[Case]) -> Vacuity | None:
-    """The worst of all cases; None where `safe` and the proof say something, and AC has control."""
+    """The worst vacuity of all cases; None: the proof says something, and AC can have control."""
     if done and (nothing := _says_nothing(done[0].problem)):
         return nothing
     every = [(case, case_vacuity) for case in done for case_vacuity in _of_case(case)]
@@ -73,7 +73,7 @@ def vacuity(done: Sequence[Case]) -> Vacuity | None:
 
 
 def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
-    """The same of a proof by induction; `never`: as `Induction` has it."""
+    """The vacuity of a proof by induction; `never`: as `Induction` has it."""
     if nothing := _says_nothing(problem):
         return nothing
     if never == "fails":
@@ -98,7 +98,7 @@ def _says_nothing(problem: Problem) -> Vacuity | None:
 
 
 def small_cores(done: Sequence[Case]) -> tuple[str, ...]:
-    """A line for each polytope whose K is a small share of its ranges: there are ways to more."""
+    """A note for each polytope whose K is a small share of its ranges, with advice for a larger."""
     least: dict[str, float] = {}
     for case in done:
         for proof in case.proofs:
@@ -119,7 +119,7 @@ def _named(case: Case) -> str:
 
 
 def _of_case(case: Case) -> Iterator[Vacuity]:
-    """What is vacuous in one case; nothing where it has no K."""
+    """The vacuities of one case; empty where it has no K."""
     if case.failed("P2a"):
         return
     yield from _core(case)
@@ -138,9 +138,9 @@ def _of_case(case: Case) -> Iterator[Vacuity]:
 
 
 def _apart(case: Case) -> Iterator[Vacuity]:
-    """Whether `ttf` takes control back wherever, or almost wherever, `safer` gives it.
+    """The vacuity that `ttf` takes control back (almost) wherever `safer` gives it.
 
-    By cells on which `safer` may be true and `ttf` false: if there is none, AC never keeps control.
+    If no cell has `safer` possibly true and `ttf` possibly false, AC never keeps control.
     """
     for proof in case.proofs:
         share, anything = proof.both or (1.0, True)
@@ -171,7 +171,7 @@ def _never(case: Case, predicate: str, *, empty: bool, of: str = "everywhere") -
 
 
 def _hardly(predicate: str, share: float) -> str:
-    """What hardly ever happens; a share of 0 is one of states drawn, and no proof of nothing."""
+    """Words on what hardly ever happens; a share of 0 among drawn states does not prove "never"."""
     much = f"{share:.2%}" if share > 0.0 else "none of the states drawn"
     what = "keeps" if predicate == "ttf" else "gets"
     says = "`ttf` is false" if predicate == "ttf" else "`safer` holds"
@@ -186,7 +186,7 @@ def _least_free(case: Case) -> float:
 
 
 def _excluded(case: Case, predicate: str) -> bool:
-    """Whether no estimate of a state of K can let AC have control; enclosed, not sampled."""
+    """Whether surely no estimate of a state of K lets AC have control: enclosed, not sampled."""
     if any(p.excludes(predicate) for p in case.proofs):
         return True
     if case.problem.computed:
@@ -199,9 +199,9 @@ def _excluded(case: Case, predicate: str) -> bool:
 
 
 def _taken_by_age(case: Case) -> bool:
-    """Whether `ttf` with its ages, which no proof goes by, holds of all estimates of states of K.
+    """Whether `ttf` with the parts about ages, which proofs leave out, holds on all of K.
 
-    At every age that what is fresh may have: up to its `max_age`, and to A of the proof.
+    It is asked for every age that a fresh read may have: up to `max_age`, and up to the proof's A.
     """
     problem, ttf = case.problem, case.problem.module.symbol.ttf
     if ttf is None or not any(isinstance(n, AgeRead) for n in nodes([ttf])):
@@ -223,7 +223,7 @@ def _taken_by_age(case: Case) -> bool:
 
 
 def _shares(case: Case, predicate: str) -> Iterator[float]:
-    """Per group the share of K_g that lets AC have control, the others where that is most."""
+    """For each group the share of its K that lets AC have control, with others where it is most."""
     for proof in case.proofs:
         share = proof.lets_share(case, predicate)
         if share is not None:
@@ -236,7 +236,7 @@ def _shares(case: Case, predicate: str) -> Iterator[float]:
 
 
 class _Drawer:
-    """States of K, drawn group by group, and what a predicate says of estimates of them."""
+    """Draws states of K group by group, and evaluates a predicate on estimates of them."""
 
     def __init__(self, case: Case, predicate: str) -> None:
         self.case, self.predicate = case, predicate
@@ -246,7 +246,7 @@ class _Drawer:
         self.anchors = self._anchors()
 
     def share(self, own: GroupProof) -> float:
-        """Of one group, the others at the anchor that leaves AC most."""
+        """The share of one group's states, with other groups at the anchor where it is largest."""
         best = 0.0
         for anchor in self.anchors:
             best = max(best, self._share(own, anchor))
@@ -266,7 +266,7 @@ class _Drawer:
         return count / DRAWN
 
     def _lets(self, point: Floats) -> bool:
-        """Whether an estimate of the state lets AC have control; in some mode of the others."""
+        """Whether some estimate of the state lets AC have control, in some mode of others."""
         whole = self.case.forms.whole
         box = np.repeat(self.chance.uniform(whole[:, :1], whole[:, 1:]), 2, axis=1)
         box[: len(point)] = point[:, None]
@@ -275,7 +275,7 @@ class _Drawer:
         return bool(truth & wanted) if self.case.problem.modes else truth & 3 == wanted
 
     def _anchors(self) -> list[Floats]:
-        """Where the other groups are: usual points, and drawn ones at which AC has control."""
+        """Places for the other groups: usual points, and drawn ones at which AC has control."""
         anchors = candidates(self.case.problem)
         if len(self.groups) < 2:
             return anchors[:1]
@@ -294,7 +294,7 @@ class _Drawer:
 
 
 def _never_given(done: Sequence[Case]) -> Vacuity | None:
-    """Where SC has control at the start, and no claim says that it ever gives it."""
+    """The vacuity that SC has control at the start and no claim says that it ever gives it."""
     if not at_the_start(done) or not (clause := done[0].problem.module.symbol.stays):
         return None
     why = f"at the start `safer` does not hold, and P2b is not asked: `{clause}`"
@@ -302,7 +302,7 @@ def _never_given(done: Sequence[Case]) -> Vacuity | None:
 
 
 def _refused_at_start(case: Case) -> bool:
-    """Whether `safer`, as it is written, holds of no estimate of an initial state."""
+    """Whether the declared `safer` holds on no estimate of an initial state."""
     if case.problem.computed:
         return False
     box = case.forms.whole.copy()
@@ -311,7 +311,7 @@ def _refused_at_start(case: Case) -> bool:
 
 
 def of_those_above(results: Sequence[ModuleResult]) -> None:
-    """Where a module above is never in AC, what is claimed while it is says nothing either."""
+    """Enters a vacuity for modules below one that is never in AC, as their claims need it to be."""
     by_name = {m.name: m for m in results}
 
     def enter(m: ModuleResult) -> Vacuity | None:
@@ -332,9 +332,9 @@ def of_those_above(results: Sequence[ModuleResult]) -> None:
 
 
 def at_the_start(done: Sequence[Case]) -> str:
-    """A line where AC cannot have control at the start: the state is not in `safer` yet.
+    """A note that AC cannot have control at the start, as `safer` does not hold there; else "".
 
-    None where no K, or where a computed `safer` holds nowhere: nothing is waited for.
+    It is "" without K, or where a computed `safer` holds nowhere, too.
     """
     for case in done:
         empty = case.failed("P2a") or (case.problem.computed and case.failed("safer"))

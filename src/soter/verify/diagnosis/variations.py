@@ -1,8 +1,8 @@
-"""What may be changed of a problem that is not proved: one table.
+"""The table of changes that may help to prove a problem.
 
-Purpose: `VARIATIONS`: in what words a change is told, the problems that it makes, at which claims
-it may help, and what it costs beside others. One `Problem` is made of another, as it would be had
-something else been written; there is none where that is no problem, or where the module cannot be
+Purpose: each row of `VARIATIONS` has the words for a change, the function that makes the changed
+problems, the claims at which it may help, and its cost. A changed `Problem` is the one that the
+changed program would have; there is none where that is no problem, or where the module cannot be
 read again from its verification system alone (views, `abstracts`, modes, a fail-safe law).
 `remedies`: what the table has for a module; `at_periods`: the problem with other periods, for
 `soter advise`.
@@ -43,27 +43,27 @@ if TYPE_CHECKING:
 
 
 LONGER = (0.1, 1.0)
-"""Of an axis, so much longer it is made where K is lost at its end; the second where K is empty."""
+"""By which shares an axis is lengthened where K is lost at its end; the second where K is empty."""
 HALVED = "disturbances and errors half as wide"
 BEYOND = 0.01
-"""Of an axis, so far beyond its end `safe` is asked."""
+"""As a share of an axis: how far beyond its end `safe` is evaluated."""
 
 
 @dataclass(frozen=True)
 class NotProved:
-    """What is not proved of a module. `done`: the cases of the problem as it is declared."""
+    """A module that is not proved; `done`: the cases of the problem as it is declared."""
 
     problem: Problem
-    """With the changes that helped so far."""
+    """The problem with the changes that helped so far."""
     failing: Sequence[str]
     done: Sequence[Case]
     leaving: LeavingRun | None
     of_sc: bool = False
-    """A run has refuted SC, or shows its habit: no other grid, age or world makes it another."""
+    """Whether runs show that SC itself is wrong, so that no other grid, age or world helps."""
 
     @property
     def loses_core(self) -> bool:
-        """Whether SC keeps nothing at all: everything else rests on that."""
+        """Whether K is empty, on which all other claims depend."""
         return self.failing[0] == "P2a"
 
 
@@ -72,19 +72,19 @@ class Variation:
     """A row of the table."""
 
     said: str
-    """What to write; `{}`: what the change says of itself."""
+    """What to write; `{}` stands for the words of the single change."""
     changes: Callable[[NotProved], Iterator[Change]]
     without_core: bool
-    """It may help where SC keeps nothing."""
+    """Whether it may help where K is empty."""
     with_core: bool
-    """It may help where SC keeps a set, and another claim fails."""
+    """Whether it may help where K is not empty and another claim fails."""
     cost: int = 0
-    """Of equal cost those with few cells are tried first."""
+    """Cheaper changes are tried first, and of equal ones those with few cells."""
 
 
 @dataclass(frozen=True)
 class Remedy:
-    """A change of a module: what to write, and the problem that it makes."""
+    """A change of a module: what to write, and the changed problem."""
 
     said: str
     problem: Problem
@@ -92,7 +92,7 @@ class Remedy:
 
 
 def remedies(found: NotProved) -> Iterator[Remedy]:
-    """What the table has for claims that fail."""
+    """The changes that the table has for the claims that fail."""
     for row in VARIATIONS:
         if found.of_sc and row.cost != OTHERS:
             continue
@@ -106,7 +106,7 @@ def remedies(found: NotProved) -> Iterator[Remedy]:
 
 
 def _longer(found: NotProved) -> Iterator[Change]:
-    """Axes that reach further, at ends where K is lost and `safe` still holds."""
+    """Changes to axes that reach further, at ends where K is lost and `safe` still holds beyond."""
     for part in LONGER if found.loses_core else LONGER[:1]:
         longer = longer_axes(found.problem, _ends(found, part))
         if longer.groups != found.problem.groups and cells_of(longer) <= CELLS_MAX["P2a"]:
@@ -114,7 +114,7 @@ def _longer(found: NotProved) -> Iterator[Change]:
 
 
 def _ends(found: NotProved, part: float) -> Ends:
-    """By state new ends, `part` of the axis further out: those where K is lost, or a run leaves."""
+    """New ends by state, `part` of the axis further out, where K is lost or a run leaves."""
     ends: Ends = {}
 
     def lengthen(state: int, edges: Sequence[float], side: int) -> None:
@@ -162,7 +162,7 @@ def _sides(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
 
 
 def _without_ends(found: NotProved) -> Iterator[Change]:
-    """The axis by whose end a run leaves `open`; that it is read is seen when it is tried."""
+    """The change to `open` of the axis by whose end a run leaves; a trial shows if it is read."""
     left = found.leaving
     if left is not None and not left.safe:
         opened = without_ends(found.problem, left.names.index(left.axis))
@@ -180,7 +180,7 @@ def _younger(found: NotProved) -> Iterator[Change]:
 
 
 def _other_start(found: NotProved) -> Iterator[Change]:
-    """The nearest states from which SC is in time."""
+    """The change to the nearest start from which SC is in time."""
     if "start" not in found.failing:
         return
     initial, said = list(found.problem.initial), []
@@ -194,7 +194,7 @@ def _other_start(found: NotProved) -> Iterator[Change]:
 
 
 def _nearest(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
-    """What to begin with in which states: as few as can be, and as near in widths of the grid."""
+    """New starts of states: of as few as can be, and as near as can be in widths of the grid."""
     times, engine = case.problem.times, grid.engine
     in_time = engine.safe_for(case.problem.in_horizon(times.start), grid.found.core > 0)
     cells = np.argwhere(in_time)
@@ -221,7 +221,7 @@ def _more_cells(found: NotProved) -> Iterator[Change]:
 
 
 def _half_against(found: NotProved) -> Iterator[Change]:
-    """Disturbances and errors half as wide about their middles: whether it is they, or SC."""
+    """The change that halves disturbances and errors, to see whether they or SC are at fault."""
     p = found.problem
 
     def half(ranges: tuple[Interval, ...]) -> tuple[Interval, ...]:
@@ -235,14 +235,14 @@ def _half_against(found: NotProved) -> Iterator[Change]:
 
 
 def _exchanged(found: NotProved) -> Iterator[Change]:
-    """AC in the place of SC, where a run of SC leaves `safe`."""
+    """The change that puts AC in the place of SC, if a run of SC leaves `safe`."""
     if found.leaving is not None and found.leaving.safe:
         symbol = found.problem.module.symbol
         yield exchanged(found.problem), f"ac {symbol.sc.name}; sc {symbol.ac.name};"
 
 
 CELLS, HALF, OTHERS = 1, 2, 3
-"""Costs, after 0: other cells, what asks more of the world, what changes who flies."""
+"""Costs above 0: other cells; more that is asked of the world; another controller that flies."""
 VARIATIONS = (
     Variation("a longer axis: `{}`", _longer, without_core=True, with_core=True, cost=CELLS),
     Variation("no ends where runs leave: `{}`", _without_ends, without_core=True, with_core=False),
@@ -276,7 +276,7 @@ VARIATIONS = (
 
 
 def predicates_left_out(problem: Problem) -> Problem | None:
-    """Neither `ttf` nor `safer`."""
+    """The problem without `ttf` and `safer`, so that they are computed; None: it is no problem."""
     if problem.computed:
         return None
     symbol = replace(problem.module.symbol, ttf=None, safer=None, topics_read=())
@@ -284,7 +284,7 @@ def predicates_left_out(problem: Problem) -> Problem | None:
 
 
 def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
-    """`max_age` of what SC and the DM read of plants, as small as it can be, and what to write."""
+    """The problem with the least `max_age` of what SC and DM read of plants, and what to write."""
     told, changed = [], []
     paths = (*problem.times.schedule.read_by_sc, *problem.times.schedule.read_by_dm)
     read = {p.topic for p in paths}
@@ -303,7 +303,7 @@ def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
 
 
 def without_ends(problem: Problem, state: int) -> Problem | None:
-    """The axis of a state `open`; that nothing reads the state is seen when it is tried."""
+    """The problem with the axis of a state `open`; trying it shows whether something reads it."""
     if problem.computed or len(problem.groups) > 1 or problem.kind != "flow":
         return None
     group = problem.groups[0]
@@ -318,7 +318,7 @@ def without_ends(problem: Problem, state: int) -> Problem | None:
 
 
 def extended(edges: Floats, low: float, high: float) -> Floats:
-    """The same cells, and more of the size of the outermost beyond; edges: (n_cells + 1,)."""
+    """Edges (cells + 1,) with further cells, of the size of the outermost, from `low` to `high`."""
     width = float(edges[1] - edges[0]), float(edges[-1] - edges[-2])
     below = np.arange(edges[0] - width[0], low - width[0] / 2, -width[0])[::-1]
     above = np.arange(edges[-1] + width[1], high + width[1] / 2, width[1])
@@ -326,7 +326,7 @@ def extended(edges: Floats, low: float, high: float) -> Floats:
 
 
 def longer_axes(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Problem:
-    """Axes with more cells of the same size; `ends`: by state, from where to where."""
+    """The problem with axes that have more cells of the same size; `ends`: new ends by state."""
     states = list(problem.states)
 
     def changed(axis: Axis) -> Axis:
@@ -341,7 +341,7 @@ def longer_axes(problem: Problem, ends: Mapping[int, tuple[float, float]]) -> Pr
 
 
 def exchanged(problem: Problem) -> Problem | None:
-    """AC in the place of SC."""
+    """The problem with AC in the place of SC; None: it is no problem."""
     m, components = problem.module, problem.system.components
     if problem.below:
         return None
@@ -352,7 +352,7 @@ def exchanged(problem: Problem) -> Problem | None:
 
 
 def _read_again(problem: Problem, system: System, module: Module) -> Problem | None:
-    """The problem of a module that was changed in its own verification system.
+    """The problem of a module that was changed in its own verification system; None: none.
 
     Grids that were changed before stay so.
     """

@@ -1,1 +1,1 @@
-"""Step functions and flows of a module read over other numbers, in C, and the library of them."""
+"""Generates, compiles and calls C that encloses the step functions and flows of a module."""

@@ -8,7 +8,7 @@ Purpose: `generate_enclosures`: `law`, `derivative` or `next`, `safe`, `constrai
 Non-goals: what a step comes to (`enclosed_steps.py`); grids (`verify/grid/sets.py`), where C walks
 over millions of cells.
 
-What a function does not read as an input ranges over its declared set, without a symbol.
+A value that is no input of a function ranges over its declared set, without a symbol.
 """
 
 from __future__ import annotations
@@ -65,26 +65,26 @@ PARAMETERS = (
     ("soter_form ", "out[]"),
 )
 CONTROLS_MAX = 8
-"""So many controls have a function of their own each."""
+"""Up to this many controls get a function of their own, each."""
 PREDICATE_PARAMETERS = (*PARAMETERS[:2], ("soter_truth ", "out[]"))
 
 
 @dataclass(frozen=True)
 class EnclosureUnit:
-    """C text of one module's enclosures, and what they rest on."""
+    """The C text of one module's enclosures, and what they depend on."""
 
     source: str
     prelude: tuple[str, ...]
-    """Prelude functions whose error bounds were used: tested
+    """The prelude functions whose tested error bounds were used
     (`language/prelude/function_error_bounds.py`)."""
     functions: tuple[str, ...]
-    """Names of the functions that were emitted: `soter_law`, `soter_derivative`, ..."""
+    """The names of the emitted functions: `soter_law`, `soter_derivative`, ..."""
     reads: Mapping[str, frozenset[int]]
-    """The float inputs that each of them reads, by its name without `soter_`."""
+    """The float inputs that each function reads, by its name without `soter_`."""
     boundless: frozenset[str]
-    """Those that read a number of which nothing is known, as a state that is no input."""
+    """The functions that read a number of which nothing is known, as a state that is no input."""
     of_turns: frozenset[str]
-    """Those that hang on how many turns a state has made that is read modulo a full turn."""
+    """The functions that depend on the turns made by a state that is read modulo a full turn."""
 
 
 def generate_enclosures(
@@ -128,7 +128,7 @@ class _Unit:
         self.of_turns: set[str] = set()
 
     def run(self, back: TypedExpr | None) -> None:
-        """Emit every function that there is something for."""
+        """Emits all functions that the module needs."""
         hint, more = self._hint()
         symbol = self.module.symbol
         if not symbol.synthesized:
@@ -161,7 +161,7 @@ class _Unit:
         return predicate, dict(functions.by_name)
 
     def derivatives(self) -> None:
-        """That of each state alone."""
+        """Emits the derivative of each state as a function of its own."""
         for k, leaf in enumerate(self.quantities.states):
             enclosed = self._enclosed()
             rate = given(0, enclosed.derivative()[k])
@@ -169,7 +169,7 @@ class _Unit:
             self._define(f"derivative_{k}", doc, PARAMETERS, enclosed.emitter, [rate])
 
     def _constraint(self, safe: TypedExpr) -> None:
-        """C, and its parts: those of `safe`, then what plants have to be able to publish."""
+        """Emits C and its parts: those of `safe`, then that plants can publish what they drive."""
         parts = conjuncts(safe)
         self._truth("constraint", lambda e: e.constraint(safe))
         probe = self._enclosed()
@@ -184,10 +184,9 @@ class _Unit:
             self._truth(f"constraint_{k}", lambda e, n=number: e.publishing(n))  # type: ignore[misc]
 
     def _law(self) -> None:
-        """All controls at once, and each alone: a group is moved by few, and asks very often.
+        """Emits SC for all controls at once, and for each alone: few move a group.
 
-        `law_K` leaves control K in out[K]. A fault elsewhere in SC is not seen by it: only `law`
-        says that there is none.
+        `law_K` puts control K into out[K]. It does not see a fault elsewhere in SC; `law` does.
         """
         enclosed = self._enclosed()
         results = [given(i, e) for i, e in enumerate(enclosed.law())]
@@ -248,7 +247,7 @@ class _Unit:
         self.definitions.append(made)
 
     def text(self) -> str:
-        """The translation unit."""
+        """The text of the translation unit."""
         q = self.quantities
         counts = {
             "INPUTS": len(q.inputs),
@@ -280,11 +279,11 @@ TRUTHS = (
 )
 FLAGS = (*STRICT, "-O3", "-fPIC", "-pthread")
 UNIT_LEVEL = "-O3"
-"""How the enclosures of a module are optimised; the bits are the same at every level. Tests prove
-many small modules, each once, and would compile most of the time."""
+"""The compiler's optimisation level for enclosures; results have the same bits at every level, so
+tests, which prove many small modules once each, may lower it to compile faster."""
 LINKED = ("-shared", *OWN_SYMBOLS)
 FORMS = "typedef struct soter_form soter_form; typedef unsigned char soter_truth;"
-"""What Python sees of `soter_form.h`: only where its numbers are."""
+"""The declarations of `soter_form.h` that Python needs: forms are opaque to it."""
 UNIT = "enclosures.c"
 MESSAGE = "the C of this module's enclosures does not compile"
 
@@ -304,7 +303,7 @@ def _inputs_of(source: str) -> int:
 
 
 class ReachLibrary:
-    """A loaded engine with one module's enclosures; holds no state."""
+    """The loaded engine with one module's enclosures; it holds no state."""
 
     def __init__(
         self,
@@ -319,7 +318,7 @@ class ReachLibrary:
         self.inputs, self.reads = _inputs_of(source), reads
         self.ffi = ffi()
         self.path = compiled(source, self.inputs, extra)
-        """The library's file; its name is a hash of all that it was made of."""
+        """The library's file, whose name is a hash of everything it was built from."""
         self.lib = opened(self.ffi, self.path)
 
     def symbol(self, name: str) -> Any:  # noqa: ANN401 - cdata
@@ -331,7 +330,7 @@ class ReachLibrary:
 
 
 def compiled(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
-    """The shared library, from the cache or freshly built; SoterError X004, X006."""
+    """The shared library, from the cache or freshly built; `SoterError` X004, X006."""
     compiler = find()
     more = (f"-DSOTER_INPUTS={inputs}", *vector_flags(), *extra)
     flags, unit_flags = (*FLAGS, *more), (*FLAGS, UNIT_LEVEL, *more)
@@ -353,11 +352,11 @@ def compiled(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
 
 
 TRUE = 2
-"""A truth that is definitely true."""
+"""The truth value (a bit mask) that is definitely true."""
 
 
 def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
-    """The compiled enclosures, and the prelude functions that they use.
+    """The compiled enclosures of a problem, and the prelude functions that they use.
 
     `SoterError` R007 where something cannot be enclosed, or depends on a state without bounds.
     """
@@ -390,7 +389,7 @@ def _unread(problem: Problem, unit: EnclosureUnit) -> None:
 
 
 def _back(problem: Problem) -> TypedExpr | None:
-    """`safer` while those are in AC for whom it waits; None where it waits for nobody."""
+    """`safer` with the modules that it waits for in AC; None where it waits for none."""
     safer = problem.module.symbol.safer
     if safer is None or problem.modes is None or not problem.modes.waits:
         return None
@@ -406,7 +405,7 @@ class CompiledEnclosures:
         self._in = np.zeros((self._n, 4 + self._n))
         self._out = np.zeros((max(self._n, 64), 4 + self._n))
         self.results = len(self._out)
-        """So many results a function may have at most."""
+        """The most results that a function may have."""
         self._param = np.array(list(parameter) or [0], dtype=np.int64)
         inputs = (*problem.states, *problem.controls, *problem.disturbances, *problem.errors)
         ranges = [(i.low, i.high) for i in (*inputs, *problem.others)]
@@ -414,7 +413,7 @@ class CompiledEnclosures:
         """The box of all inputs over their whole ranges."""
 
     def within(self, ranges: Mapping[int, tuple[float, float]]) -> CompiledEnclosures:
-        """The same with other ranges of some inputs in `whole`."""
+        """These enclosures with other ranges of some inputs in `whole`."""
         forms = copy(self)
         forms.whole = self.whole.copy()
         for i, r in ranges.items():
@@ -424,16 +423,16 @@ class CompiledEnclosures:
     def affine(self, name: str, forms: Floats, count: int) -> Floats | None:
         """Forms of the results, (count, 4 + inputs): low, high, centre, remainder, coefficients.
 
-        `forms`: of the inputs, in the same shape. None where a step fault is possible.
+        `forms`: those of the inputs, shaped likewise. None where a step fault is possible.
         """
         self._in[:] = 0.0
         self._in[: len(forms)] = forms
         return None if self._run(name) else np.array(self._out[:count])
 
     def truth(self, name: str, box: Floats) -> int:
-        """Bit 0: may be false, bit 1: may be true; both where a step fault is possible.
+        """A predicate over a box (inputs, 2): bit 0: it may be false, bit 1: it may be true.
 
-        `box`: (inputs, 2).
+        Both where a step fault is possible.
         """
         return 3 if self._call(name, box) else int(self._out.view(np.uint8).flat[0])
 
@@ -462,13 +461,13 @@ class CompiledEnclosures:
         )
 
     def numbers(self, name: str, box: Floats, count: int) -> Floats | None:
-        """Bounds (count, 2) of the results; None where a step fault is possible."""
+        """Bounds (count, 2) of a function's results over a box; None: a step fault is possible."""
         if self._call(name, box):
             return None
         return np.array(self._out[:count, :2])
 
     def conjuncts(self, name: str) -> list[str]:
-        """The functions whose conjunction is the predicate; none where it is no conjunction."""
+        """The functions whose conjunction is the predicate; empty where it is no conjunction."""
         candidates = [f"{name}_{k}" for k in range(PARTS_MAX)]
         return [f for f in candidates if self.library.symbol(f) != self.library.ffi.NULL]
 

@@ -1,8 +1,8 @@
 """Core over forms: the domain of enclosures, and what cells hold while a module is enclosed.
 
-Purpose: what the operations of Core come to when every number is an enclosure; both sides of an
-undecided branch are blocks of the emitted C. A function of the prelude is enclosed as what it
-stands for: `sin` becomes an enclosure of the sine, widened by the tested bound of
+Purpose: `EnclosureBody` turns Core into operations of the emitted C; where a branch is undecided
+both of its sides become blocks of C. A function of the prelude is enclosed by its meaning: `sin`
+becomes an enclosure of the sine, widened by the tested bound of
 `language/prelude/function_error_bounds.py`, instead of an enclosure of its polynomial.
 `EnclosureInputs`: which input is which leaf, estimates (a driven topic plus its measurement
 errors), and the range of what is no input of the function being emitted.
@@ -68,10 +68,10 @@ if TYPE_CHECKING:
 ENCLOSED = frozenset(
     "sin cos tan exp log tanh atan asin acos atan2 hypot pow".split()  # noqa: SIM905 - a list of words
 )
-"""What `soter_n_NAME` of verify/engine/soter_form_math.h encloses."""
+"""The functions that `soter_n_NAME` of verify/engine/soter_form_math.h encloses."""
 
 OF_A_TURN = frozenset({"sin", "cos", "tan", "wrap_angle"})
-"""Functions of a full turn: a turn further they are the same."""
+"""Functions with the period of a full turn."""
 
 
 def is_prelude(function: core.Function) -> bool:
@@ -82,7 +82,7 @@ def is_prelude(function: core.Function) -> bool:
 def enclosed_call(
     ops: EnclosureOperations, function: core.Function, arguments: tuple[Item, ...]
 ) -> Item | None:
-    """An enclosure of the function it stands for; None: enclose its body."""
+    """An enclosure of what a prelude function means; None: its body has to be enclosed."""
     name = function.source_name
     if is_prelude(function) and name in OF_A_TURN:
         (angle,) = arguments
@@ -98,7 +98,7 @@ def enclosed_call(
 
 
 def _of_any_turn(ops: EnclosureOperations, name: str, angle: Form) -> Item:
-    """The same of an angle that may be any number of turns further."""
+    """An enclosure of a function of a full turn, at an angle that may be any turns further."""
     bound, near = BOUNDS[name], ops.any_turn(angle)
     off = bound.absolute if name == "wrap_angle" else bound.ulps
     return Form(ops.emitter.emit("form", f"soter_n_{name}", near, float_literal(off)))
@@ -119,7 +119,7 @@ class EnclosureBody(Execution[Item]):
         self.emitter = emitter
         self.cell = cell
         self.prelude = prelude
-        """Prelude functions whose tested bounds were used; filled here."""
+        """The prelude functions whose tested error bounds were used; they are added here."""
 
     # ------------------------------------------------------------ expressions
 
@@ -223,7 +223,7 @@ class EnclosureBody(Execution[Item]):
         self.ops.guard(condition)
 
     def call(self, f: core.Function, arguments: tuple[Item, ...]) -> Item:
-        """A call, written out; EnclosureError where the function is extern."""
+        """The result of a call, written out; `EnclosureError` where the function is extern."""
         known = enclosed_call(self.ops, f, arguments)
         if known is not None:
             self.prelude.add(f.source_name)
@@ -257,7 +257,7 @@ class EnclosureBody(Execution[Item]):
     def _replaced(
         self, old: Item, path: tuple[int | Item, ...], new: Callable[[Item], Item]
     ) -> Item:
-        """`old` with the part at `path` changed; at an undecided index each may have."""
+        """`old` with the part at `path` changed; at an undecided index each part may have."""
         if not path:
             return new(old)
         step, rest = path[0], path[1:]
@@ -275,7 +275,7 @@ class EnclosureBody(Execution[Item]):
         return replace(whole, items=tuple(items))
 
     def _run_where(self, condition: core.Expr, body: tuple[core.Stmt, ...], *, truth: bool) -> None:
-        """One side of a branch: there the condition is known, and so is the variable it reads.
+        """Runs one side of a branch, in which the condition and the variable it reads are known.
 
         `a && b` is a branch on a variable that already holds `a` (core/lower_expressions.py):
         without this an undecided `a` with a false `b` would stay undecided.
@@ -318,7 +318,7 @@ Key = tuple[int, str, Path]
 
 
 def paths(t: Type, path: Path = ()) -> Iterator[tuple[Path, Type]]:
-    """All leaves with their paths; lists stay whole."""
+    """All leaves of a type with their paths; lists stay whole."""
     if isinstance(t, RecordType):
         for n, f in t.fields:
             yield from paths(f, (*path, n))
@@ -330,7 +330,7 @@ def paths(t: Type, path: Path = ()) -> Iterator[tuple[Path, Type]]:
 
 
 def parts(t: Type, v: Item) -> Iterator[tuple[Path, Type, Item]]:
-    """Leaves of a value of a type without lists."""
+    """The leaves of a value, with paths and types; the type has no lists."""
     if isinstance(v, AggregateParts):
         for name, f, item in zip(names(t), types_of(t), v.items, strict=True):
             for path, leaf, x in parts(f, item):
@@ -340,7 +340,7 @@ def parts(t: Type, v: Item) -> Iterator[tuple[Path, Type, Item]]:
 
 
 def names(t: Type) -> tuple[str, ...]:
-    """Path steps of a record or array."""
+    """The names of the parts of a record or array, as they stand in paths."""
     if isinstance(t, RecordType):
         return tuple(n for n, _ in t.fields)
     assert isinstance(t, ArrayType)
@@ -348,7 +348,7 @@ def names(t: Type) -> tuple[str, ...]:
 
 
 def types_of(t: Type) -> tuple[Type, ...]:
-    """Types below a record or array."""
+    """The types of the parts of a record or array."""
     if isinstance(t, RecordType):
         return tuple(f for _, f in t.fields)
     assert isinstance(t, ArrayType)
@@ -385,7 +385,7 @@ class EnclosureInputs:
         return EmittedInts(emit("ints", "soter_ints_input", address(place), *ends))
 
     def parameter_leaf(self, number: int, t: Type) -> Item:
-        """Parameter number `number`: exactly known when the function runs."""
+        """Parameter number `number`, of which the function is given the exact value."""
         place = c.IndexExpr(c.Name("param"), c.Number(str(number)))
         emit = self.ops.emitter.emit
         if isinstance(t, BoolType):
@@ -394,7 +394,7 @@ class EnclosureInputs:
         return EmittedInts(emit("ints", "soter_ints_of", place, place))
 
     def build(self, t: Type, known: dict[Path, Item]) -> Item:
-        """A value of a type from leaves; what is missing may be anything of its type."""
+        """A value of a type, made of known leaves; a missing leaf is any value of its type."""
 
         def at(t: Type, path: Path) -> Item:
             if path in known:
@@ -409,7 +409,7 @@ class EnclosureInputs:
     # ------------------------------------------------------------ cells
 
     def state(self, owner: int, name: str, t: Type) -> Item:
-        """A plant's state."""
+        """The value of a plant's state."""
         known: dict[Path, Item] = {}
         for path, leaf in paths(t):
             k = (owner, name, path)
@@ -420,7 +420,7 @@ class EnclosureInputs:
         return self.build(t, known)
 
     def disturbance(self, owner: int, d: Disturbance, *, read: bool) -> Item:
-        """A disturbance: the input where the function reads it, else its whole range."""
+        """A disturbance: an input if the function reads it, else its whole range."""
         t, known = d.variable.type, {}
         for path, leaf in paths(t):
             number = self.disturbances.get((owner, d.variable.name, path))
@@ -431,7 +431,7 @@ class EnclosureInputs:
         return self.build(t, known)
 
     def topic(self, topic: Topic, numbers: dict[Key, int]) -> Item:
-        """A topic nobody here drives: inputs where `numbers` has them, else its declared set."""
+        """A topic that no plant drives: the inputs that `numbers` has, else its declared set."""
         known = self._bounded(topic)
         for path, leaf in paths(topic.type):
             number = numbers.get((topic.index, "", path))
@@ -440,7 +440,7 @@ class EnclosureInputs:
         return self.build(topic.type, known)
 
     def _bounded(self, topic: Topic) -> dict[Path, Item]:
-        """The declared set, leaf by leaf."""
+        """The declared range of each leaf of a topic."""
         bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
         return {p: self.ranged(t, p, bounds) for p, t in paths(topic.type)}
 
@@ -462,7 +462,7 @@ class EnclosureInputs:
         return self.ops.top(t)
 
     def measured(self, topic: int, t: Type, true: Item, *, bounds: dict[Path, float]) -> Item:
-        """A driven topic as it is seen: with its errors, as inputs or as ranges."""
+        """A driven topic as it is read: `true` plus its errors, which are inputs or ranges."""
 
         def seen(t: Type, path: Path, v: Item) -> Item:
             if path in bounds:
@@ -489,5 +489,5 @@ def members(t: Type) -> int:
 
 
 def key(leaf: Leaf) -> Key:
-    """What a leaf is found by."""
+    """The key by which a leaf is looked up: its owner and path."""
     return leaf.owner, leaf.member, leaf.path

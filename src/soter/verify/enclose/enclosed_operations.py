@@ -1,6 +1,7 @@
-"""Operations on the values of an enclosure: settled now where known, emitted where not.
+"""Operations on the values of an enclosure: computed now where values are known, else emitted as C.
 
-Purpose: one method a kind of scalar operation, and the selection and join of whole values.
+Purpose: `EnclosureOperations` has a method for each kind of scalar operation, and methods that
+select and join whole values.
 Non-goals: Core (`core_enclosure.py`), rounding at run time (`verify/engine/soter_form.h`).
 """
 
@@ -68,7 +69,7 @@ INT_OPS: dict[str, Callable[..., int]] = {
 }
 UNKNOWN = KnownTruth(None)
 TURNS_MAX, SUMS_MAX = 4, 8
-"""States that may be any turn off, and roundings, that `soter_n_any_turn` speaks of."""
+"""The most states any turns off, and the most sums, in an argument of `soter_n_any_turn`."""
 
 
 class EnclosureOperations:
@@ -97,7 +98,7 @@ class EnclosureOperations:
 
     @property
     def anything(self) -> str:
-        """The name of the number of which nothing is known; "" where there is none."""
+        """The variable for a number of which nothing is known; "" where none was emitted."""
         return self.emitter.known("soter_form", _form_between(-math.inf, math.inf))
 
     def is_anything(self, v: Item) -> bool:
@@ -142,7 +143,7 @@ class EnclosureOperations:
         return EmittedInts(self.emitter.emit("ints", "soter_ints_of", *ends))
 
     def float_range(self, low: float, high: float) -> Form | FloatRange:
-        """Any float of a range (infinite ends: one-sided; both infinite: also NaN)."""
+        """Any float of a range; an infinite end: no bound there; both infinite: also NaN."""
         if math.isfinite(low) and math.isfinite(high):
             return FloatRange(low, high)
         return Form(self._static_form(low, high))
@@ -182,7 +183,7 @@ class EnclosureOperations:
         return self._form(f"soter_n_{BINARY[op]}", self.form(a), self.form(b))
 
     def _sum_of_turns(self, op: str, a: Item, b: Item) -> Form | None:
-        """A sum or difference with angles that may be turns off; None: with none, or too many."""
+        """A sum or difference with angles that may be turns off; None: it has none, or too many."""
         turning = [x for x in (a, b) if isinstance(x, Form) and x.turns]
         turns, sums = sum(x.turns for x in turning), sum(x.sums for x in turning) + 1
         if not turning or turns > TURNS_MAX or sums > SUMS_MAX:
@@ -191,7 +192,7 @@ class EnclosureOperations:
         return self._turned(self.binary(op, *plain), turns, sums)
 
     def _beside_range(self, op: str, a: Item, b: FloatRange) -> Form:
-        """+ * / of a float and one that is known to lie in a range."""
+        """The operation `+`, `*` or `/` of a float and one that is known to lie in a range."""
         name = {"+": "shift", "*": "scale", "/": "over"}[op]
         ends = float_literal(b.low), float_literal(b.high)
         return self._form(f"soter_n_{name}", self.form(a), *ends)
@@ -219,26 +220,26 @@ class EnclosureOperations:
         return replace(v, turns=turns, sums=sums)
 
     def any_turn(self, v: Form) -> c.CExpr:
-        """An argument of a function of a full turn, which may be turns off, as one that is not."""
+        """The argument of a function of a full turn, corrected for being any turns off."""
         return address(self.emitter.emit("form", "soter_n_any_turn", address(v.place)))
 
     # ------------------------------------------------------------ truth
 
     def negated(self, v: Item) -> Item:
-        """! of a bool."""
+        """The operation `!` of a bool."""
         if isinstance(v, KnownTruth):
             return KnownTruth(None if v.value is None else not v.value)
         return EmittedTruth(self.emitter.emit("truth", "soter_not", self.truth(v)))
 
     def both(self, a: Item, b: Item) -> Item:
-        """&& of two bools."""
+        """The operation `&&` of two bools."""
         for x, y in ((a, b), (b, a)):
             if isinstance(x, KnownTruth) and x.value is not None:
                 return y if x.value else x
         return EmittedTruth(self.emitter.emit("truth", "soter_both", self.truth(a), self.truth(b)))
 
     def either(self, a: Item, b: Item) -> Item:
-        """|| of two bools."""
+        """The operation `||` of two bools."""
         return self.negated(self.both(self.negated(a), self.negated(b)))
 
     def compare(self, op: str, a: Item, b: Item) -> Item:
@@ -265,16 +266,16 @@ class EnclosureOperations:
     # ------------------------------------------------------------ ints
 
     def fault(self) -> None:
-        """A fault is possible here."""
+        """Notes that a fault is possible here."""
         self.guard(KnownTruth(False))
 
     def guard(self, condition: Item) -> None:
-        """A fault unless the condition holds."""
+        """Notes that a fault is possible unless the condition surely holds."""
         if condition != KnownTruth(True):
             self.emitter.emit("", "soter_possible", self.truth(condition), FAULT, kept=True)
 
     def int_operation(self, op: str, operands: tuple[Item, ...]) -> Item:
-        """One of add sub mul neg abs div mod; faults are noted."""
+        """The operation add, sub, mul, neg, abs, div or mod of ints; notes its faults."""
         if all(isinstance(o, KnownInt) for o in operands):
             try:
                 return KnownInt(
@@ -288,7 +289,7 @@ class EnclosureOperations:
         return EmittedInts(name)
 
     def narrowed(self, v: Item, low: int, high: int) -> Item:
-        """An int on its way to a place with a range."""
+        """An int that is assigned to a place with a range; notes a fault if it may lie outside."""
         if isinstance(v, KnownInt):
             if not low <= v.value <= high:
                 self.fault()
@@ -299,7 +300,7 @@ class EnclosureOperations:
         )
 
     def index(self, v: Item, limit: Item, capacity: int) -> Item:
-        """An index that is inside."""
+        """An index cut to [0, limit); notes a fault if it may lie outside."""
         if isinstance(v, KnownInt) and isinstance(limit, KnownInt):
             if not 0 <= v.value < limit.value:
                 self.fault()
@@ -312,7 +313,7 @@ class EnclosureOperations:
         )
 
     def to_int(self, v: Item) -> Item:
-        """int(x) of a float."""
+        """The operation `int(x)` of a float; notes its faults."""
         if isinstance(v, FloatRange) and v.low == v.high and INT_MIN <= int(v.low) <= INT_MAX:
             return KnownInt(int(v.low))
         return EmittedInts(
@@ -320,13 +321,13 @@ class EnclosureOperations:
         )
 
     def number(self, v: Item) -> Item:
-        """A float that is compared: a fault where it may be NaN."""
+        """A float that is compared; notes a fault if it may be NaN."""
         if not isinstance(v, FloatRange):
             self.guard(EmittedTruth(self.emitter.emit("truth", "soter_is_number", self.form(v))))
         return v
 
     def to_float(self, v: Item) -> Item:
-        """float(i) of an int; also of a bool, as 0 or 1."""
+        """The operation `float(i)` of an int, or of a bool as 0 or 1."""
         if isinstance(v, KnownInt) and abs(v.value) <= 2**53:
             return FloatRange(float(v.value), float(v.value))
         if isinstance(v, (EmittedTruth, KnownTruth)):
@@ -336,7 +337,7 @@ class EnclosureOperations:
     # ------------------------------------------------------------ one of several
 
     def select(self, condition: Item, then: Item, otherwise: Item) -> Item:
-        """What `condition ? then : otherwise` gives."""
+        """The operation `condition ? then : otherwise`."""
         if isinstance(condition, KnownTruth) and condition.value is not None:
             return then if condition.value else otherwise
         return self.mapped(then, otherwise, lambda a, b: self._select_scalar(condition, a, b))
@@ -353,7 +354,7 @@ class EnclosureOperations:
         return EmittedTruth(self.emitter.emit("truth", "soter_truth_select", *arguments))
 
     def mapped(self, a: Item, b: Item, leaf: Callable[[Item, Item], Item]) -> Item:
-        """Two values of one type, leaf by leaf; what is the same in both stays."""
+        """A value made by `leaf` from each pair of leaves that differ; equal leaves stay."""
         if a is b or a == b:
             return a
         a = opened(a) if isinstance(a, Constant) else a
@@ -380,7 +381,7 @@ class EnclosureOperations:
         then: list[Step],
         otherwise: list[Step],
     ) -> Item:
-        """What a variable is behind a branch that left `a` in one block and `b` in the other."""
+        """The value of a variable after a branch whose blocks left `a` and `b` in it."""
 
         def leaf(x: Item, y: Item) -> Item:
             kind = kind_of(x)
@@ -393,7 +394,7 @@ class EnclosureOperations:
         return self.mapped(a, b, leaf)
 
     def outlived(self, v: Item, variables: list[MergedVariable], block: list[Step]) -> Item:
-        """A value of one block, for use behind it where that block ran."""
+        """A value that a block computed, for use after the block where it ran."""
         v = opened(v) if isinstance(v, Constant) else v
         if isinstance(v, AggregateParts):
             return AggregateParts(tuple(self.outlived(x, variables, block) for x in v.items))
@@ -450,7 +451,7 @@ class EnclosureOperations:
         return EmittedInts(self.emitter.emit("ints", "soter_ints_table", table, self.ints(at)))
 
     def _gather(self, items: tuple[Item, ...], at: Item) -> Item:
-        """By choice among all: joined where `at` is undecided."""
+        """The item at an index: a join of several where the index is undecided."""
         selection = items[-1]
         if len(items) == 1:
             return selection

@@ -1,6 +1,7 @@
-"""The steps of a verification system, put together as the functions of an enclosure.
+"""The functions of an enclosure: SC, plants and predicates of a verification system.
 
-Purpose: SC on what it sees, plants on what acts on them, predicates on true or estimated topics.
+Purpose: `Enclosed` puts together one function: SC's step on what it reads, the plants' derivative
+or next state on what acts on them, or a predicate on true or estimated topics.
 Non-goals: printing (`compiled_enclosures.py`), statements (`core_enclosure.py`).
 """
 
@@ -67,21 +68,21 @@ class Enclosed:
         self.functions = {f.name: f for f in core_system.functions}
         self.prelude = prelude
         self.estimated = False
-        """Topics are read with their errors."""
+        """Whether topics are read with their errors."""
         self.moving = False
-        """Controls and disturbances are inputs: a derivative or a next state."""
+        """Whether controls and disturbances are inputs, as of a derivative or a next state."""
         self._topics: dict[int, Item] = {}
         self._driven: dict[int, Item] | None = None
 
     # ------------------------------------------------------------ cells
 
     def body(self, more: Mapping[str, core.Function] | None = None) -> EnclosureBody:
-        """Something to run Core with."""
+        """A new body that executes Core for this function."""
         functions = {**self.functions, **(more or {})}
         return EnclosureBody(self.emitter, functions, self.cell, self.prelude)
 
     def cell(self, cell: core.Cell, t: Type) -> Item:
-        """The content of a state cell."""
+        """The value of a cell: a state of a plant, or a topic."""
         if cell.kind == "state":
             return self.inputs.state(cell.owner, cell.name, t)
         assert cell.kind == "topic"
@@ -108,7 +109,7 @@ class Enclosed:
         return self.inputs.topic(topic, self.inputs.others if self.estimated else {})
 
     def error_bounds(self, topic: int) -> dict[tuple[str, ...], float]:
-        """Measured leaves of a driven topic with their bounds."""
+        """The error bounds of the measured leaves of a driven topic, by path."""
         t = self.system.topics[topic].type
         all_paths = [p for p, _ in leaves(t)]
         return {
@@ -119,7 +120,7 @@ class Enclosed:
         }
 
     def plants(self) -> list[tuple[Component, core.PlantStep]]:
-        """The verification plants; EnclosureError where one is extern."""
+        """The verification plants; `EnclosureError` where one is extern."""
         plants = [(self.system.components[i], p) for i, p in sorted(self.core.plants.items())]
         for component, step in plants:
             if step.extern:
@@ -128,7 +129,7 @@ class Enclosed:
         return plants
 
     def _started(self, component: Component, step: core.PlantStep) -> EnclosureBody:
-        """A body whose temporaries are a plant's states and disturbances."""
+        """A new body in which a plant's states and disturbances are bound."""
         body = self.body()
         for x in step.states:
             body.bind(x.name, x.type, self.cell(x.cell, x.type))
@@ -141,7 +142,7 @@ class Enclosed:
         return body
 
     def drive(self) -> None:
-        """From here on topics that plants drive hold what they publish on the present states."""
+        """Sets the topics that plants drive to what they publish in the present states."""
         driven: dict[int, Item] = {}
         for component, step in self.plants():
             body = self._started(component, step)
@@ -152,14 +153,14 @@ class Enclosed:
         self._topics = {}
 
     def _see(self, topics: Iterable[int]) -> None:
-        """Estimates are made before any branch: what is first read in one is read behind it too."""
+        """Makes estimates before any branch: one first read in a branch is used after it, too."""
         for index in topics:
             self._topics[index] = self._topic(index)
 
     # ------------------------------------------------------------ functions
 
     def law(self) -> list[c.CExpr]:
-        """What SC publishes, leaf by leaf of the controls; EnclosureError where SC is extern."""
+        """What SC publishes, for each leaf of the controls; `EnclosureError` where SC is extern."""
         self.drive()
         self.estimated = True
         step = self.core.nodes[self.module.sc]
@@ -178,7 +179,7 @@ class Enclosed:
         return [self.operand(self._leaf(published, x)) for x in self.quantities.controls]
 
     def _gated(self, body: EnclosureBody, number: int, output: core.Output) -> Item:
-        """What a topic holds behind the gate: checked, or still its last value."""
+        """The value of a topic behind the gate: what was published and passed, or the last one."""
         topic = self.system.topics[output.topic]
         held = self.inputs.topic(topic, {})
         has, value, _ = body.frame.outputs.get(number, (KnownTruth(False), held, topic.type))
@@ -197,7 +198,7 @@ class Enclosed:
         return self.ops.select(has, self.inputs.build(topic.type, checked), held)
 
     def _checked(self, t: Type, v: Item, bound: Bound | None) -> Item:
-        """A leaf on its way through the gate."""
+        """A leaf as it passes the gate; notes a fault if it may be outside its bounds."""
         if isinstance(t, FloatType):
             low, high = (bound.low, bound.high) if bound else (-float("inf"), float("inf"))
             ends = (float_literal(low), float_literal(high))
@@ -215,13 +216,13 @@ class Enclosed:
         return {p: v for p, _, v in parts(t, topics[leaf.owner])}[leaf.path]
 
     def operand(self, v: Item) -> c.CExpr:
-        """A leaf as a form, as the caller gets it; of a list nothing is said: any number."""
+        """A leaf as a form for the caller; for a list it is any number."""
         if isinstance(v, Sequence):
             v = FloatRange(-math.inf, math.inf)
         return self.ops.form(v if kind_of(v) == "form" else self.ops.to_float(v))
 
     def drives(self) -> list[c.CExpr]:
-        """Leaves of driven topics: topics in order of index, leaves as declared."""
+        """The leaves of driven topics, topics by index, leaves in the order of declaration."""
         self.drive()
         assert self._driven is not None
         return [
@@ -231,11 +232,11 @@ class Enclosed:
         ]
 
     def published(self) -> list[Item]:
-        """Of each driven leaf that has a set: whether it lies there, with every error.
+        """For each driven leaf with a set whether it lies there with every error; then of others.
 
-        Last of those without a set: that they are finite. Only after `drive`. Of lists, of arrays
-        too long to be numbered, and of what is just a state that is left out, or that is read
-        modulo a full turn, nothing is said.
+        The last one is that leaves without a set are finite. To be called after `drive`. Left out
+        are lists, arrays too long to be numbered, and leaves that equal a state that is left out,
+        or that is read modulo a full turn.
         """
         assert self._driven is not None
         conditions: list[Item] = []
@@ -296,7 +297,7 @@ class Enclosed:
         ]
 
     def next(self) -> list[c.CExpr]:
-        """Every state after one step of its plant."""
+        """The value of every state after one step of its plant."""
         self.moving = True
         next_values: dict[tuple[int, str, tuple[str, ...]], Item] = {}
         for component, step in self.plants():
@@ -310,7 +311,7 @@ class Enclosed:
     def predicate(
         self, p: core.Predicate, more: Mapping[str, core.Function], *, estimated: bool
     ) -> c.CExpr:
-        """A predicate on true or estimated topics."""
+        """The truth of a predicate of Core on true or estimated topics."""
         return self.ops.truth(self._holds(p, more, estimated=estimated))
 
     def _holds(
@@ -333,11 +334,11 @@ class Enclosed:
         return self._holds(p, table.by_name, estimated=estimated)
 
     def expression(self, e: TypedExpr, *, estimated: bool) -> c.CExpr:
-        """The same from the checked tree."""
+        """The truth of a checked expression on true or estimated topics."""
         return self.ops.truth(self._said(e, estimated=estimated))
 
     def publishing(self, number: int | None = None) -> c.CExpr:
-        """That plants can publish what they drive: all of `published`, or one of it by number."""
+        """The truth that plants can publish what they drive: all of `published`, or one of it."""
         self.drive()
         conditions = self.published()
         return self.ops.truth(
@@ -351,9 +352,9 @@ class Enclosed:
 
 
 def room_of(bound: Bound | None, error: float) -> tuple[float, float]:
-    """What a float may be so that it lies in its set with any error of up to `error` added.
+    """The range in which a float stays inside its set with any error of up to `error` added.
 
-    Exactly: what is at most the upper bound less the error stays so once their sum is rounded.
+    It is exact: a float within it, plus an error, stays in the set after the sum is rounded.
     """
     low, high = (bound.low, bound.high) if bound is not None else (-FLOAT_MAX, FLOAT_MAX)
     least, most = Fraction(low) + Fraction(error), Fraction(high) - Fraction(error)
@@ -363,7 +364,7 @@ def room_of(bound: Bound | None, error: float) -> tuple[float, float]:
 def right_hand_side(
     step: core.PlantStep, functions: Mapping[str, core.Function]
 ) -> core.Call | None:
-    """The first call of a plant's derivative; None when the plant is (also) a map."""
+    """The call of a plant's derivative function; None where the plant moves in steps (`next`)."""
     calls = [
         s
         for s in _flat(step.integrate)

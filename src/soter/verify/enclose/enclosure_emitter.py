@@ -1,9 +1,10 @@
-"""The statements of an enclosure, freed of what nobody reads, as C; values while it is emitted.
+"""The intermediate form of an enclosure: its operations and values, and their printing as C.
 
-Purpose: Operations in single-assignment form, with nested blocks for undecided branches. Records,
-arrays and lists fall apart into scalars; a scalar is known now (a constant) or lies in a variable
-of the emitted C.
-Non-goals: Which operations (`core_enclosure.py`), what they do (`verify/engine/soter_form.h`).
+Purpose: an `Emitter` collects operations in single-assignment form, with nested blocks for
+undecided branches; `pruned` drops those whose results nobody reads; `statements` prints them.
+Records, arrays and lists are split into scalars, each of them known now or held by a variable of
+the emitted C.
+Non-goals: which operations (`core_enclosure.py`), what they do (`verify/engine/soter_form.h`).
 """
 
 from __future__ import annotations
@@ -35,30 +36,30 @@ if TYPE_CHECKING:
 
 FAULT = c.Unary("&", c.Name("fault"))
 SIZE = c.Name("n")
-"""How many symbols the inputs that are read depend on."""
+"""The C variable that counts the symbols of the inputs that are read."""
 MAX_OPERATIONS = 60_000
-"""How many operations one emitted function may have; loops and calls are written out."""
+"""The most operations of one emitted function; loops and calls are written out."""
 
 
 class EnclosureError(Exception):
-    """This module cannot be enclosed; the text says why, for people."""
+    """A module cannot be enclosed; the text says why, for people."""
 
 
 @dataclass(eq=False)
 class Op:
-    """One call: of kind "form" into a `soter_form`, or giving "ints" or "truth"; "" for effect."""
+    """One call in C; `kind`: its result is a "form", "ints" or a "truth"; "": it has none."""
 
     kind: str
     result: str
     function: str
     arguments: tuple[c.CExpr, ...]
     kept: bool = False
-    """Needed although nobody may read the result: it may fault."""
+    """Whether it is needed even if nobody reads the result, as it may fault."""
 
 
 @dataclass(eq=False)
 class MergedVariable:
-    """A variable that both blocks of a branch leave their value in."""
+    """A variable in which both blocks of a branch leave their value."""
 
     kind: str
     result: str
@@ -66,17 +67,17 @@ class MergedVariable:
 
 @dataclass(eq=False)
 class MergeStore:
-    """At the end of a block: its value of a merged variable."""
+    """A store of a merged variable at the end of a block."""
 
     target: MergedVariable
     value: c.CExpr
     second: bool
-    """The otherwise-block: joins with what the then-block left if both ran."""
+    """Whether it is in the otherwise-block, which joins its value with that of the then-block."""
 
 
 @dataclass(eq=False)
 class EmittedBranch:
-    """Runs each block that may be taken."""
+    """A branch, of which each block runs that may be taken."""
 
     condition: c.CExpr
     merged: list[MergedVariable]
@@ -92,25 +93,25 @@ class Emitter:
     """Collects the operations of one emitted function."""
 
     statics: dict[tuple[str, str], c.VariableDef] = field(default_factory=dict)
-    """Constant forms and tables of the whole unit, by type and content."""
+    """The constant forms and tables of the whole unit, by type and content."""
     reads: dict[int, c.Name] = field(default_factory=dict)
-    """Inputs that are read as forms, and the variables they are taken into."""
+    """The variable that holds the form of each input that is read."""
     block: list[Step] = field(default_factory=list)
-    """Where operations go at present."""
+    """The block to which operations are added at present."""
     operations: int = 0
     reads_turns: bool = False
-    """Something hangs on how many full turns a state has made."""
+    """Whether something depends on how many full turns a state has made."""
     _next: int = 0
 
     def fresh(self, kind: str) -> str:
-        """A new variable."""
+        """The name of a new variable."""
         self._next += 1
         return f"{kind[0]}{self._next}"
 
     def emit(self, kind: str, function: str, *arguments: c.CExpr, kept: bool = False) -> c.Name:
-        """One more operation; gives the variable with its result.
+        """Adds an operation and returns the variable of its result.
 
-        EnclosureError where there are more than `MAX_OPERATIONS`.
+        `EnclosureError` where there are more than `MAX_OPERATIONS`.
         """
         self.operations += 1
         if self.operations > MAX_OPERATIONS:
@@ -121,11 +122,11 @@ class Emitter:
         return c.Name(result)
 
     def read(self, number: int) -> c.Name:
-        """An input as a form."""
+        """The variable that holds an input as a form."""
         return self.reads.setdefault(number, c.Name(f"x{number}"))
 
     def static(self, type_: str, stem: str, value: c.Initializer, *, array: bool) -> c.Name:
-        """A constant object of the unit."""
+        """The name of a constant object of the unit, which is added if it is new."""
         key = (type_ + "[]" * array, repr(value))
         if key not in self.statics:
             name = f"soter_{stem}_{len(self.statics)}"
@@ -133,13 +134,13 @@ class Emitter:
         return c.Name(self.statics[key].name)
 
     def known(self, type_: str, value: c.Initializer) -> str:
-        """The name of a constant object that is there; "" where it is not."""
+        """The name of a constant object that the unit has; "" where it has none."""
         found = self.statics.get((type_, repr(value)))
         return "" if found is None else found.name
 
 
 def float_literal(x: float) -> c.CExpr:
-    """A double, exactly."""
+    """A literal of exactly this double."""
     if math.isnan(x):
         return c.Cast("double", c.Name("NAN"))
     if math.isinf(x):
@@ -149,12 +150,12 @@ def float_literal(x: float) -> c.CExpr:
 
 
 def address(place: c.CExpr) -> c.CExpr:
-    """`&place`."""
+    """The expression `&place`."""
     return c.Unary("&", place)
 
 
 def whole_literal(value: int) -> c.CExpr:
-    """An int64_t."""
+    """A literal of this int64_t."""
     return int_number(value)
 
 
@@ -162,7 +163,7 @@ def whole_literal(value: int) -> c.CExpr:
 
 
 def names_in(e: object) -> Iterator[str]:
-    """Names that C mentions in expressions."""
+    """The names in some expressions of C."""
     if isinstance(e, c.Name):
         yield e.text
     elif isinstance(e, tuple):
@@ -174,9 +175,10 @@ def names_in(e: object) -> Iterator[str]:
 
 
 def pruned(block: list[Step], live: set[str], *, faults: bool = True) -> list[Step]:
-    """The block without operations whose results nobody reads; `live` grows backwards.
+    """The block without operations whose results nobody reads.
 
-    `faults`: operations that may fault stay in any case.
+    `live`: the variables that are read after it; those read in it are added. `faults`: operations
+    that may fault stay in any case.
     """
     steps: list[Step] = []
     for s in reversed(block):
@@ -200,7 +202,7 @@ def pruned(block: list[Step], live: set[str], *, faults: bool = True) -> list[St
 
 
 def statements(block: list[Step]) -> list[c.CStmt]:
-    """C of a pruned block."""
+    """The C statements of a pruned block."""
     c_statements: list[c.CStmt] = []
     for s in block:
         if isinstance(s, Op):
@@ -248,7 +250,7 @@ def _store(s: MergeStore, condition: c.CExpr) -> c.CStmt:
 
 
 def _declared(m: MergedVariable) -> list[c.CStmt]:
-    """A merged variable with some first value."""
+    """The declaration of a merged variable, with an arbitrary first value."""
     zero = c.Number("0.0")
     if m.kind == "form":
         first = c.CallExpr("soter_n_range", (SIZE, address(c.Name(m.result)), zero, zero))
@@ -264,9 +266,9 @@ def framed(
     *,
     faults: bool = True,
 ) -> tuple[c.CStmt, ...]:
-    """The body of a function: the inputs it reads on their own symbols, operations, results.
+    """The body of a function: inputs with symbols of their own, operations, results.
 
-    Without `faults` it answers for faults of the operations that the results rest on, only.
+    Without `faults` it reports faults only of operations that the results depend on.
     """
     live = {n for s in results for n in names_in(s)}
     inner = statements(pruned(block, live, faults=faults))
@@ -286,7 +288,7 @@ def framed(
 
 
 def given(place: int, form: c.CExpr) -> c.CStmt:
-    """A resulting form on its way to the caller."""
+    """The statement that gives a resulting form to the caller."""
     target = address(c.IndexExpr(c.Name("out"), c.Number(str(place))))
     return c.Do(c.CallExpr("soter_n_give", (SIZE, target, form, c.Name("symbols"))))
 
@@ -296,13 +298,13 @@ LARGEST = math.nextafter(math.inf, 0.0)
 
 @dataclass(frozen=True)
 class Form:
-    """A float in a `soter_form` of the emitted C."""
+    """A float held by a `soter_form` of the emitted C."""
 
     place: c.CExpr
     turns: int = 0
-    """How often a state enters that is read modulo a full turn: it may be turns off as often."""
+    """How many states that are read modulo a full turn stand in it: each may be turns off."""
     sums: int = 0
-    """Operations since: each rounds by as much as far turns are large."""
+    """How many sums made it since: each rounds by more where a state is many turns off."""
 
 
 @dataclass(frozen=True)
@@ -315,7 +317,7 @@ class FloatRange:
 
 @dataclass(frozen=True)
 class EmittedInts:
-    """An int or enum in a `soter_ints` of the emitted C."""
+    """An int or enum held by a `soter_ints` of the emitted C."""
 
     place: c.CExpr
 
@@ -329,7 +331,7 @@ class KnownInt:
 
 @dataclass(frozen=True)
 class EmittedTruth:
-    """A bool in a `soter_truth` of the emitted C."""
+    """A bool held by a `soter_truth` of the emitted C."""
 
     place: c.CExpr
 
@@ -358,7 +360,7 @@ class Sequence:
 
 @dataclass(frozen=True)
 class Constant:
-    """A constant that has not been taken apart (tables are large)."""
+    """A constant that is not split into its parts, as tables are large."""
 
     type: Type
     value: Plain
@@ -369,7 +371,7 @@ Item = Scalar | AggregateParts | Sequence | Constant
 
 
 def element_types(t: Type) -> tuple[Type, ...]:
-    """Types of a record's fields, or of an array's or list's places."""
+    """The types of a record's fields, or of an array's or list's elements."""
     if isinstance(t, RecordType):
         return tuple(f for _, f in t.fields)
     if isinstance(t, ArrayType):
@@ -379,12 +381,12 @@ def element_types(t: Type) -> tuple[Type, ...]:
 
 
 def is_scalar(t: Type) -> bool:
-    """Whether values of the type are one leaf."""
+    """Whether values of the type are a single leaf."""
     return isinstance(t, (BoolType, EnumType, FloatType, IntType))
 
 
 def opened(v: Constant) -> Item:
-    """A constant, taken apart one level; a float that is not finite stays a `Constant`."""
+    """A constant, split by one level; a float that is not finite stays a `Constant`."""
     t, value = v.type, v.value
     if isinstance(t, FloatType):
         x = float(value)
@@ -412,7 +414,7 @@ def at_most(x: Fraction) -> float:
 
 
 def enclosed(values: tuple[Fraction, ...]) -> FloatRange | None:
-    """The smallest span around exact values; it also holds what they round to.
+    """The smallest range of doubles around exact values, and so around their rounded ones.
 
     None where a value may round to infinity.
     """
@@ -421,7 +423,7 @@ def enclosed(values: tuple[Fraction, ...]) -> FloatRange | None:
 
 
 def span_binary(op: str, a: FloatRange, b: FloatRange) -> FloatRange | None:
-    """`a op b` on constants, by exact arithmetic; None: not to be settled now."""
+    """The range of `a op b` by exact arithmetic; None: it cannot be computed now."""
     left, right = (Fraction(a.low), Fraction(a.high)), (Fraction(b.low), Fraction(b.high))
     if op == "+":
         return enclosed((left[0] + right[0], left[1] + right[1]))
@@ -435,7 +437,7 @@ def span_binary(op: str, a: FloatRange, b: FloatRange) -> FloatRange | None:
 
 
 def span_unary(op: str, a: FloatRange) -> FloatRange | None:
-    """neg, abs, floor, sqrt of a constant; None: not to be settled now."""
+    """The range of neg, abs, floor or sqrt of a range; None: it cannot be computed now."""
     if op == "neg":
         return FloatRange(-a.high, -a.low)
     if op == "abs":

@@ -1,8 +1,9 @@
-"""What the simulator's integration scheme adds to a linear flow.
+"""The error that the simulator's integration scheme adds to a linear flow.
 
-Purpose: a bound w per state so that one step of the scheme is an exact solution of
-x' in A x + B u + c + [-w, w], for proofs about programs that are simulated (or run) that way.
-Non-goals: nonlinear flows, where it is a printed assumption.
+Purpose: `scheme_error` gives a bound w for each state so that one step of the scheme is an exact
+solution of x' in A x + B u + c + [-w, w]; proofs about programs that are simulated (or run) in this
+way use it as a disturbance.
+Non-goals: nonlinear flows, for which it is a printed assumption.
 
 The state is that of all plants together: the scheme steps them at once, and only then is b, the
 commands and disturbances of one step, constant. One step of a Runge-Kutta scheme of order p
@@ -29,14 +30,14 @@ if TYPE_CHECKING:
 NS = 1e-9
 ORDER = 4
 UP = 1.0 + 1e-12
-"""Makes up for every rounding of the few sums of nonnegative numbers here."""
+"""A factor that covers the rounding of the few sums of nonnegative numbers here."""
 UNIT = 2.0**-53
 TERMS = 24
 SIZES = (0.25, 0.5, 0.75, 0.95)
 LINEAR = 2.0**-40
-"""Remainders of this share of a rate are rounding: the flow is linear for the simulator, too."""
+"""Remainders up to this share of a rate count as rounding: the flow is linear."""
 FORM = 4
-"""low, high, centre, remainder of a form; then its coefficients."""
+"""The number of a form's first coefficient, behind low, high, centre and remainder."""
 ROOM = 1.01
 STIFF = (
     "the error of the plant's scheme is not bounded: rate x step of {names} is {size:.3g}, at "
@@ -46,9 +47,9 @@ STIFF_HINT = "shorter steps of the plant, rate x step below 1: `substeps`, or a 
 
 
 def scheme_weight(a: Floats, h: float, order: int = ORDER) -> Floats:
-    """The matrix before |f| above, for `order` = p; shape (n, n).
+    """The matrix (n, n) before |f| in the head of this file, for `order` = p.
 
-    inf where h |A| is so large (its spectral radius near 1 or more) that the bound says nothing.
+    It is inf where h |A| has a spectral radius near 1 or more, so that the bound says nothing.
     Tails are bounded with d > 0 and z d <= size d: then z^k <= size^k d (1 / d)^T, entry by entry.
     """
     z = np.abs(a) * h * UP
@@ -71,9 +72,9 @@ def scheme_weight(a: Floats, h: float, order: int = ORDER) -> Floats:
 
 
 def _scale(z: Floats) -> tuple[Floats, float] | None:
-    """Weights d > 0 (n,) and a size < 1 with z d <= size d, z >= 0 (n, n); None: there are none.
+    """Weights d > 0 (n,) and a size < 1 with z d <= size d, z >= 0 (n, n); None: none were found.
 
-    Rows have units of their own: d makes up for them. It solves (1 - z / s) d = 1 for a few s.
+    As rows differ in their units, so do the weights: d solves (1 - z / s) d = 1 for a few s.
     """
     for s in SIZES:
         try:
@@ -88,7 +89,7 @@ def _scale(z: Floats) -> tuple[Floats, float] | None:
 
 
 def largest_rates(model: dict[str, Floats], states: Floats, commands: Floats) -> Floats:
-    """Bounds of |x'| (n,) for |x| <= `states` (n,), |u| <= `commands` (m,), but for rounding."""
+    """Bounds of |x'| (n,) for |x| <= `states` (n,), |u| <= `commands` (m,), without rounding."""
     moved = np.abs(model["A"]) @ states + np.abs(model["B"]) @ commands
     return np.asarray(moved + np.abs(model["c"]) + model["w"], dtype=np.float64)
 
@@ -96,7 +97,7 @@ def largest_rates(model: dict[str, Floats], states: Floats, commands: Floats) ->
 def scheme_error(
     model: dict[str, Floats], states: Floats, commands: Floats, h: float, order: int = ORDER
 ) -> Floats:
-    """W per state (n,): scheme and rounding of one step of `h` seconds, as a disturbance of x'.
+    """The bound w (n,): scheme and rounding of one step of `h` seconds, as a disturbance of x'.
 
     `states`, `commands`: largest |x| and |u|, shapes (n,), (m,); `model`: of all states.
     """
@@ -115,8 +116,8 @@ def scheme_error(
 class SchemeSolution:
     """Whether the steps of the simulator are solutions of a group's model.
 
-    `error`: with so much more (n,) on each rate of its states they are; None: they are not shown
-    to be. `stiff`: why, where the flow is linear and nothing but its step stands against it.
+    `error`: they are with this much more (n,) on each rate of its states; None: they are not shown
+    to be. `stiff`: why not, where the flow is linear and only the step is too long.
     """
 
     error: Floats | None = None
@@ -125,11 +126,11 @@ class SchemeSolution:
 
 @dataclass(frozen=True)
 class SimulatedFlow:
-    """What of a problem its simulation rests on.
+    """The rates of a problem and the steps in which the simulator integrates them.
 
     `rates(low, high)`: forms of all rates over ranges of all inputs, (states, 4 + inputs), and the
-    radius of each input; None where a step fault is possible. `steps`: of each state the step in s
-    and the order of its scheme, and the number of its plant; a step of 0: commands do not fit it.
+    radius of each input; None where a step fault is possible. `steps`: for each state the step in
+    s, the order of its scheme and the number of its plant; a step of 0: commands do not fit it.
     """
 
     rates: Callable[[Floats, Floats], tuple[Floats, Floats] | None]
@@ -139,10 +140,10 @@ class SimulatedFlow:
 
 
 def followed(of: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]) -> SchemeSolution:
-    """For the states `own` of a group, inputs within [low, high], (inputs,).
+    """Whether the simulator's steps solve the model of a group's states `own`, by how much more.
 
-    The states that drive them are stepped with them, so that their rates count, and the stages may
-    leave the ranges: there the flow has to be as linear.
+    Inputs lie in [low, high], (inputs,). The states that drive `own` are stepped with them, so
+    their rates count, too; stages may leave the ranges, and the flow has to be linear there.
     """
     n = len(of.names)
     inside = _linear(of, low, high, own)

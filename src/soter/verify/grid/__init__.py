@@ -1,1 +1,1 @@
-"""Sets on grids, in front of the engine."""
+"""Sets of states on grids, computed by the C engine, and the claims proved with them."""

@@ -1,4 +1,4 @@
-"""Groups on grids, as the claims ask of them, and as certificates have them.
+"""The proof method "grid": claims about one group on cells, and its entry in a certificate.
 
 Purpose: `GridProof`: for one group of a case C, K, R(H), the inclusions, levels, the start and the
 return, on cells; `Grids`: the method; `entry`: the sets of a group as tables, one entry a cell.
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 def entry(
     problem: Problem, group: GroupSets, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """Witnesses as bytes, sets as bits, ranks as pairs of bytes."""
+    """A group's entry; its tables are added to `files`: witnesses as bytes, sets as bits."""
     group_entry = axes(problem, group.group, stem, files)
     rank, holds = group.rank, group.rank_holds
     if rank is not None and holds is not None and group.home is not None:
@@ -88,11 +88,8 @@ def _bits(table: NDArray[Any] | None) -> bytes | None:
 
 
 HOLDS = 12
-"""Of a cell of C, on average, on declared cells of a flow that is not linear: with more there is no
-K, and none is looked for on smaller ones.
-
-Of eight such robots with a K the most was 3.2; of two without one the least was over 60.
-"""
+"""The limit of periods per declared cell of C, on average, for a flow that is not linear: beyond it
+K is given up. Of eight such robots with a K the most was 3.2, of two without one the least 60."""
 CROSSED = (
     "; the differential equation keeps {ends}, and that the scheme which integrates it does "
     "was not shown"
@@ -102,7 +99,7 @@ CROSSED_HINT = "ranges that end a little further out, where the flow points inwa
 
 @dataclass(eq=False)
 class GridProof(GroupProof):
-    """A group on a grid: its engine, and the sets that it found."""
+    """The proof of one group on a grid: its engine, and the sets that were found."""
 
     group: Group
     engine: GridGroup
@@ -111,18 +108,18 @@ class GridProof(GroupProof):
 
     @property
     def cells(self) -> int:
-        """All of the grid."""
+        """How many cells the grid has."""
         return self.found.allowed.size
 
     @property
     def return_ns(self) -> int:  # type: ignore[override]
-        """The longest time from W to Q."""
+        """The longest time from W to Q, in ns."""
         return self.found.return_ns
 
     # ------------------------------------------------------------ claims
 
     def take(self, case: Case, part: SetFactor) -> None:
-        """C_g; where it holds at another point than before the product is another."""
+        """Takes C_g, this group's part of C; the proof starts anew where it is another one."""
         assert isinstance(part, CellsPart)
         if not self.fresh and not np.array_equal(self.found.allowed, part.cells):
             case.again(self)
@@ -130,7 +127,7 @@ class GridProof(GroupProof):
             self.found.allowed = part.cells
 
     def core(self, case: Case) -> bool:
-        """K: a greatest fixpoint."""
+        """Computes K, a greatest fixpoint; enters a failure of P2a and returns False if empty."""
         if self.engine.stiff:
             case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
         rests = resting(case, self.engine, self.found.allowed)
@@ -152,12 +149,12 @@ class GridProof(GroupProof):
         return False
 
     def free_phase(self, case: Case) -> None:
-        """R(H)."""
+        """Computes R(H), the states from which no command of U leads out of K within H."""
         horizon = case.problem.in_horizon(case.problem.times.horizon_ns)
         self.found.free = self.engine.safe_for(horizon, self.found.core > 0)
 
     def inclusion(self, case: Case, predicate: str) -> None:
-        """On every cell, with all errors."""
+        """Enters a failure where a predicate lets AC have control outside R(H), on any estimate."""
         part = self.found
         if part.possible is None:
             part.possible = self.engine.may_hold("safe")
@@ -175,7 +172,7 @@ class GridProof(GroupProof):
             case.fail(predicate, text, self, hint).cells = wrong
 
     def entered(self, case: Case) -> str:
-        """On every cell, with all errors; `safe` is not yet known of where the state jumps to."""
+        """Why `enters` may hold outside R(H); "": it does not. After a jump `safe` is not known."""
         del case
         assert self.found.free is not None
         wrong = int((self.engine.may_hold("enters") & ~self.found.free).sum())
@@ -183,22 +180,22 @@ class GridProof(GroupProof):
         return f"it may hold on {wrong:,} cells of {names} outside R(H)" if wrong else ""
 
     def levels(self, case: Case) -> None:
-        """S_0, S_1, ... of estimates."""
+        """Computes S_0, S_1, ..., the sets of estimates by which the DM decides."""
         levels.find(case, self, self.engine, self.found)
 
     def without_levels(self) -> GridProof:
-        """What is found later stays out."""
+        """A copy of this proof with C, K and R(H) only."""
         f = self.found
         found = GroupSets(f.group, f.allowed, f.core, f.free, f.possible, solver=f.solver)
         return GridProof(self.group, self.engine, found)
 
     def admit(self, case: Case, table: LevelTable) -> None:
-        """A table of the DM, and the states from which AC may have control by it."""
+        """Takes the DM's table and computes the states from which AC may have control by it."""
         assert isinstance(table, GroupTable)
         levels.admit(case, self, self.engine, self.found, table)
 
     def start(self, case: Case, until_ns: int) -> None:
-        """The initial states lie in R(h_0)."""
+        """Enters a failure where an initial state is not in R(h_0)."""
         reach = self.engine.safe_for(until_ns, self.found.core > 0)
         at = self.at_start(case)
         if at is None:
@@ -220,12 +217,12 @@ class GridProof(GroupProof):
         return np.ix_(*at) if len(at) == len(box) else None
 
     def held(self, case: Case) -> CellsPart | None:
-        """By the table of the DM."""
+        """The states at which the DM's table gives AC control on any estimate."""
         cells = levels.held(case, self.engine, self.found)
         return None if cells is None else CellsPart(self.engine, cells)
 
     def recover(self, case: Case, target: SetFactor) -> None:
-        """Q and W."""
+        """Computes Q and W for a target."""
         assert isinstance(target, CellsPart)
         recovery.recover(case, self, self.engine, self.found, target.cells)
 
@@ -233,7 +230,7 @@ class GridProof(GroupProof):
 
     @property
     def stuck(self) -> float:
-        """Of K."""
+        """The share of K's cells from which no way to Q was found."""
         core, rank = self.found.core > 0, self.found.rank
         if rank is None:
             return 0.0
@@ -241,11 +238,11 @@ class GridProof(GroupProof):
 
     @property
     def core_cells(self) -> int:
-        """All of K."""
+        """How many cells K has."""
         return int(np.count_nonzero(self.found.core))
 
     def give_up(self, case: Case) -> None:
-        """W in place of K; where W is of smaller cells what SC keeps of the cells that it holds."""
+        """Takes W for K; if W has smaller cells, what SC keeps of the declared cells within W."""
         part = self.found
         assert part.home is not None
         assert part.rank is not None
@@ -259,7 +256,7 @@ class GridProof(GroupProof):
         case.count("longest", int(part.core.max()))
 
     def regions(self, cells: Bools, parameters: Sequence[tuple[str, int]]) -> list[Region]:
-        """Boxes that hold the cells, a set of the grid's shape."""
+        """Boxes that together hold all of `cells`, a set of the grid's shape."""
         names = [a.name for a in self.group.axes]
         return regions_of(cells, names, self.engine.edges, parameters)
 
@@ -267,12 +264,12 @@ class GridProof(GroupProof):
 
     @property
     def covers_scheme(self) -> bool:
-        """Whether the simulator's steps are solutions of its model."""
+        """Whether the simulator's steps are solutions of the engine's model."""
         return self.engine.covers_scheme
 
     @property
     def together(self) -> tuple[int, ...]:
-        """A chain has one acting time for all commands that move the group."""
+        """The commands that a chain takes to act at one instant: all, if several move the group."""
         c = self.engine.c
         moved = tuple(int(c.command[a]) for a in range(c.commands))
         return moved if len(moved) > 1 else ()
@@ -280,27 +277,27 @@ class GridProof(GroupProof):
     # ------------------------------------------------------------ how much it says
 
     def shares(self, case: Case) -> dict[str, float]:
-        """Of the grid's volume."""
+        """The share of the grid's volume that each set has, by name."""
         del case
         return set_figures.shares(self.found)
 
     def drawn(self, chance: np.random.Generator, count: int) -> Floats:
-        """Uniform on the cells of K, (count, axes)."""
+        """Random states, uniform on the cells of K, of shape (count, axes)."""
         return set_figures.drawn(self.found, chance, count)
 
     @property
     def core_share(self) -> float | None:
-        """Of volumes."""
+        """The share of C's volume that K has."""
         return set_figures.core_share(self.found)
 
     @property
     def free_share(self) -> float | None:
-        """Of cells."""
+        """The share of the grid's cells that R(H) has; None before it is known."""
         return None if self.found.free is None else float(np.mean(self.found.free))
 
     @property
     def both(self) -> tuple[float, bool] | None:
-        """By cells on which `safer` may be true and `ttf` may be false."""
+        """See `set_figures.both`: where `safer` may be true and `ttf` may be false."""
         return set_figures.both(self.found)
 
     def excludes(self, predicate: str) -> bool:
@@ -310,25 +307,25 @@ class GridProof(GroupProof):
         return lets is not None and not (lets & (part.core > 0)).any()
 
     def lets_share(self, case: Case, predicate: str) -> float | None:
-        """Of the volume of K."""
+        """The share of K's volume on which a predicate lets AC have control."""
         del case
         return set_figures.lets_share(self.found, predicate)
 
     def waits_at_start(self, case: Case) -> bool:
-        """By the cells of the initial states."""
+        """Whether AC surely gets no control at some initial states, by their cells."""
         at, gives_back = self.at_start(case), self.found.gives_back
         return at is not None and gives_back is not None and not gives_back[at].any()
 
     @property
     def deepest(self) -> Mapping[int, float]:
-        """The middle of a cell of C that is furthest from its border."""
+        """The middle of a cell far inside C, by state."""
         return set_figures.deepest(self.found)
 
     # ------------------------------------------------------------ results
 
     @property
     def pair(self) -> Estimates | None:
-        """(S_0, S_(m-2)), both of the grid's shape, and what a shield permits."""
+        """S_0 and S_(m-2), both of the grid's shape, and what a shield permits, for the table."""
         part = self.found
         if not part.levels:
             return None
@@ -340,21 +337,21 @@ class GridProof(GroupProof):
         return Estimates(part.levels[0], part.levels[-1], commands)
 
     def entry(self, problem: Problem, stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """The group in a certificate; its tables of bytes are put into `files`."""
+        """The group's entry in a certificate; its tables are added to `files`."""
         return entry(problem, self.found, stem, files)
 
     def figures(self, note: str) -> list[RegionFigure]:
-        """The one figure of a grid."""
+        """The figure of the grid's regions, as the only one."""
         return [figure(self.found, note)]
 
 
 def grids(proofs: Sequence[object]) -> list[GridProof]:
-    """Those of some groups that are on grids."""
+    """The proofs among these that are on grids."""
     return [p for p in proofs if isinstance(p, GridProof)]
 
 
 class Grids(Method):
-    """Fixpoints over cells."""
+    """The method that computes fixpoints over cells."""
 
     kind = "grid"
     how = {  # noqa: RUF012 - a table
@@ -366,7 +363,7 @@ class Grids(Method):
     }
 
     def opened(self, case: Case, group: Group) -> GridProof:
-        """With an engine of its own."""
+        """A new proof of a group, with an engine of its own."""
         library, problem = case.forms.library, case.problem
         engine = GridGroup.of(library, problem, group, case.parameter)
         allowed = np.zeros(engine.shape, dtype=np.bool_)
@@ -376,7 +373,7 @@ class Grids(Method):
     def parts(
         self, case: Case, proofs: Sequence[GroupProof], predicate: str
     ) -> list[CellsPart] | None:
-        """Per group the cells on which the predicate holds, all other states at some point."""
+        """For each group the cells on which a predicate holds, other groups' states at a point."""
         engines = [p.engine for p in grids(proofs)]
         if len(engines) == len(case.problem.groups) == 1:
             return [CellsPart(engines[0], engines[0].definitely(predicate))]
@@ -392,7 +389,7 @@ class Grids(Method):
     def hinted(
         self, case: Case, proofs: Sequence[GroupProof], parts: Sequence[SetFactor]
     ) -> list[CellsPart] | None:
-        """Cells that are in both."""
+        """The cells of `parts` on which `core` holds, too; None where it holds at no point."""
         hints = self.parts(case, proofs, "core")
         if hints is None:
             return None
@@ -400,7 +397,7 @@ class Grids(Method):
         return [CellsPart(part.engine, part.cells & hint.cells) for part, hint in both]
 
     def said(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
-        """In cells."""
+        """The text of a finding that was proved, with its counts of cells."""
         every = [p.found for c in done for p in grids(c.proofs)]
         if claim == "P2a":
             cells, of = (sum(int(n) for n in x) for x in _counted(every))
@@ -416,11 +413,11 @@ class Grids(Method):
         return f"on {cells:,} cells", {"cells": cells}
 
     def table(self, problem: Problem, group: Group, pairs: Sequence[object]) -> GroupTable:
-        """Levels of cells."""
+        """The DM's table of a group, of the levels in every case."""
         return table(problem, group, cast("Sequence[Estimates]", pairs))
 
     def packed(self, pair: object) -> dict[str, NDArray[np.generic]]:
-        """As bits, eight cells a byte, (bytes,) each."""
+        """The levels as arrays to store: sets as bits, eight cells a byte, of shape (bytes,)."""
         every = cast("Estimates", pair)
         both = (every.outer, every.inner)
         packed: dict[str, NDArray[np.generic]] = {
@@ -435,7 +432,7 @@ class Grids(Method):
         return packed
 
     def unpacked(self, group: Group, arrays: Arrays) -> Estimates:
-        """From bits: two sets of the grid's shape, and what a shield permits."""
+        """The levels that `packed` stored: two sets of the grid's shape, and the shield's part."""
         shape = tuple(len(a.edges) - 1 for a in group.axes)
         outer, inner = (_cells(np.asarray(arrays[k], np.uint8), shape) for k in ("0", "1"))
         if "tops" not in arrays:
@@ -449,7 +446,7 @@ class Grids(Method):
     def certified(
         self, certificate: Certificate, group: Group, entry: Mapping[str, Any]
     ) -> Estimates | None:
-        """Two tables of bits; of a shield nothing."""
+        """The levels that a certificate has of a group, without what a shield permits."""
         levels = entry.get("S", [])
         if not levels:
             return None
@@ -459,7 +456,7 @@ class Grids(Method):
 
 
 def _counted(every: Sequence[GroupSets]) -> tuple[list[int], list[int]]:
-    """Cells of K, and of the grid."""
+    """For each group the number of cells of K, and of its grid."""
     return [int((g.core > 0).sum()) for g in every], [g.core.size for g in every]
 
 

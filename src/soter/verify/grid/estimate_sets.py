@@ -7,14 +7,12 @@ output does (proof-flight.md, "A gate that looks at commands").
 Non-goals: the tables themselves (`verify/deploy/grid_tables.py`, `verify/deploy/shield_tables.py`).
 
 R_V(H) is R(H) with a box V of commands in the place of U: the same engine, told that the group's
-command lies in V. Of a map V is one command, so one cell. Groups that several commands move have no
-shield: between the first component of SC's output and the last one any command may act, and that is
-not counted here.
+command lies in V. For a map V is one command, so one cell. Groups that several commands move have
+no shield: between the first component of SC's output and the last one any command may act, and that
+is not counted here. A shield `toward sc` looks for a command by `lasting`; what it finds is judged
+by `tops` like any other command.
 
-`lasting` is what a shield `toward sc` goes by as it looks for a command; what it finds is judged by
-`tops` like any other.
-
-An axis that no topic of the DM shows counts as anywhere: then S_j does not depend on it.
+The DM does not see an axis that no topic shows: S_j holds only what is right anywhere on it.
 """
 
 from __future__ import annotations
@@ -47,9 +45,9 @@ def permitted(
     part: GroupSets,
     anywhere: Callable[[Bools], Bools],
 ) -> None:
-    """Fills in `part.tops`; a failure of `ttf` where the group can have no shield.
+    """Fills in `part.tops`; enters a failure of `ttf` where the group can have no shield.
 
-    `anywhere` takes and gives sets of the grid's shape.
+    `anywhere` keeps cells, in the grid's shape, that are in a set anywhere on axes DM cannot see.
     """
     problem = case.problem
     assert problem.module.shield is not None
@@ -98,11 +96,10 @@ def permitted(
 
 
 def lead_ns(problem: Problem) -> int:
-    """How much longer than H a command is to be harmless, toward which another one is moved.
+    """How much longer than H, in ns, a command must be harmless if others are moved toward it.
 
-    So that it may be replaced in time: until AC's next step, for as long as it may act after that,
-    and on a state that may be as much newer as estimates may be old. Nothing that is claimed hangs
-    on it.
+    So it can be replaced in time: until AC's next step, for as long as it may act after that, and
+    on a state that is newer by the age of an estimate. No claim depends on it.
     """
     period: int = problem.system.components[problem.module.ac].period_ns
     times = problem.times
@@ -114,7 +111,7 @@ def _max_age(problem: Problem, symbol: TopicSymbol) -> int | None:
 
 
 def between(engine: GridGroup, control: int, low: float, high: float) -> GridGroup:
-    """The same group where this command lies in [low, high]."""
+    """The engine of the same group with this command in [low, high]."""
     controls = list(engine.inputs.controls)
     controls[control] = (low, high)
     return GridGroup(
@@ -129,7 +126,7 @@ def between(engine: GridGroup, control: int, low: float, high: float) -> GridGro
 
 
 def find(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets) -> None:
-    """S_0 ... S_(m-2); failures of `ttf` and `safer` where they are empty."""
+    """Fills in S_0 ... S_(m-2); enters failures of `ttf` and `safer` where they are empty."""
     problem = case.problem
     errors, shown = errors_of(problem), seen(problem)
     window = problem.in_horizon(problem.times.decision)
@@ -155,7 +152,7 @@ def find(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets) -> N
 
 
 def _anywhere(cells: Bools, axes: tuple[int, ...]) -> Bools:
-    """Cells that are in the set wherever they lie on these axes."""
+    """The cells that stay in the set whatever their place on these axes."""
     if not axes:
         return cells
     every: Bools = np.asarray(cells.all(axis=axes, keepdims=True), dtype=np.bool_)
@@ -165,7 +162,7 @@ def _anywhere(cells: Bools, axes: tuple[int, ...]) -> Bools:
 def admit(
     case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets, table: GroupTable
 ) -> None:
-    """States from which AC may have control; failures where that is none in all cases together."""
+    """Fills in the states from which AC may have control by the table; a failure if none is."""
     errors = errors_of(case.problem)
     outer, inner = part.deployed = _of_table(part, table)
     assert part.free is not None
@@ -187,7 +184,7 @@ def _of_table(part: GroupSets, table: GroupTable) -> tuple[Bools, Bools]:
 
 
 def held(case: Case, engine: GridGroup, part: GroupSets) -> Bools | None:
-    """States whose every estimate the DM gives back, in the grid's shape; None without a table."""
+    """States, in the grid's shape, where DM gives AC control on any estimate; None: no table."""
     if part.deployed is None:
         return None
     return engine.erode(part.deployed[1], errors_of(case.problem))

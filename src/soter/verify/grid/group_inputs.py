@@ -1,9 +1,9 @@
-"""What a grid group's analysis is told: ranges, times, and which ends of its grid the plant keeps.
+"""The inputs of a grid group's analysis: ranges, times, and which ends of the grid are kept.
 
-Purpose: ranges, times and scheme of one module as `GridGroup` takes them, from a `Problem` or by
-hand. `borders_of`: what `soter_reach_invariant_ends.c` goes by: a level that is never below zero,
-a state between two stops: a grid may end exactly there, though images round outward; and rates that
-are zero but for rounding.
+Purpose: `of_problem` reads the ranges, times and scheme of one module for `GridGroup`; tests write
+them by hand. `borders_of` finds the ends that no run passes (a level that is never below zero, a
+state between two stops), so that a grid may end exactly there though images round outward, and
+rates that are zero but for rounding: `soter_reach_invariant_ends.c` uses both.
 Non-goals: reading a program (`problem/extract.py`); ends that only SC keeps: commands may be
 anything in U here.
 
@@ -45,29 +45,29 @@ class GridInputs:
     others: tuple[Range, ...] = ()
     kind: ProblemKind = "flow"
     period_ns: int = 0
-    """delta of SC: how long a command is held."""
+    """delta, the period of SC: how long a command is held."""
     delay_ns: int = 0
-    """d: how old the state is that a command answers."""
+    """d: how old the state may be that a command answers when it begins to act."""
     jitter_ns: int = 0
-    """j."""
+    """j: the length of the window in which an output of SC acts."""
     read_age_ns: int = 0
-    """D: how old the read may be behind whatever acts, at any instant, where commands may act later
-    than half a period (`Schedule.read_age`); 0: they do not, and d and j say it."""
+    """D: how old the read behind a command may be while that acts, where commands may act later
+    than half a period (`Schedule.read_age`); 0: they may not, and d and j are used."""
     parameters: tuple[int, ...] = ()
     plant_period_ns: int = 0
-    """Of the simulator's RK4 step, whose error becomes disturbance; 0: not covered."""
+    """The simulator's RK4 step, whose error becomes a disturbance; 0: it is not covered."""
     map_step_ns: int = 0
-    """Period of a map, of which `period_ns` is a multiple; 0: that is `period_ns` itself."""
+    """The period of a map, of which `period_ns` is a multiple; 0: that is `period_ns` itself."""
     still: frozenset[int] = frozenset()
-    """States without dynamics."""
+    """The states that never change."""
     schemes: tuple[tuple[float, int, int], ...] = ()
-    """Of each state, where `plant_period_ns` does not say it of all: `Stepped.steps`."""
+    """`SimulatedFlow.steps`, where plants differ; else `plant_period_ns` holds for all states."""
     names: tuple[str, ...] = ()
-    """Of the states, for people."""
+    """The names of the states, for messages."""
 
     @property
     def steps(self) -> tuple[tuple[float, int, int], ...]:
-        """`Stepped.steps`; none where the simulator's steps are not known."""
+        """`SimulatedFlow.steps`; empty where the simulator's steps are not known."""
         if self.schemes or not self.plant_period_ns:
             return self.schemes
         return ((self.plant_period_ns * NS, ORDER, 0),) * len(self.states)
@@ -106,18 +106,18 @@ def of_problem(problem: Problem, parameters: Sequence[int] = ()) -> GridInputs:
 
 
 UNBOUNDED, WRAPS = 2, 3
-"""As `SOTER_REACH_UNBOUNDED`, `SOTER_REACH_WRAPS`: beyond such an end of an axis is its last cell,
-or its first one."""
+"""As `SOTER_REACH_UNBOUNDED` (the last cell holds what lies beyond the end) and `SOTER_REACH_WRAPS`
+(beyond the last cell is the first)."""
 BACK = 4.0
-"""How much further than |x'| (d + 2 j) the strip goes: a-priori boxes are larger than runs."""
+"""The strip is this much wider than |x'| (d + 2 j), as a-priori boxes are larger than runs."""
 DUST = 1e-10
-"""Rates of this share of the largest one may be zero but for rounding: worth a second look."""
+"""A rate below this share of the largest may be zero but for rounding: it is looked at again."""
 LOOK_AHEAD = 4.0
-"""Steps of the simulator by whose rates its stages stay near the state."""
+"""The stages of the simulator's scheme stay within this many of its steps from the state."""
 
 
 class BorderedModel(Protocol):
-    """What of a group's model the borders look at."""
+    """What `borders_of` needs of a group's model (`GridModel`)."""
 
     c: Any
     inputs: GridInputs
@@ -137,30 +137,30 @@ class BorderedModel(Protocol):
         """Bounds (states, 2) of the rates over ranges of all inputs; None: a possible fault."""
 
     def hangs_on_states(self, state: int, low: Floats, high: Floats) -> bool:
-        """Whether the rate of a state hangs on states in these ranges (one a number)."""
+        """Whether a state's rate depends on states in these ranges (one a number)."""
 
 
 @dataclass(eq=False)
 class Borders:
-    """What is known of the ends of a group's axes, and the ranges beyond those that are kept."""
+    """The ends of a group's axes that are kept, and the domain, which goes on beyond these."""
 
     low: Floats
     high: Floats
     scheme: float
     dust: list[float] = field(default_factory=list)
-    """By axis: rates that may be zero but for rounding."""
+    """For each axis the rate below which it may be zero but for rounding."""
     kept: dict[tuple[int, bool], int] = field(default_factory=dict)
-    """(axis, whether it is the upper end) -> how it is kept, as the engine counts it."""
+    """(axis, whether it is the upper end) -> how it is kept, as a number of the engine."""
     crossed: list[str] = field(default_factory=list)
-    """Ends that the flow keeps, and the scheme was not shown to."""
+    """Ends that the flow keeps but the simulator's scheme is not shown to keep, in words."""
 
 
 def borders_of(model: BorderedModel) -> Borders | None:
-    """The ends that are kept; the domain goes on beyond them. None where a rate has no bounds.
+    """Finds the ends that are kept; None where a rate has no bounds.
 
-    An end that is kept by the exact flow only, not with what the simulator's scheme adds, is none:
-    the scheme of a linear flow is in the proof. A rate that no state changes is the same in all
-    stages of a step, which then goes the way it says, rounding included.
+    An end counts only if the simulator's scheme keeps it, too: that of a linear flow is part of the
+    proof. A rate that depends on no state is the same in all stages of a step, so the scheme then
+    moves the way that the rate says, rounding included.
     """
     g = model.c
     whole = _rates(model, model.low, model.high)
@@ -183,7 +183,7 @@ def borders_of(model: BorderedModel) -> Borders | None:
 
 
 def _keep_end(model: BorderedModel, found: Borders, i: int, back: float, *, upper: bool) -> None:
-    """One end of one axis."""
+    """Enters one end of one axis in `found`, if it is kept."""
     state, edges = model.axes[i], model.edges[i]
     low, high = found.low.copy(), found.high.copy()
     if upper:

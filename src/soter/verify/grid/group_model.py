@@ -1,4 +1,4 @@
-"""One group as the engine sees it: grid, ranges, dynamics.
+"""One group of states as the C engine sees it: grid, ranges, dynamics.
 
 Purpose: the group's description in C, its linear model, memory and slices of work, for
 `sets.py` and `recovery.py`.
@@ -31,17 +31,17 @@ OUTSET = 2.0**-20
 """How much larger than the grid (relative to an axis) the domain of the enclosures is: a run that
 leaves the grid is still inside it, so no claim inside rests on what happens outside."""
 DOMAIN = 2.0**20
-"""How much larger that is along an axis without ends, where nothing reads its state."""
+"""`OUTSET` along an axis without ends, whose state nothing reads."""
 SEAM = 2.0**-40
 """By how much the outer cells of an axis that wraps around are longer than it is declared."""
 TURN = 2.0 * np.pi
 NO_COMMAND_IS_KNOWN = 2**31 - 1
-"""So many commands back a read may lie: as if any command of U had acted since."""
+"""The number of commands since a read that tells the engine: any command of U may have acted."""
 LONGER = 1e-9
-"""How much longer than a hold, relative to it, the engine takes the time over which it reads."""
+"""By this share the span of reads that the engine takes is longer than a period of SC."""
 NO_ENCLOSURE = "the dynamics have no finite enclosure over the grid"
 AXIS_MAX = 2**16 - 1
-"""An axis has fewer cells, as many breakpoints at most."""
+"""An axis has fewer cells than this; the engine keeps their numbers in 16 bits."""
 
 
 class UnboundedError(Exception):
@@ -49,7 +49,7 @@ class UnboundedError(Exception):
 
 
 def _guesses(edges: Floats) -> Ints:
-    """For equal buckets over the axis, a cell near each; the engine corrects from there."""
+    """For each of equal buckets along the axis a cell near it, from where the engine searches."""
     n = len(edges) - 1
     width = np.diff(edges)
     even = bool(np.allclose(width, width[0], rtol=1e-6))
@@ -59,7 +59,7 @@ def _guesses(edges: Floats) -> Ints:
 
 
 def _touched_around(edges: Floats, off: float) -> tuple[Ints, Ints]:
-    """`touched` on a full turn: first in [0, n), last as much behind as cells there are."""
+    """`touched` for an axis that wraps: `first` in [0, n), `last` counts on beyond n - 1."""
     n, low, high = len(edges) - 1, edges[:-1], edges[1:]
     turns = np.concatenate([low - TURN, low, low + TURN])
     low, high = np.nextafter(low - off, -np.inf), np.nextafter(high + off, np.inf)
@@ -86,12 +86,12 @@ class GridModel:
     ) -> None:
         """`axes`: (index among the states, breakpoints) of each axis, one to four.
 
-        `linear`: whether a flow is enclosed by one linear model for the whole domain; None: if it
-        is linear but for remainders below a thousandth of its rates. `open_ends`: states whose last
-        breakpoint no run is taken to pass. `unbounded`: states whose first and last cell have no
-        outer end, and that neither a rate nor the law reads; of a flow, and in no other group.
-        `wraps`: states whose axis is a full turn, that everything reads modulo a turn; of a flow.
-        UnboundedError where the dynamics have no finite enclosure over the domain.
+        `linear`: whether one linear model encloses a flow over the whole domain; None: if it is
+        linear but for remainders below a thousandth of its rates. States of flows by their axis:
+        `open_ends`, no run is assumed to pass the last breakpoint; `unbounded`, the outer cells
+        have no outer end, and no rate, law or other group reads the state; `wraps`, the axis is a
+        full turn, and everything reads the state modulo a turn.
+        `UnboundedError` where the dynamics have no finite enclosure over the domain.
         """
         self.library, self.inputs, self.threads = library, inputs, threads
         self.open_ends, self.unbounded = frozenset(open_ends), frozenset(unbounded)
@@ -110,16 +110,16 @@ class GridModel:
         self._kept: list[Any] = []
         self.c = self._described()
         self.covers_scheme = False
-        """Whether one step of the simulator's scheme is a solution of the model."""
+        """Whether each step of the simulator's scheme is a solution of the model."""
         self.stiff = ""
-        """Why not, where that is a matter of its step alone."""
+        """Why not, where only the scheme's step is too long; else ""."""
         self.crossed: list[str] = []
-        """Ends of axes that the differential equation keeps, and its scheme is not shown to."""
+        """Ends that the flow keeps but the simulator's scheme is not shown to keep, in words."""
         self._linearize(linear)
         self._narrow_law()
 
     def _whole(self, state: int, edges: Floats) -> Floats:
-        """Breakpoints, the outer ones of a full turn so that it closes."""
+        """The breakpoints; where an axis wraps, with outer cells lengthened so that they meet."""
         if state in self.wraps and edges[-1] - edges[0] < TURN + SEAM:
             edges[[0, -1]] += -SEAM, SEAM
         return edges
@@ -174,7 +174,7 @@ class GridModel:
 
     @property
     def spans(self) -> list[Floats]:
-        """Breakpoints of each axis, (cells + 1,), the outer ones as far out as their cells go."""
+        """Breakpoints of each axis, (cells + 1,); far out where an outer cell has no end."""
         spans = [e.copy() for e in self.edges]
         for state, edges in zip(self.axes, spans, strict=True):
             if state in self.unbounded:
@@ -183,7 +183,7 @@ class GridModel:
 
     @property
     def turns(self) -> list[bool]:
-        """Of each axis whether it wraps around."""
+        """For each axis whether it wraps around."""
         return [state in self.wraps for state in self.axes]
 
     def pointer(self, array: npt.NDArray[Any], ctype: str) -> Any:  # noqa: ANN401 - cdata
@@ -239,7 +239,7 @@ class GridModel:
 
     @property
     def is_linear(self) -> bool:
-        """Whether one linear model serves the whole domain (flows)."""
+        """Whether the group is a flow that one linear model encloses over the whole domain."""
         return not self.c.is_map and not self.c.is_local
 
     def model(self) -> dict[str, Floats]:
@@ -257,10 +257,10 @@ class GridModel:
         }
 
     def _narrow_law(self) -> None:
-        """Where one control moves the group, only that one is asked of SC.
+        """Where one control moves the group, lets the engine compute only that output of SC.
 
-        What may fault elsewhere in SC would go unseen, so all of SC must be free of faults over the
-        whole domain. A read state of a run that counts lies in the grid, hence in the domain.
+        A fault elsewhere in SC would then go unseen, so all of SC must be free of faults over the
+        whole domain. The states that SC reads in a run that counts lie in the grid, hence in it.
         """
         g = self.c
         if g.commands != 1 or g.controls == 1 or g.law == self.library.ffi.NULL:
@@ -274,7 +274,7 @@ class GridModel:
             g.law = alone
 
     def _forms(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
-        """The inputs over their ranges as forms, and room for results."""
+        """The inputs as affine forms over their ranges, and an array for the results."""
         count, given = self.library.inputs, len(low)
         mid = low / 2 + high / 2
         rad = np.where(low < high, np.nextafter(np.maximum(high - mid, mid - low), np.inf), 0.0)
@@ -293,12 +293,12 @@ class GridModel:
         return np.asarray(out[: len(self.inputs.states), :2])
 
     def hangs_on_states(self, state: int, low: Floats, high: Floats) -> bool:
-        """Whether the rate of a state hangs on states in ranges (one a number), or may: a fault."""
+        """Whether the rate of a state may depend on states, over these ranges (one a number)."""
         found = self._rate_forms(low, high)
         return found is None or bool(found[0][state, 4 : 4 + len(self.inputs.states)].any())
 
     def _remainder(self) -> float:
-        """How much W grows from a small box to the whole domain, relative to the rates."""
+        """How much the model's remainder w grows from a small box to the domain, over the rates."""
         g, lib, n = self.c, self.library.lib, len(self.inputs.states)
         whole, moving = self.model(), np.zeros(len(self.low), dtype=bool)
         moving[list(self.axes)] = True
@@ -320,7 +320,7 @@ class GridModel:
         return float(np.max(np.where(rates > 0, grown / np.where(rates > 0, rates, 1), 0)))
 
     def _followed(self) -> SchemeSolution:
-        """Whether the simulator's steps are solutions of the model, and with what more."""
+        """Whether the simulator's steps are solutions of the model, and what has to be added."""
         x = self.inputs
         if x.kind != "flow" or not self.is_linear or not x.steps:
             return SchemeSolution()
@@ -341,7 +341,7 @@ class GridModel:
     # ------------------------------------------------------------ calls in slices
 
     def bits(self, cells: Bools) -> npt.NDArray[np.uint64]:
-        """A set, of the grid's shape, as the engine has it, (rows * words,)."""
+        """The engine's bits, of shape (rows * words,), of a set of the grid's shape."""
         assert cells.shape == self.shape, f"a set has the grid's shape {self.shape}"
         rows = int(np.prod(self.shape[:-1], dtype=np.int64))
         bits = np.empty(rows * self.c.words, dtype=np.uint64)
@@ -352,7 +352,7 @@ class GridModel:
         return bits
 
     def cells_of(self, bits: npt.NDArray[np.uint64]) -> Bools:
-        """The set, of the grid's shape, that the engine's bits, (rows * words,), are."""
+        """The set, of the grid's shape, of the engine's bits, of shape (rows * words,)."""
         out = np.empty(self.shape, dtype=np.uint8)
         self.library.lib.soter_reach_unpack(
             self.c, self.pointer(bits, "uint64_t *"), self.pointer(out, "uint8_t *")
@@ -367,7 +367,7 @@ class GridModel:
     # ------------------------------------------------------------ estimates
 
     def touched(self, errors: Mapping[int, float]) -> list[tuple[Any, Any]]:
-        """Per axis: first and last cell that [cell - e, cell + e] touches; outside counts on."""
+        """Per axis the first and last cell that [cell - e, cell + e] touches; -1 or n: outside."""
         cell_ranges = []
         for state, edges in zip(self.axes, self.edges, strict=True):
             e, n = errors.get(state, 0.0), len(edges) - 1
@@ -388,10 +388,7 @@ class GridModel:
     # ------------------------------------------------------------ memory
 
     def rounds(self, r: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401 - cdata
-        """Memory of a fixpoint; the caller keeps what is given back as long as `r` is in use.
-
-        By name, each of shape (length,), the length being what the engine fills.
-        """
+        """Memory for a fixpoint, buffers (length,) by name, to be kept while `r` is in use."""
         n, tiles = len(self.axes), self.tiles
         sums = int(np.prod([self.c.tiles[a] + 1 for a in range(n)]))
         rows = int(np.prod(self.shape[:-1], dtype=np.int64))

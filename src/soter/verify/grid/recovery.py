@@ -1,4 +1,4 @@
-"""P2b of a grid: Q, and ranks that lead there from all of K.
+"""P2b on a grid: SC leads from every cell of K to where AC gets control back.
 
 Purpose: the set Q that SC keeps inside a target, and W with numbers of holds and times
 (docs/verification.md, section 3). `finer_home`: where SC keeps no set of declared cells inside a
@@ -38,18 +38,18 @@ if TYPE_CHECKING:
 
 
 HOLDS = (1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200)
-"""Numbers of holds that are tried on the way to Q."""
+"""Lengths of chains, in periods of SC, that are tried on the way to Q."""
 
 
 @dataclass(frozen=True)
 class RecoveryRanks:
-    """W: rank per cell (0 = not in W, 1 = Q), holds N of each rank, longest time in ns to Q."""
+    """W, by cell: `rank` (0: not in W; 1: in Q), N of its chain, longest time to Q in ns."""
 
     rank: npt.NDArray[np.uint16]
     holds: Bytes
     time_ns: npt.NDArray[np.int64]
     steps: int
-    """Holds that were computed: what it took."""
+    """How many periods of cells were computed: the work done."""
 
     @property
     def cells(self) -> Bools:
@@ -75,8 +75,7 @@ def way(
 
     W_0 = Q, W_(k+1) = W_k and {c in `core`: for some N of `holds` the tube lies in `constraint`,
     the image over [N delta - j, N delta + j] in W_k and in `core`}. P2b needs W to cover K.
-
-    `before`: a W to go on from, for what it lacks. The sets have the grid's shape.
+    `before`: a W that is extended by the cells it lacks. The sets have the grid's shape.
     """
     ffi, lib = group.library.ffi, group.library.lib
     steps = np.array(sorted({h for h in holds if h <= grids.LONGEST}), dtype=np.int32)
@@ -110,38 +109,38 @@ def way(
 
 
 def _at_once(goal: Bools) -> RecoveryRanks:
-    """W = Q."""
+    """W before the first chain: the cells of Q alone."""
     none = np.zeros(goal.shape, np.int64)
     return RecoveryRanks(goal.astype(np.uint16), none.astype(np.uint8), none, 0)
 
 
 SIZES = (("half", 80_000), ("a quarter of", 20_000))
-"""Of a cell, along each axis; and how many cells of the target are looked at, at most."""
+"""The size of smaller cells, in words, and how many of them the target may have at most."""
 WAY_MAX = 80_000
-"""From more cells of K than that the way to it is not looked at: of 70,000 it takes a minute."""
+"""For more small cells of K the way to Q is not computed: for 70,000 it takes a minute."""
 
 
 @dataclass(frozen=True, eq=False)
 class FinerHome:
-    """A set that SC keeps, on the cells of `engine`; none of them where nothing was found."""
+    """Q on smaller cells than the declared ones: those of `engine`; `home` holds its witnesses."""
 
     engine: GridGroup
     group: Group
     size: str
-    """Of its smallest cells, in words."""
+    """The size of its smallest cells, in words."""
     origin: tuple[NDArray[np.intp], ...]
-    """As an index of a set of declared cells: that set on the cells of `engine`."""
+    """An index: `cells[origin]` is a set `cells` of declared cells, on the cells of `engine`."""
     home: NDArray[np.uint8]
 
     def declared(self, cells: Bools) -> Bools:
-        """The declared cells that some of these smaller ones are part of; shaped as their grids."""
+        """The declared cells, in their grid's shape, that have one of these small cells in them."""
         found = np.zeros([int(at.max()) + 1 for at in self.origin], dtype=np.bool_)
         np.logical_or.at(found, self.origin, cells)
         return found
 
 
 def finer_home(case: Case, engine: GridGroup, part: GroupSets) -> tuple[FinerHome | None, str]:
-    """What was found on the largest cells that serve; else which sizes were tried, in words."""
+    """Q on the largest of the smaller sizes that has one; else None and the sizes, in words."""
     assert part.deployed is not None
     inner = part.deployed[1]
     group, tried = part.group, []
@@ -162,20 +161,20 @@ def finer_home(case: Case, engine: GridGroup, part: GroupSets) -> tuple[FinerHom
 
 
 def engine_on(case: Case, engine: GridGroup, group: Group) -> GridGroup:
-    """The engine of the same group on other cells."""
+    """An engine for the same dynamics on the cells of `group`."""
     return GridGroup.of(engine.library, case.problem, group, case.parameter, threads=engine.threads)
 
 
 def target_on(
     case: Case, fine: GridGroup, part: GroupSets, origin: tuple[NDArray[np.intp], ...]
 ) -> Bools:
-    """The smaller cells of C every estimate of which the DM gives back; shaped as their grid."""
+    """The small cells of C, in their grid's shape, where DM gives AC control on any estimate."""
     assert part.deployed is not None
     return fine.erode(part.deployed[1][origin], errors_of(case.problem)) & part.allowed[origin]
 
 
 def led_back(part: GroupSets) -> Bools:
-    """The declared cells all of which W holds; shaped as their grid."""
+    """The declared cells, in their grid's shape, that lie in W with all their small cells."""
     assert part.rank is not None
     if part.finer is None:
         return part.rank > 0
@@ -185,14 +184,14 @@ def led_back(part: GroupSets) -> Bools:
 
 
 def parts_of(part: GroupSets, group: Group) -> tuple[NDArray[np.intp], ...]:
-    """As an index of a set of declared cells: that set shaped as the cells of `group`."""
+    """An index: `cells[index]` is a set of declared cells, in the shape of the cells of `group`."""
     return np.ix_(
         *(_origin(a, np.array(b.edges)) for a, b in zip(part.edges, group.axes, strict=True))
     )
 
 
 def _halved(group: Group, declared: Group, inner: Bools) -> Group:
-    """Every interval that cells of a set of declared ones lie in, cut in two."""
+    """The group with each interval cut in two in which a cell of the declared set `inner` lies."""
     axes = []
     for k, axis in enumerate(group.axes):
         near = np.asarray(inner.any(axis=tuple(i for i in range(inner.ndim) if i != k)))
@@ -202,30 +201,30 @@ def _halved(group: Group, declared: Group, inner: Bools) -> Group:
 
 
 def _origin(declared: Sequence[float], edges: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Of each interval of an axis the declared one that it is part of."""
+    """For each interval of an axis the number of the declared interval that holds it."""
     return np.maximum(np.searchsorted(np.array(declared), edges[:-1], side="right") - 1, 0)
 
 
 LENGTHS = ((2, 4, 8, 16, 32), (8, 24, 64, 150), HOLDS)
-"""Lengths of chain: the first that serve nearly every cell are enough."""
+"""Lists of lengths of chains to try: the first with which nearly every cell is in W is enough."""
 SHORT = ((2, 4, 8), (16, 32), *LENGTHS[1:])
-"""The same where a hold costs much, the flow not being linear: a cell far from Q takes as many
-holds as the longest, and most reach W soon, for it grows meanwhile. T may be longer."""
+"""`LENGTHS` for a flow that is not linear: there a period costs much, and a cell far from Q costs
+the longest length; with short ones W grows meanwhile and most cells reach it. T may be longer."""
 FINER = (tuple(range(1, 41)), HOLDS)
-"""The same on cells that are smaller than the declared ones: each length costs little beside the
-longest, and with few of them a tenth of K and more was left."""
+"""`LENGTHS` for small cells: there each length costs little beside the longest one, and with a few
+lengths a tenth of K or more was left."""
 HIGHEST = 2**16 - 2
-"""Ranks are kept in 16 bits."""
+"""The highest rank: ranks are kept in 16 bits."""
 LONG = 96
-"""Where K needs chains so long, the shortest are not tried."""
+"""Where a chain of K is longer than this, the shortest lengths are not tried."""
 STRAGGLERS_MAX = 2000
-"""So many cells may be looked at after every hold."""
+"""If no more cells than this are left, every length is tried for them."""
 
 
 def recover(
     case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets, target: Bools
 ) -> None:
-    """Q, W and the time to Q; enters failures of P2b. `target` has the grid's shape."""
+    """Fills in Q, W, and the time to Q for a `target` in the grid's shape; enters failures."""
     if not proof.fresh and part.target is not None and np.array_equal(part.target, target):
         return
     case.failures = [f for f in case.failures if (f.proof, f.claim) != (proof, "P2b")]
@@ -259,7 +258,7 @@ def recover(
 
 
 def _from_finer(case: Case, proof: GroupProof, part: GroupSets, found: FinerHome) -> None:
-    """The same on the smaller cells of Q; K, and what else rests on it, stays as it is."""
+    """Fills in Q and W on small cells, as `finer_home` found Q; K stays as it is."""
     core = (part.core > 0)[found.origin]
     part.home, part.finer = found.home, (found.size, found.group)
     home = found.home > 0
@@ -275,10 +274,10 @@ def _from_finer(case: Case, proof: GroupProof, part: GroupSets, found: FinerHome
 
 
 def _as_before(case: Case, engine: GridGroup, part: GroupSets, inside: Bools) -> bool:
-    """Q and W once more, where K lost cells from which there was no way back, and little else did.
+    """Mends the Q and W found before, where K has only lost cells without a way back.
 
-    What is left of Q inside the target, as far as SC keeps it; the rest of Q is led there, and W to
-    the rest. False where there is no such way, or nothing was found before.
+    The new Q is what SC keeps of the old one inside the target; the old W leads to the old Q, and
+    short chains lead from there to the new one. False where that fails, or there was no Q before.
     """
     if part.home is None or part.rank is None or part.rank_holds is None or not part.home.any():
         return False
@@ -310,7 +309,7 @@ def _enter(part: GroupSets, return_way: RecoveryRanks) -> None:
 
 
 def _stuck(case: Case, proof: GroupProof, stuck: Bools) -> None:
-    """A failure where there is no way back from some cells."""
+    """Enters a failure of P2b if there are `stuck` cells, from which no way back was found."""
     if stuck.any():
         text = f"from {int(stuck.sum()):,} cells of K no way back to `safer` was found"
         hint = "an SC that returns to where `safer` holds"
@@ -321,7 +320,7 @@ def _stuck(case: Case, proof: GroupProof, stuck: Bools) -> None:
 def _way(
     engine: GridGroup, core: Bools, allowed: Bools, home: Bools, lengths_tried: Lengths
 ) -> RecoveryRanks:
-    """W: a few lengths of chain for all cells, then every length for those that are left."""
+    """W: tries a few lengths of chains for all cells, then every length for the cells left."""
     few = min(STRAGGLERS_MAX, int(core.sum()) // 20)
     return_way: RecoveryRanks | None = None
     for lengths in lengths_tried:

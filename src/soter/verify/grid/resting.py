@@ -1,10 +1,10 @@
-"""Cells from which SC stands still wherever it is, and stays: "Rest anywhere" of proof-sets.md.
+"""Cells from which SC comes to rest wherever the plant is ("Rest anywhere", docs/proof-sets.md).
 
-Purpose: `resting`: cells of K that no chain shows. An SC that only stops moves what nothing reads,
-a *way*, by less and less, but by what a grid knows for ever: each hold the next cell is touched. So
-it is said once how far it gets in all, by a potential of another state: while that state falls by
-1, the way changes by c at most.
-Non-goals: all other cells of K (`sets.py`).
+Purpose: `resting` finds cells of K that no chain can show. An SC that only stops still moves a
+*way*, a state that nothing reads, by ever less; but on a grid each period touches the next cell, so
+chains go on for ever. So a potential bounds once how far the way gets in all: while another state
+falls by 1, the way changes by c at most. B is the box of those other states, around 0.
+Non-goals: all other cells of K (`sets.py`, whose head has the symbols).
 """
 
 from __future__ import annotations
@@ -36,26 +36,26 @@ if TYPE_CHECKING:
     from soter.verify.tubes.problem import TubeProblem
 
     Signs = tuple[int, ...]
-    """Of each state that is no way: below 0, 0, above."""
+    """For each state that is no way: -1 below 0, 0 at it, 1 above."""
     Rates = Mapping[Signs, Sequence[Interval]]
-    """Of all states."""
+    """The range of each state's rate, by the signs of the states that are no ways."""
 
 MORE = Fraction(1, 2**20)
-"""So much is added to each c: the re-checker's own may be a little larger."""
+"""By this share each c is enlarged, as the re-checker's own c may be a little larger."""
 SIDES = ((True, True), (True, False), (False, True), (False, False))
-"""Whether B goes on beyond the first edge, below 0 and above it: to the end of the grid."""
+"""The boxes that are tried: whether B reaches the grid's end below 0, and above it, or one edge."""
 
 
 @dataclass(frozen=True)
 class _Potential:
-    """How far a way gets: at most `below` times how far a state is below 0, `above` likewise."""
+    """How far a way gets: `below` (or `above`) times the distance of a state below (above) 0."""
 
     axis: int
     below: Fraction
     above: Fraction
 
     def most(self, low: float, high: float) -> Fraction:
-        """From states in [low, high]."""
+        """The farthest that the way gets from states in [low, high]."""
         return max(self.below * Fraction(max(0.0, -low)), self.above * Fraction(max(0.0, high)))
 
 
@@ -74,7 +74,7 @@ def resting(case: Case, engine: GridGroup, allowed: Bools) -> Bools:
 
 
 def _may_rest(problem: Problem, engine: GridGroup) -> bool:
-    """Whether it is settled what such cells mean."""
+    """Whether the argument for such cells covers this problem."""
     symbol = problem.module.symbol
     alone = not (problem.view or problem.above or problem.below or problem.modes)
     return (
@@ -98,7 +98,7 @@ def _ways(engine: GridGroup) -> list[int]:
 
 
 class _Search:
-    """B, and potentials in it, of one group."""
+    """Looks for boxes B and potentials in them, for one group."""
 
     def __init__(self, case: Case, engine: GridGroup, ways: Sequence[int]) -> None:
         self.case, self.engine, self.ways = case, engine, ways
@@ -117,7 +117,7 @@ class _Search:
     # ------------------------------------------------------------ B
 
     def cells(self, allowed: Bools, below: bool, above: bool) -> Bools:
-        """The cells that are kept in a B that goes on below and above, or does not."""
+        """The cells that are kept with a B that reaches the grid's end below or above, or not."""
         none = np.zeros_like(allowed)
         box = [self._around_rest(axis, below, above) for axis in self.moving]
         within = [b for b in box if b is not None]
@@ -130,7 +130,7 @@ class _Search:
         return self._standing(allowed, within, far)
 
     def _around_rest(self, axis: int, below: bool, above: bool) -> Interval | None:
-        """Edges below and above 0; None where the grid does not go on on both sides."""
+        """The side of B along an axis; None where the grid does not reach to both sides of 0."""
         edges = self.engine.edges[axis]
         if not edges[0] < 0.0 < edges[-1]:
             return None
@@ -139,7 +139,7 @@ class _Search:
         return Interval(float(low), float(high))
 
     def _wider(self, box: Sequence[Interval]) -> list[Interval]:
-        """A neighbourhood of B: a run that leaves B is in it for a while."""
+        """A box a little larger than B: a run that leaves B stays in it for a while."""
         ends = []
         for axis, r in zip(self.moving, box, strict=True):
             state = self.engine.axes[axis]
@@ -151,7 +151,7 @@ class _Search:
         return ends
 
     def _defined(self, box: Sequence[Interval]) -> bool:
-        """Whether no plant faults there."""
+        """Whether no plant faults at the states of B."""
         whole = self.whole.copy()
         for axis, r in zip(self.moving, self._wider(box), strict=True):
             whole[self.engine.axes[axis]] = r.low, r.high
@@ -163,7 +163,7 @@ class _Search:
     # ------------------------------------------------------------ rates
 
     def _written(self) -> Enclosures:
-        """All rates while states have these signs, SC answering anything it may: a list a sign."""
+        """The rates of all states by signs, for any answer that SC may give."""
         assert self.law is not None
         make, winds = self.make, self.case.problem.disturbances
         self.ranges |= {("u", k): Interval(float(a), float(b)) for k, (a, b) in enumerate(self.law)}
@@ -180,9 +180,9 @@ class _Search:
         return Enclosures(lists)
 
     def _rates_in(self, box: Sequence[Interval]) -> Rates:
-        """Where they lie at states of B, and a hair beyond.
+        """The ranges of the rates at states of B, and a hair beyond, by signs.
 
-        At 0 all that they are beside it counts: a run that goes to and fro there has any of that.
+        At 0 the rates on both sides count, too: a run that goes to and fro there has any of them.
         """
         found = {}
         assert self.written is not None
@@ -200,7 +200,7 @@ class _Search:
         return found
 
     def _kept(self, rates: Rates) -> bool:
-        """Whether no state of B gets farther from 0."""
+        """Whether no state of B moves away from 0."""
         for signs, of in rates.items():
             for axis, sign in zip(self.moving, signs, strict=True):
                 rate = of[self.engine.axes[axis]]
@@ -209,7 +209,7 @@ class _Search:
         return True
 
     def _potentials(self, rates: Rates, way: int, sign: int) -> list[_Potential]:
-        """Bounds of how far a way gets, downwards or upwards; none where it may go on for ever."""
+        """Potentials that bound how far a way gets down (`sign` -1) or up (1), if there are any."""
         state = self.engine.axes[way]
         grows = {signs: _times(of[state], sign).high for signs, of in rates.items()}
         found = []
@@ -234,7 +234,7 @@ class _Search:
     def _standing(
         self, allowed: Bools, box: Sequence[Interval], far: Sequence[Sequence[list[_Potential]]]
     ) -> Bools:
-        """Cells of B from which all that the ways and the others may come to lies in C."""
+        """The cells of B such that everything the states may reach from them lies in C."""
         cells, edges = np.zeros_like(allowed), self.engine.edges
         beyond = [[self._safe_beyond(box, way, sign) for sign in (-1, 1)] for way in self.ways]
         inside = [
@@ -258,7 +258,7 @@ class _Search:
         return float(np.nextafter(float(most), inf)) if most else 0.0
 
     def _safe_beyond(self, box: Sequence[Interval], way: int, sign: int) -> bool:
-        """Whether C goes on beyond an end of a way, wherever the other ways are."""
+        """Whether all states beyond an end of a way, wherever the other ways are, lie in C."""
         whole, edges = self.whole.copy(), self.engine.edges
         if self.engine.axes[way] in self.engine.unbounded:
             return True  # its outer cells are in C with all that lies beyond
@@ -273,7 +273,7 @@ class _Search:
 
 
 def _signed(make: Expressions, x: Node, sign: int) -> dict[Node, Node]:
-    """What is known of comparisons of x with 0 where it is above, or below."""
+    """Replacements for comparisons of x with 0, where x has this sign; for x, where that is 0."""
     if not sign:
         return {x: make.number(0.0)}
     zero, held = make.number(0.0), {True: make.true, False: make.false}
@@ -286,7 +286,7 @@ def _times(r: Interval, sign: int) -> Interval:
 
 
 def _to_rest(edges: NDArray[np.float64], k: int | None) -> tuple[int, int]:
-    """The cells of an axis from one, and the one behind the last, to where the state is 0."""
+    """The range (first, last + 1) of cells between cell k and 0; all cells for k None."""
     if k is None:
         return 0, len(edges) - 1
     first = int(np.searchsorted(edges, 0.0, side="right")) - 1
@@ -297,7 +297,7 @@ def _to_rest(edges: NDArray[np.float64], k: int | None) -> tuple[int, int]:
 def _led(
     fine: Bools, axis: int, edges: NDArray[np.float64], far: Sequence[float], beyond: Sequence[bool]
 ) -> Bools:
-    """Cells from which what is so far below and above them on an axis is fine, too."""
+    """The cells of `fine` around which everything within `far` along an axis is fine, too."""
     low = edges[:-1] if not far[0] else np.nextafter(edges[:-1] - far[0], -inf)
     high = edges[1:] if not far[1] else np.nextafter(edges[1:] + far[1], inf)
     first = np.searchsorted(edges, low, side="right") - 1

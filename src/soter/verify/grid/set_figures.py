@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def shares(part: GroupSets) -> dict[str, float]:
-    """Of the grid's volume, by set; `estimates`: of S_0, where predicates are computed."""
+    """The share of the grid's volume of each set; `estimates`: S_0, if predicates are computed."""
     edges = drawn_edges(part.group.axes)
     sets = {
         "core": part.core > 0,
@@ -38,14 +38,14 @@ def shares(part: GroupSets) -> dict[str, float]:
 
 
 def core_share(part: GroupSets) -> float:
-    """Of C that K is; 0 where there is no C."""
+    """The share of C's volume that K has; 0 where C is empty."""
     edges = drawn_edges(part.group.axes)
     whole = share(part.allowed, edges)
     return share((part.core > 0) & part.allowed, edges) / whole if whole else 0.0
 
 
 def both(part: GroupSets) -> tuple[float, bool] | None:
-    """Share of K on which `safer` may be true and `ttf` may be false, and whether that is any."""
+    """The share of K where `safer` may be true and `ttf` may be false; whether any state is so."""
     if part.lets_ac is None or part.gives_back is None:
         return None
     core, lets = part.core > 0, part.lets_ac & part.gives_back
@@ -55,7 +55,7 @@ def both(part: GroupSets) -> tuple[float, bool] | None:
 
 
 def lets_share(part: GroupSets, predicate: str) -> float | None:
-    """Share of K on which a predicate lets AC have control, as the DM holds it where it does."""
+    """The share of K on which a predicate lets AC have control, by the DM's table if it has one."""
     which = 0 if predicate == "ttf" else 1
     cells = (
         (part.lets_ac, part.gives_back)[which] if part.deployed is None else part.deployed[which]
@@ -67,7 +67,7 @@ def lets_share(part: GroupSets, predicate: str) -> float | None:
 
 
 def drawn(part: GroupSets, chance: np.random.Generator, count: int) -> Floats:
-    """States of K, (count, axes), uniform."""
+    """Random states, uniform on K, of shape (count, axes)."""
     core, edges = np.argwhere(part.core > 0), drawn_edges(part.group.axes)
     sizes = np.prod([np.diff(e)[core[:, k]] for k, e in enumerate(edges)], axis=0)
     at = core[chance.choice(len(core), count, p=sizes / sizes.sum())]
@@ -77,7 +77,7 @@ def drawn(part: GroupSets, chance: np.random.Generator, count: int) -> Floats:
 
 
 def deepest(part: GroupSets) -> dict[int, float]:
-    """State -> the middle of a cell that is far from the border of C; nothing without C."""
+    """The middle, by state, of a cell far from the border of C; empty where C is."""
     left = part.allowed
     while True:
         inner = left.copy()
@@ -99,11 +99,11 @@ def deepest(part: GroupSets) -> dict[int, float]:
 
 
 SLICES_MAX = 24
-"""Of a figure of three axes: each is some kB of the page."""
+"""The most slices of a figure with three axes: each is some kB of the page."""
 
 
 def regions(sets: GroupSets) -> NDArray[np.uint8]:
-    """R1 to R5 for every cell of a group, in the grid's shape."""
+    """The region (R1 to R5) of every cell of a group, in the grid's shape."""
     region_ids = np.full(sets.allowed.shape, R1, dtype=np.uint8)
     region_ids[sets.allowed] = R2
     region_ids[sets.core > 0] = R3
@@ -115,9 +115,9 @@ def regions(sets: GroupSets) -> NDArray[np.uint8]:
 
 
 def figure(sets: GroupSets, note: str) -> RegionFigure:
-    """The first two axes, cut across further ones where the slice is the fullest.
+    """The figure of the first two axes, at the place on further axes where most is to be seen.
 
-    The third axis, where there is one, can be gone through: at most `SLICES_MAX` slices.
+    Where there is a third axis it has up to `SLICES_MAX` slices along it.
     """
     axes, drawn = sets.group.axes, drawn_edges(sets.group.axes)
     cells, lets_ac = regions(sets), sets.lets_ac
@@ -165,11 +165,11 @@ def figure(sets: GroupSets, note: str) -> RegionFigure:
 
 
 def fullest(cells: NDArray[np.uint8]) -> tuple[int, ...]:
-    """Where, along the axes from the third on, most cells of the first two may be AC's.
+    """The place on the axes from the third on where most cells of the first two may be AC's.
 
-    If AC gets control back somewhere, then where it does: no region is out of sight that has cells.
-    Among equals: where most are in the core, then in C, then what is nearest to the middle.
-    `cells`: of the grid's shape.
+    Places where AC gets control back come first, so that no region with cells stays out of sight.
+    Among equals the place with most cells in K counts, then in C, then the one nearest the middle.
+    `cells`: the regions, in the grid's shape.
     """
     if cells.ndim < 3:
         return ()
@@ -183,12 +183,12 @@ def fullest(cells: NDArray[np.uint8]) -> tuple[int, ...]:
 
 
 def _sliced(count: int, shown: int) -> list[int]:
-    """Which of `count` slices are drawn: both ends and `shown` among them."""
+    """The numbers of the slices to draw, of `count`: both ends and `shown` are among them."""
     even = np.linspace(0, count - 1, min(count, SLICES_MAX)).round().astype(int)
     return sorted({*even.tolist(), shown})
 
 
 def _place(axis: Axis, index: int) -> str:
-    """A cell of an axis, for people."""
+    """The range of a cell of an axis, in words."""
     unit = f" {axis.unit}" if axis.unit else ""
     return f"{axis.name} in [{axis.edges[index]:.4g}, {axis.edges[index + 1]:.4g}]{unit}"

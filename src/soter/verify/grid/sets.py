@@ -1,8 +1,12 @@
 """Sets of states on rectilinear grids (docs/verification.md, section 3).
 
-Purpose: the Python face of `verify/engine/soter_reach*.c` for one group of up to four axes. Sets
-are numpy arrays of the grid's shape, one item a cell, in C order; bool, or uint8 witnesses. All
-times are nanoseconds. What is claimed is claimed of the real dynamics: rounding is outward.
+Purpose: `GridGroup` calls `verify/engine/soter_reach*.c` for one group of up to four axes. Sets are
+numpy arrays of the grid's shape, one item a cell, in C order: bool, or uint8 witnesses. Times are
+in nanoseconds. Claims are about the real dynamics: rounding is outward.
+Symbols, here and in this folder: C, the states where `safe` holds. K, the core: states of C from
+which SC keeps C for ever. R(t): states from which no command of U leads out of K within t. S_j: the
+estimates at which the DM may leave AC control. Q: states of K that SC keeps inside `safer`. W: the
+states from which SC leads to Q (docs/proof.md#setting, docs/proof-sets.md).
 Non-goals: extracting the problem, verdicts, certificates; synthesis and ranks (`recovery.py`).
 """
 
@@ -40,30 +44,30 @@ __all__ = [
 SLICE_S = 0.1
 """How long the engine works between two looks at the stop flag."""
 LONGEST = 250
-"""The largest N a witness (uint8) may have, with room for a mark."""
+"""The longest chain, in periods of SC: a witness (uint8) holds it, with room for `RESTS`."""
 RESTS = 255
-"""That mark, of a cell which is kept without a chain: SC stands still there (`resting.py`)."""
+"""The witness of a cell that is kept without a chain: SC stands still there (`resting.py`)."""
 VAIN_LEAST = 100
-"""So many cells may always be followed for nothing: it takes no time."""
+"""Up to this many cells K is never given up for cells that were followed in vain: it is quick."""
 HOLDS_LEAST = 100_000
-"""So many holds may always be made for K: it takes 3 s of CPU time at most."""
+"""Up to this many periods of SC K is never given up: they take 3 s of CPU time at most."""
 POOL_BYTES = 2**28
 SEGMENTS = 2
 SEGMENTS_MAX = 64
-"""As `SOTER_REACH_SEGMENTS`."""
+"""The most segments of a tube, as `SOTER_REACH_SEGMENTS`."""
 WORTH_IT = 0.005
-"""Share of the target that twice as many segments must add, for as many again to be tried."""
+"""The segments of a tube are doubled again while that adds this share of the target's cells."""
 STEPS_MAX = 8
 WORTH_A_STEP = 0.02
-"""The same where the flow is not linear: each segment is a step of its own for every box."""
+"""`WORTH_IT` of a flow that is not linear, where each segment is a step for every box."""
 
 
 @dataclass(frozen=True)
 class Core:
-    """K: `witness` holds N per cell, 0 = not in K. `rounds`, `steps`: what it took.
+    """K: `witness` has for each cell the length N of its chain in periods of SC; 0: not in K.
 
-    `vain`: cells that were followed for as many holds as may be, and never came back to K.
-    `spent`: K was given up, as more was done than may be.
+    `rounds`, `steps`: the work done. `vain`: cells that were followed to the end and never came
+    back to K. `spent`: K was given up because a limit of the work was reached.
     """
 
     witness: Bytes
@@ -79,7 +83,7 @@ class Core:
 
 
 class GridGroup(GridModel):
-    """The engine for one group: its grid, its dynamics, its sets."""
+    """The engine for one group of states: it computes sets on the group's grid."""
 
     _scratch: tuple[npt.NDArray[np.uint16], Ints, Bytes] | None = None
 
@@ -169,10 +173,9 @@ class GridGroup(GridModel):
         hint: bool = False,
         ranges: Mapping[int, tuple[float, float]] | None = None,
     ) -> Bools:
-        """C: cells on all of which `safe` (with `hint` also `core`) is true.
+        """C, in the grid's shape: cells on all of which `safe` (with `hint` also `core`) is true.
 
-        And on which plants can publish what they drive, where the unit says when. In the grid's
-        shape.
+        Where the unit has a `constraint`, plants can also publish there what they drive.
         """
         named = self.library.symbol("constraint") != self.library.ffi.NULL
         cells = self.definitely("constraint" if named else "safe", ranges=ranges)
@@ -196,13 +199,12 @@ class GridGroup(GridModel):
         The greatest fixpoint of {c in `allowed`: for some N <= `longest` the tube over
         [0, N delta + j] lies in `allowed` and the image over [N delta - j, N delta + j] in K}.
         A chain is given up when its images have been more than a cell away from K `patience`
-        times in a row: a smaller K at worst. The result does not depend on threads. `allowed` has
-        the grid's shape. `vain`: the share of the cells of `allowed` that may be followed to the
-        end for nothing; with more of them K is given up, and none; 0: as many as there are.
-        `resting`: cells of `allowed` that are in K whatever else is, with `RESTS` for N; `members`:
-        the cells of `allowed` that K may have, where that is not all of them. One of the two.
-        `holds`: so many a cell of `allowed` may be made on average, or `HOLDS_LEAST` in all; 0: any
-        number.
+        times in a row: a smaller K at worst. The result does not depend on threads.
+        All sets have the grid's shape. At most one of these two is given: `resting`, cells of
+        `allowed` that are in K in any case, with `RESTS` for N; `members`, the cells that K may
+        have. K is given up, and empty, when a limit is passed: `vain`, the share of `allowed` that
+        may be followed in vain; `holds`, how many periods of SC may be computed for a cell of
+        `allowed` on average (`HOLDS_LEAST` in all are free). 0: no limit.
         """
         assert resting is None or members is None
         members = allowed if members is None else members & allowed
@@ -216,7 +218,7 @@ class GridGroup(GridModel):
 
     @property
     def still(self) -> bool:
-        """Whether none of its states has dynamics: every set of cells is kept."""
+        """Whether no state of the group ever changes, so that every set of cells is kept."""
         return set(self.axes) <= self.inputs.still
 
     @property
@@ -286,12 +288,11 @@ class GridGroup(GridModel):
     # ------------------------------------------------------------ tubes under all of U
 
     def safe_for(self, t_ns: int, target: Bools, *, segments: int | None = None) -> Bools:
-        """R(t) for a target: cells from which nothing in U leads out of it within t.
+        """R(t) for a target: cells from which no command of U leads out of the target within t.
 
         Every run over [0, t] under any measurable command stays in the target. A map's t is a
-        whole number of periods.
-        `segments`: into how many pieces a flow's tube is cut; None: twice as many as long as that
-        adds cells. What is shown of a cell with few pieces need not be shown with more. Sets have
+        whole number of periods. `segments`: into how many pieces a flow's tube is cut; None: the
+        number is doubled as long as that adds cells; a cell that was shown stays shown. Sets have
         the grid's shape.
         """
         assert t_ns >= 0
@@ -316,7 +317,7 @@ class GridGroup(GridModel):
         return cells
 
     def _safe_in(self, t_ns: int, target: Bools, known: Bools, pieces: int) -> Bools:
-        """The same with one number of pieces (of a map: of periods); `known` cells are taken."""
+        """R(t) with a fixed number of pieces (of a map: periods); `known` cells are in it."""
         ffi, lib = self.library.ffi, self.library.lib
         out = np.empty(self.shape, dtype=np.uint8)
         bits, done = self.bits(target), self.bits(known)
@@ -373,8 +374,8 @@ class GridGroup(GridModel):
     def erode(self, cells: Bools, errors: Mapping[int, float]) -> Bools:
         """Cells c with c + E inside the set, in the grid's shape.
 
-        On whole cells, {x^ : x^ - E in the set} and as well {z : z + E in the set}. `errors`:
-        state -> largest error; E is that box, symmetric.
+        As E is symmetric these are both the estimates all of whose states, and the states all of
+        whose estimates, are in the set. `errors`: the largest error of each state, which make E.
         """
         return self._moved(cells, errors, grow=False)
 

@@ -1,9 +1,8 @@
-"""Who may run when: the steps of a stretch of time, and which of them may change places.
+"""When steps may run: the steps in a span of time, and in which orders they may come.
 
-Purpose: releases of the components of a relation as steps with windows. A step reads at its start,
-at most `late` after its release, and what it does is out at most `response` after that; in one
-instant every order is possible. A hyperperiod is the same wherever it begins, once all phases are
-past.
+Purpose: `steps_of` turns releases of components into steps with windows, and tells the solver their
+order. A step reads at its start, at most `late` after its release; what it does is out at most
+`response` after that; within one instant every order is possible.
 Non-goals: what a step does (`transition_relation.py`).
 """
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ComponentCalendar:
-    """Of one component, in ns."""
+    """The period, phase, lateness and response of one component, in ns."""
 
     component: int
     period: int
@@ -33,9 +32,9 @@ class ComponentCalendar:
 
 @dataclass(eq=False)
 class Point:
-    """An instant at which something is read or written, `at` in [earliest, latest].
+    """An instant at which a step reads or writes: `at`, in [earliest, latest], in ns.
 
-    `place` says which of several at one time comes first.
+    Of several at one time the one with the lower `place` comes first.
     """
 
     earliest: int
@@ -46,9 +45,9 @@ class Point:
 
 @dataclass(eq=False)
 class CalendarStep:
-    """One release: it reads at `start`, and what it does is seen from `effect` on.
+    """The step of one release: it reads at `start`, and others see its results from `effect` on.
 
-    `begun`: it was released before the stretch of time; what it read is not known.
+    `begun`: it was released before the span of time, and what it read is not known.
     """
 
     component: int
@@ -59,7 +58,7 @@ class CalendarStep:
 
 
 def hyperperiod(clocks: Sequence[ComponentCalendar]) -> int:
-    """After so long all releases come again."""
+    """The hyperperiod in ns, after which the releases of all components repeat."""
     return lcm(*(c.period for c in clocks))
 
 
@@ -70,9 +69,9 @@ def settled(clocks: Sequence[ComponentCalendar]) -> int:
 
 
 def releases(clock: ComponentCalendar, end: int, *, first: bool) -> list[int]:
-    """Releases in [0, end): from the start of a run, or from any later hyperperiod on.
+    """Releases in [0, end), from the start of a run (`first`) or of any later hyperperiod.
 
-    In the latter case also one before, where its step may not be over.
+    In the latter case also the one before 0, if its step may last until then.
     """
     begin = clock.phase if first else clock.phase % clock.period
     instants = list(range(begin, end, clock.period))
@@ -85,7 +84,7 @@ def releases(clock: ComponentCalendar, end: int, *, first: bool) -> list[int]:
 def steps_of(
     terms: SolverTerms, clocks: Sequence[ComponentCalendar], end: int, *, first: bool
 ) -> list[CalendarStep]:
-    """All steps of a stretch of time, and what the clock says of them (facts of `terms`)."""
+    """All steps in [0, end); what is known of their order is stated as facts of `terms`."""
     steps: list[CalendarStep] = []
     for clock in clocks:
         own = [_step(terms, clock, r) for r in releases(clock, end, first=first)]
@@ -124,7 +123,7 @@ def _point(terms: SolverTerms, earliest: int, latest: int) -> Point:
 
 
 def before(terms: SolverTerms, a: Point, b: Point) -> Term:
-    """Whether `a` comes before `b`."""
+    """The condition that `a` comes before `b`."""
     if a is b or a.earliest > b.latest:
         return False
     if a.latest < b.earliest:
@@ -136,7 +135,7 @@ def before(terms: SolverTerms, a: Point, b: Point) -> Term:
 
 
 def clusters(steps: Sequence[CalendarStep]) -> list[list[CalendarStep]]:
-    """Steps in groups: whatever is in a group is over before anything of the next one begins."""
+    """The steps in groups: all of a group is over before anything of the next group begins."""
     groups: list[list[CalendarStep]] = []
     latest = -1
     for step in sorted(steps, key=lambda s: (s.start.earliest, s.release)):

@@ -1,10 +1,11 @@
-"""When the state of a view may jump: only in steps of which `enters` holds (docs/proof-sets.md).
+"""Whether a view's state jumps only where `enters` holds ("Hand-over" in docs/proof-sets.md).
 
-Purpose: a topic that the map of a view reads is followed back to the node that publishes it. Any
-two steps of that node in a row, and its first: what the map reads of the topic is published as it
-was, or `enters` holds of what the later step reads and publishes, and that step publishes all that
-the plants of the view drive.
-Non-goals: that the state lies in R(H) wherever `enters` holds.
+Purpose: the state of a view is computed by a map that may read topics, so it jumps when a node
+publishes new values there. `handovers` finds that node and asks z3 about any two of its steps in a
+row, and about its first step: either what the map reads is published unchanged, or `enters` holds
+of what the later step reads and publishes, and that step publishes all that the view's plants
+drive.
+Non-goals: that the state lies in R(H) wherever `enters` holds (`claims/handover_claims.py`).
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ Path = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Handover:
-    """Of one topic: the node that publishes it, and why nothing is shown; "": it is."""
+    """One topic, the node that publishes it, and `why` nothing is shown of it; "": it is shown."""
 
     topic: typed.TopicSymbol
     node: str
@@ -62,20 +63,20 @@ def handovers(flat: System, module: Module, link: typed.AbstractionLink) -> Iter
 
 
 def _ages(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> str:
-    """Every publication makes a topic young again, whatever it says."""
+    """Why the map cannot be followed if it reads the topic's age: each publication resets that."""
     aged = any(isinstance(n, typed.AgeRead) and n.topic is topic for n in nodes([value]))
     return f"its map reads the age of {topic.name}" if aged else ""
 
 
 def _index(flat: System, topic: typed.TopicSymbol) -> int:
-    """Of a topic that some node or plant names; -1 where that is not one topic of the system."""
+    """The system's index of a topic that components name; -1 where they mean several, or none."""
     indices = {c.scope.topics[topic] for c in flat.components if topic in c.scope.topics}
     return indices.pop() if len(indices) == 1 else -1
 
 
 @dataclass(frozen=True)
 class ChangedTopic:
-    """A topic, what the map reads of it, and the topics that show it to DM and SC."""
+    """A topic by its index, the parts that the map reads, and the topics `shown` to DM and SC."""
 
     index: int
     paths: list[Path]
@@ -83,13 +84,13 @@ class ChangedTopic:
 
 
 def _remembers(flat: System, module: Module) -> str:
-    """An SC with locals may go by what was there before the jump."""
+    """Why an SC with locals is not followed: they may depend on what was there before the jump."""
     sc = flat.components[module.sc]
     return f"{sc.name} keeps locals" if sc.node is None or sc.node.locals else ""
 
 
 def _driven(flat: System, module: Module, link: typed.AbstractionLink) -> list[int]:
-    """What the plant of a view drives, as far as the module reads it."""
+    """The topics that the plant of a view drives and the module reads."""
     scopes = (module.scope.topics, flat.components[module.sc].scope.topics)
     indices = [next((s[t] for s in scopes if t in s), -1) for t, _ in link.plant.drives]
     return [i for i in indices if i >= 0]
@@ -112,7 +113,7 @@ def _not_for_this(flat: System, index: int, writers: list[Component]) -> str:
 
 
 def _paths(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> list[Path]:
-    """The parts of a topic that an expression reads; () is all of it."""
+    """The parts of a topic that an expression reads, as paths of field indices; () is all of it."""
     every = [n for n in nodes([value]) if isinstance(n, typed.TypedExpr)]
     around = {id(n.target): n for n in every if isinstance(n, typed.TypedField)}
     paths: dict[Path, None] = {}
@@ -132,21 +133,21 @@ def _paths(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> list[Path
 
 @dataclass
 class StepReads:
-    """What one step reads: a value a topic, any of its set; later what it published, too."""
+    """What one step reads: of each topic any value of its set, or what `values` has for it."""
 
     terms: SolverTerms
     flat: System
     values: dict[int, Term] = field(default_factory=dict)
 
     def cell(self, cell: core.Cell, t: Type) -> Term:
-        """A topic."""
+        """The value of a topic in this step."""
         if cell.owner not in self.values:
             topic = self.flat.topics[cell.owner]
             self.values[cell.owner] = self.terms.fresh(t, topic.name, topic.bounds)
         return self.values[cell.owner]
 
     def fact(self, fact: core.Fact) -> Term:
-        """Anything, at every read."""
+        """An arbitrary value at each read, but that the node is in control."""
         if fact.fact == "in_control":
             return True
         if fact.fact == "mode":
@@ -160,7 +161,7 @@ class StepReads:
 
 @dataclass
 class StepTransition:
-    """One step: its locals, what it publishes (whether, what), whether it faults, `enters` then."""
+    """What one step did: locals after it, topics as (whether published, value), `enters` then."""
 
     locals: dict[str, Term]
     published: dict[int, tuple[Term, Term]]
@@ -176,7 +177,7 @@ def _shown(
     c: Component,
     changed: ChangedTopic,
 ) -> str:
-    """Why it is not shown; "" where it is."""
+    """Why a change outside of `enters` is possible, as z3 finds; "": there is none."""
     told = Property(0, "always", enters, module.scope, "enters", enters.span)
     program = lower(derived_systems.with_properties(flat, (told,)))
     topic = flat.topics[changed.index]
@@ -209,7 +210,7 @@ def _shown(
 def _jumps(
     terms: SolverTerms, step: StepTransition, last: StepTransition, t: Type, changed: ChangedTopic
 ) -> bool:
-    """Whether a step may publish something else than the last one did, where it must not."""
+    """Whether a step may publish a changed value where it must not (`last`: the step before)."""
     nothing = (False, terms.fresh(t, "whatever"))
     says, value = step.published.get(changed.index, nothing)
     said, old = last.published.get(changed.index, nothing)

@@ -1,8 +1,8 @@
 """The problem of a module that is proved by induction, read off its program.
 
-Purpose: which nodes beside the module matter, how late they may be, what is proved of them; a
-diagnostic (R030, R031, R032) where induction is not for the module.
-Non-goals: the relation itself (`transition_relation.py`).
+Purpose: `extract_induction` finds which nodes the proof has to follow, how late they may be, and
+what is to be proved; it refuses (R030, R031, R032) a module that induction is not for.
+Non-goals: the transition relation itself (`transition_relation.py`).
 """
 
 from __future__ import annotations
@@ -54,40 +54,40 @@ OTHERS = (
     "dropout",
     "enters",
 )
-"""What a `verify` block may say that is for sets, and for no induction."""
+"""Clauses of a `verify` block that only proofs by sets use: beside `induction` they are refused."""
 WORDS = {"groups": "grid`, `polytope", "acts": "acts within"}
 
 
 @dataclass(eq=False, kw_only=True)
 class InductionProblem(Problem):
-    """A module, the nodes that matter beside it, and every time of theirs.
+    """A module with the nodes that its proof follows, and their times.
 
-    `system` holds these components and no others.
+    `system` holds the components of the proof and no others.
     """
 
     clocks: tuple[ComponentCalendar, ...]
-    """As they are followed: SC waits for the DM's verdict."""
+    """Their times as the proof follows them: SC waits for the DM's verdict."""
     declared: tuple[ComponentCalendar, ...]
-    """As they are declared."""
+    """Their times as they are declared."""
     undeclared: tuple[str, ...]
-    """Times that are not, and are taken for zero."""
+    """The times that are not declared, and are taken for zero."""
     safe: Predicate
     lemmas: tuple[Predicate, ...]
     lemma_texts: tuple[str, ...]
     progress: tuple[Predicate, ...]
-    """`progress_texts`, lowered."""
+    """The conditions of `progress_texts`, lowered to Core."""
     any_value: dict[str, str] = field(default_factory=dict)
-    """Topics of which nothing but their set is known: name -> why, in words."""
+    """Topics of which only their set is known: why that is so, in words, by name."""
     heard: frozenset[int] = frozenset()
-    """Those of them by nodes that hear plants or other modules: P2b takes them for still."""
+    """Topics of `any_value` that P2b assumes constant: their nodes hear plants or other modules."""
     waited: frozenset[int] = frozenset()
-    """Modes that `safer` reads: P2b takes these for AC."""
+    """Topics that hold a mode which `safer` reads: P2b assumes that these modes are AC."""
     first_ns: int = 0
-    """The first instant of the whole system."""
+    """The first instant at which the whole system does something."""
 
     @cached_property
     def outputs(self) -> dict[int, list[int]]:
-        """The topics that each component publishes."""
+        """The topics that each component publishes, by its index."""
         topics_by_component = {}
         for c in self.system.components:
             if c.node is not None:
@@ -112,9 +112,9 @@ def _properties(module: Module) -> list[Property]:
 
 
 def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> InductionProblem:
-    """The problem of `module` of the flat system; `SoterError` R030, R031 or R032.
+    """The problem of `module` of a flat system; `SoterError` R030, R031 or R032.
 
-    `modes`: whose modes it reads, as topics that nobody publishes.
+    `modes`: the modes of other modules that it reads, as topics that nobody publishes.
     """
     diagnostics = Diagnostics()
     _refuse(flat, module, diagnostics)
@@ -210,7 +210,7 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
 
 
 def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -> None:
-    """What SC and the predicates rest on that no relation has."""
+    """Refuses externs, modes of other modules and margins in SC and in predicates."""
     symbol, sc = module.symbol, flat.components[module.sc]
     if sc.extern:
         diagnostics.error(
@@ -254,10 +254,10 @@ def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -
 def _neighbours(
     flat: System, module: Module, modes: Modes
 ) -> tuple[list[int], dict[str, str], list[int]]:
-    """The nodes that what is proved rests on; other topics that it rests on, and why not.
+    """The nodes to follow; the topics that may hold any value, and why; those of nodes that hear.
 
-    Who writes what `safe` and the lemmas read is followed; of others those that hear neither plants
-    nor other modules: what these say is unknown anyway. Topics of the last kind come third.
+    The writers of what `safe` and the lemmas read are followed, and other writers unless they hear
+    plants or other modules: what those publish is unknown anyway, and their topics come third.
     """
     symbol, scope = module.symbol, module.scope
     own = {module.dm, module.sc, module.ac}
@@ -291,13 +291,13 @@ def _neighbours(
 
 
 def _source(flat: System, topic: int) -> int:
-    """The topic itself; of a queue, the one whose values it collects."""
+    """The topic itself; for a queue the topic whose values it collects."""
     source = flat.topics[topic].queue_of
     return topic if source is None else source
 
 
 def _hears(flat: System, module: Module, writers: list[Component]) -> str:
-    """That a node rests on what plants or other modules publish, in words; "": it does not."""
+    """Words that a writer depends on what plants or other modules publish; "": none does."""
     todo, seen = list(writers), set(module.outputs)
     while todo:
         c = todo.pop()
@@ -339,7 +339,7 @@ def _reads_modes(c: Component) -> set[int]:
 
 
 def _externs(*roots: object) -> list[typed.TypedCall]:
-    """Calls that end in an extern function."""
+    """The calls that reach an extern function, directly or through others."""
     extern_calls = []
     for call in calls_in(*roots):
         seen: set[typed.FunSymbol] = set()
@@ -369,7 +369,7 @@ def _read_by(c: Component) -> list[int]:
 def _times(
     system: System, module: Module, diagnostics: Diagnostics
 ) -> tuple[Times, tuple[ComponentCalendar, ...], tuple[ComponentCalendar, ...], list[str]]:
-    """Times of everybody, as followed and as declared; which are not declared."""
+    """Times of DM and SC; of all components, as followed and as declared; what is undeclared."""
     verify = module.symbol.verify
     calculator = Calculator(diagnostics, module.scope.params)
 
@@ -438,7 +438,7 @@ def _rests(
     declared: tuple[ComponentCalendar, ...],
     diagnostics: Diagnostics,
 ) -> list[Assumption]:
-    """R033 where the thread of `flat` does not keep the times of the proof; what they rest on."""
+    """The assumptions behind the times of the proof; R033 where the thread does not keep them."""
     by_name = {system.components[c.component].name: (c.late, c.response) for c in declared}
     dm, sc = flat.components[module.dm].name, flat.components[module.sc].name
     others = [c for c in flat.components if c.name in by_name and c.role in ("node", "ac")]

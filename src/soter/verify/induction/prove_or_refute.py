@@ -1,11 +1,11 @@
-"""k-induction over hyperperiods, and a run that leaves `safe` where it fails.
+"""k-induction over hyperperiods, and a run that leaves `safe` where the induction fails.
 
-Purpose: `induct`: that `safe`, every lemma and every step hold at all times: in the first
-hyperperiods of every run, and after any k hyperperiods in which they held, in the next one, too.
-P2b: that no state is followed by so many hyperperiods in which DM never says "AC". And whether AC
-ever can. `refuting_run`: where the relation has a run in which something fails, look for one of the
-program, with an AC that may publish anything, by systematic testing up to that time; it counts only
-when the reference interpreter has replayed it.
+Purpose: `induct` proves that at all times `safe` and every lemma hold and no step faults: in the
+first hyperperiods of every run, and in each one that follows k in which all held. For P2b it then
+proves that DM cannot say "SC" for more than so many hyperperiods on end, and it finds out whether
+AC can ever have control. Where the relation has a run in which something fails, `refuting_run`
+looks for such a run of the program by systematic testing, with an AC that may publish anything; it
+counts only after the reference interpreter has replayed it.
 Non-goals: the relation (`transition_relation.py`), what an execution is (docs/testing.md).
 """
 
@@ -51,55 +51,55 @@ if TYPE_CHECKING:
 
 DEPTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 STEPS_MAX = 600
-"""Steps of one stretch of time: more are not tried."""
+"""The most steps of components in one question to the solver."""
 BUDGET_S = 60.0
-"""Of CPU time."""
+"""The CPU time in seconds after which no greater depth is tried."""
 HOLDS, FAILS, UNKNOWN = "holds", "fails", "unknown"
 
 
 @dataclass
 class Induction:
-    """What was found: `k` hyperperiods of hypothesis where it is proved."""
+    """What an induction found; `k`: its depth, where it proved the module."""
 
     hyperperiod_ns: int
     steps: int = 0
-    """Of one hyperperiod."""
+    """How many steps of components one hyperperiod has."""
     k: int = 0
     proved: bool = False
     seconds: float = 0.0
     fails_ns: int | None = None
-    """A run of the relation from the start in which something fails by then."""
+    """By this time something fails in some run of the relation from the start; None: in none."""
     what: str = ""
     """What fails there: `safe`, a lemma in words, or a step that faults."""
     about: str = ""
-    """safe, lemma or fault."""
+    """The kind of `what`: "safe", "lemma" or "fault"."""
     why: str = ""
-    """Why nothing was found."""
+    """Why neither a proof nor a failing run was found."""
     gave_up: str = ""
-    """What to add where the solver gave up on something."""
+    """What the solver gave up on: an addition to `why`."""
     undecided: str = ""
-    """The same where steps that may fault latch their nodes."""
+    """`why`, or what fails, if steps that may fault are taken to latch their nodes."""
     uninterpreted: dict[str, None] = field(default_factory=dict)
     latching: tuple[str, ...] = ()
-    """Components of which nothing shows that they do not fault: what is proved holds if they do."""
+    """Components that may fault, for all that is known: the proof holds also where they do."""
     returns: int = 0
-    """So many whole hyperperiods SC never keeps control; 0: not shown."""
+    """SC never keeps control for this many whole hyperperiods; 0: not shown."""
     returns_s: float = 0.0
     contradicted: bool = False
-    """What P2b takes for granted never holds for so long."""
+    """What P2b takes for granted holds in no run for so long, so that P2b would say nothing."""
     never: str = ""
-    """"gets": no decision gives AC control; "keeps": none leaves it control; "fails": `safe` holds
-    of all values that topics may have; "": nothing of these is so."""
+    """"gets": no decision gives AC control; "keeps": none leaves it control; "fails": `safe` is
+    true of all values that topics may have; "": none of these."""
 
     @property
     def returns_ns(self) -> int:
-        """P2b: SC may take over in the middle of a hyperperiod, after which so many are whole."""
+        """P2b in ns: one hyperperiod more, as SC may take over within one; 0: not shown."""
         return (self.returns + 1) * self.hyperperiod_ns if self.returns else 0
 
 
 @ctrl_c_waits()
 def induct(problem: InductionProblem) -> Induction:
-    """Prove a module, or say how far it came."""
+    """Tries to prove a module; the result says how far that came."""
     began = time.perf_counter()
     whole = hyperperiod(problem.clocks)
     induction = Induction(whole, sum(whole // c.period for c in problem.clocks))
@@ -120,7 +120,7 @@ def induct(problem: InductionProblem) -> Induction:
 
 
 def _latching(problem: InductionProblem, induction: Induction) -> None:
-    """The same where a step may fault, and latches its node: what holds then holds anyway."""
+    """Tries once more with steps that may fault and latch their nodes; such a proof counts, too."""
     names = _may_fault(problem)
     if not names:
         return
@@ -140,7 +140,7 @@ def _latching(problem: InductionProblem, induction: Induction) -> None:
 
 
 def _may_fault(problem: InductionProblem) -> tuple[str, ...]:
-    """SC, and nodes beside the module, with a step that may fault for all that is known of it."""
+    """The names of the components whose steps may fault, as far as is known of them."""
     terms = SolverTerms()
     stretch = Stretch(problem, terms, hyperperiod(problem.clocks))
     indices = {d.step.component for d in stretch.done if d.doubt is not False}
@@ -171,7 +171,7 @@ def _deepen(problem: InductionProblem, induction: Induction) -> None:
 
 
 def _base(problem: InductionProblem, induction: Induction, k: int) -> str:
-    """Whether all holds in the first k hyperperiods of every run, and before them."""
+    """Whether all holds from the start of every run until k hyperperiods after all phases."""
     terms = SolverTerms()
     end = settled(problem.clocks) + k * induction.hyperperiod_ns
     stretch = Stretch(problem, terms, end, first=True, latching=bool(induction.latching))
@@ -204,7 +204,7 @@ def _named(problem: InductionProblem, number: int) -> str:
 
 
 def _step(problem: InductionProblem, induction: Induction, k: int) -> bool:
-    """Whether all that held for k hyperperiods holds in the next one.
+    """Whether all holds in the hyperperiod after any k in which all held.
 
     Each claim is asked by itself: ten of them in one question are harder than ten questions.
     """
@@ -225,7 +225,7 @@ def _step(problem: InductionProblem, induction: Induction, k: int) -> bool:
 
 
 def _assume(query: Query, stretch: Stretch, until: int) -> None:
-    """Everything that is seen before `until` held."""
+    """Adds to the query that everything that is judged before `until` held."""
     terms = stretch.terms
     for seen in stretch.seen:
         if seen.earliest < until:
@@ -234,7 +234,7 @@ def _assume(query: Query, stretch: Stretch, until: int) -> None:
 
 
 def _bad(stretch: Stretch, begin: int, end: int) -> list[tuple[Term, Term, int]]:
-    """Each way in which something fails in [begin, end): whether, when, what."""
+    """Each way in which a claim may fail in [begin, end): condition, time, number of the claim."""
     terms = stretch.terms
     failures = []
     for seen in stretch.seen:
@@ -254,7 +254,7 @@ def _bad(stretch: Stretch, begin: int, end: int) -> list[tuple[Term, Term, int]]
 
 
 def _returns(problem: InductionProblem, induction: Induction) -> None:
-    """After how many hyperperiods in SC there are none: from any state in which all holds."""
+    """P2b: finds a number of hyperperiods in which SC cannot keep control, from any state."""
     began, since = time.perf_counter(), time.process_time()
     whole = induction.hyperperiod_ns
     for n in DEPTHS:
@@ -272,9 +272,9 @@ def _returns(problem: InductionProblem, induction: Induction) -> None:
 
 
 def _nothing(problem: InductionProblem, induction: Induction, n: int, *, stays: bool) -> bool:
-    """Whether no state is followed by n hyperperiods in which all holds; `stays`: and SC all along.
+    """Whether no n hyperperiods exist in which all holds; `stays`: and SC keeps control.
 
-    No step faults there, and what progress rests on holds.
+    In them no step faults, and what P2b takes for granted holds.
     """
     terms, end = SolverTerms(), n * induction.hyperperiod_ns
     stretch = Stretch(problem, terms, end, returning=True, stays=stays)
@@ -289,10 +289,10 @@ def _nothing(problem: InductionProblem, induction: Induction, n: int, *, stays: 
 
 
 def _never(problem: InductionProblem, induction: Induction) -> str:
-    """What never happens: `safe` "fails" for no values, AC never "gets" or "keeps" control.
+    """What never happens: `safe` never "fails", AC never "gets" or "keeps" control; "" else.
 
-    In no hyperperiod after k that held, and in none of the first: that all holds is proved, so
-    nothing that can happen is left out.
+    Asked of the first hyperperiods and of any after k in which all held: as the module is proved,
+    these cover all that can happen.
     """
     if _holds_anyway(problem):
         return "fails"
@@ -309,7 +309,7 @@ def _never(problem: InductionProblem, induction: Induction) -> str:
 
 
 def _holds_anyway(problem: InductionProblem) -> bool:
-    """Whether no values of the topics' sets, whoever publishes them, are outside of `safe`."""
+    """Whether `safe` is true of all values of the topics' sets, whoever publishes them."""
     terms = SolverTerms()
     stretch = Stretch(problem, terms, 0)
     outside = terms.no(stretch.judged(ClusterView(stretch, None, 0))[0])
@@ -319,7 +319,7 @@ def _holds_anyway(problem: InductionProblem) -> bool:
 
 
 def _decided(made: Callable[..., Stretch], begin: int, word: str) -> bool:
-    """Whether the solver leaves open that a decision from `begin` on gives, or leaves, control."""
+    """Whether some decision from `begin` on may give AC control ("gets"), or leave it ("keeps")."""
     terms = SolverTerms()
     stretch = made(terms=terms)
     query = terms.query()
@@ -338,7 +338,7 @@ def _term(terms: SolverTerms, truth: Term) -> Term:
 
 
 ALTERNATIVES_MAX = 64
-"""Of one leaf; of a larger set the ends, the default and the middle are tried."""
+"""All values of an int leaf are tried up to this many; else the ends, the default, the middle."""
 
 
 @dataclass(frozen=True)
@@ -349,24 +349,24 @@ class ReplayedRun:
     lines: tuple[str, ...]
 
     def __str__(self) -> str:
-        """Its steps, a line each."""
+        """The steps of the run, one line each."""
         return "\n".join(self.lines)
 
 
 class Violated(Protocol):
-    """A run that was found: what it violates (`property`, `fault`), when, and its steps."""
+    """A run that was found: what it violates, when, and its steps."""
 
     @property
     def what(self) -> str:
-        """Of the kinds of a trace."""
+        """The kind of its violation, as traces name it: `property` or `fault`, for example."""
 
     @property
     def time_ns(self) -> int:
-        """Of the violation."""
+        """The time of the violation in ns."""
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """For people."""
+        """The steps of the run in words, one line each."""
 
 
 Search = Callable[["System"], "Violated | None"]
@@ -376,10 +376,10 @@ Search = Callable[["System"], "Violated | None"]
 def refuting_run(
     problem: InductionProblem, until_ns: int, search: Search, *, fault: bool
 ) -> ReplayedRun | None:
-    """A run in which `safe` is violated by then, or a trusted step faults; None: none found.
+    """A run that violates `safe` by `until_ns`, or (`fault`) has a faulting step; None: none found.
 
-    Where the proof rests on topics that nobody in it publishes, what is tested would not be the
-    program: nobody looks.
+    Nothing is searched where the proof depends on topics that none of its nodes publishes: the
+    system that would be tested is not the program.
     """
     if problem.any_value:
         return None
@@ -393,7 +393,7 @@ def refuting_run(
 
 
 def system_as_test(problem: InductionProblem, system: System, until_ns: int) -> System:
-    """The system as a test: `safe` always, steps as late as they are declared to be."""
+    """The system with a test plan: `safe` always holds, steps are as late as they are declared."""
     m = problem.module
     span = m.symbol.span
     safe = Property(0, "always", m.symbol.safe, m.scope, "safe", m.symbol.safe.span)
@@ -413,7 +413,7 @@ def system_as_test(problem: InductionProblem, system: System, until_ns: int) -> 
 
 
 def any_ac(problem: InductionProblem) -> System:
-    """AC publishes at each of its releases, or not, on each of its topics, any value of its set."""
+    """The system with an AC that may publish, or not, any value on each topic at each release."""
     system = problem.system
     ac = system.components[problem.module.ac]
     assert ac.node is not None

@@ -43,19 +43,18 @@ if TYPE_CHECKING:
 
 
 QUERY_WORK = 50_000_000
-"""Of each way of searching, in the solver's own units: five seconds or so of a free core."""
+"""The limit for each way of searching, in z3's `rlimit` units: some five seconds of a free core."""
 QUERY_MS = 120_000
-"""Some loops of the solver do not count their work."""
+"""A limit of time besides, as some loops of the solver do not count their work."""
 
 
 class Query:
-    """Constraints, and whether they can be met: asked in contexts of the solver's own.
+    """A set of constraints, and the question whether they can be met.
 
-    How the solver searches hangs on how its context numbers terms, so one that has served other
-    questions may answer otherwise; and one way of searching may take a thousand times as long as
-    another (seen: 1.4 million units of work, and more than 470 million). So each way is tried by
-    itself, up to so much work, however long that takes: neither a busy machine nor what a process
-    did before changes a verdict.
+    How z3 searches depends on how its context numbers terms, so a context that has served other
+    questions may answer differently; and one way of searching may take a thousand times as long as
+    another (seen: 1.4 million units of work, and more than 470 million). So each way is tried in a
+    new context, up to `QUERY_WORK`, however long that takes.
     """
 
     def __init__(self, z3: Term) -> None:
@@ -64,11 +63,11 @@ class Query:
         self._asked: Term = None
 
     def add(self, *truths: Term) -> None:
-        """More constraints."""
+        """Adds constraints."""
         self._constraints.add(*[self._z3.BoolVal(t) if isinstance(t, bool) else t for t in truths])
 
     def check(self) -> Term:
-        """sat, unsat or unknown."""
+        """Asks whether the constraints can be met: z3's `sat`, `unsat` or `unknown`."""
         answer = self._z3.unknown
         for way in (self._with_equations_solved, self._as_it_is, self._with_simplex):
             self._asked = way(self._z3.Context())
@@ -99,18 +98,18 @@ class Query:
 
 
 Term = Any
-"""A bool, int or float of Python where it is known, else a term of the solver; tuples of them for
-records and short arrays; an `Age`."""
+"""A bool, int or float of Python if it is known, else a term of the solver or an `Age`; tuples of
+these for records and short arrays."""
 ARRAY_MAX = 16
 """Longer arrays are one value of the uninterpreted sort."""
 ELEMENTS_MAX = 8
-"""Of a list that is known: so many of its elements are."""
+"""How many elements of a constant list the solver is told."""
 AGE_MAX = 2**63
 
 
 @dataclass(frozen=True)
 class Age:
-    """The float `float(ns) / 1e9` of whole nanoseconds that are a term."""
+    """The float `float(ns) / 1e9`, where `ns` is a term: an age in seconds."""
 
     ns: Term
 
@@ -127,7 +126,7 @@ def require_z3() -> Any:  # noqa: ANN401 - an untyped module
 
 
 def is_known(term: Term) -> bool:
-    """Whether a scalar is a number of Python."""
+    """Whether a scalar is a value of Python, not a term."""
     return isinstance(term, (bool, int, float))
 
 
@@ -145,7 +144,7 @@ def parts(t: Type) -> list[Type]:
 
 
 def structure(t: Type) -> str:
-    """A type by what its values are made of: two that differ have no value in common."""
+    """A type's structure as text; types with different texts have no value in common."""
     if isinstance(t, RecordType):
         return "{" + ", ".join(f"{n}: {structure(f)}" for n, f in t.fields) + "}"
     if isinstance(t, ArrayType):
@@ -162,7 +161,7 @@ def is_whole(t: Type) -> bool:
 
 @dataclass
 class SolverTerms:
-    """Makes terms; `facts` is what is true of them, whatever happens."""
+    """Makes terms; `facts` are conditions that always hold, which every query gets."""
 
     facts: list[Term] = field(default_factory=list)
 
@@ -179,43 +178,43 @@ class SolverTerms:
     # ------------------------------------------------------------ truths
 
     def both(self, *truths: Term) -> Term:
-        """Their conjunction."""
+        """The conjunction of some conditions."""
         if any(t is False for t in truths):
             return False
         unknown = [t for t in truths if t is not True]
         return True if not unknown else unknown[0] if len(unknown) == 1 else self.z3.And(*unknown)
 
     def either(self, *truths: Term) -> Term:
-        """Their disjunction."""
+        """The disjunction of some conditions."""
         if any(t is True for t in truths):
             return True
         unknown = [t for t in truths if t is not False]
         return False if not unknown else unknown[0] if len(unknown) == 1 else self.z3.Or(*unknown)
 
     def no(self, truth: Term) -> Term:
-        """Its negation."""
+        """The negation of a condition."""
         return not truth if isinstance(truth, bool) else self.z3.Not(truth)
 
     def query(self) -> Query:
-        """A question that rests on the facts."""
+        """A new query that has all facts up to now."""
         query = Query(self.z3)
         query.add(*self.facts)
         return query
 
     def state(self, truth: Term) -> None:
-        """A fact."""
+        """Adds a fact."""
         if truth is not True:
             self.facts.append(self.z3.BoolVal(False) if truth is False else truth)
 
     # ------------------------------------------------------------ new values
 
     def name(self, what: str) -> str:
-        """A name nobody has."""
+        """A new name that begins with `what`."""
         self._count += 1
         return f"{what}!{self._count}"
 
     def fresh(self, t: Type, what: str, bounds: Bounds | None = None) -> Term:
-        """Any value of a type; with `bounds` (per leaf) any that a topic of them may hold."""
+        """An unknown value of a type; with `bounds` (one a leaf) one that its topic may hold."""
         if is_tuple(t):
             return tuple(
                 self.fresh(part, f"{what}.{k}", own)
@@ -234,15 +233,15 @@ class SolverTerms:
         return term
 
     def whole(self, what: str) -> Term:
-        """Any integer."""
+        """An unknown integer."""
         return self.z3.Int(self.name(what))
 
     def truth(self, what: str) -> Term:
-        """Any truth."""
+        """An unknown bool."""
         return self.z3.Bool(self.name(what))
 
     def constant(self, t: Type, value: Value) -> Term:
-        """A value that is known."""
+        """The term of a constant."""
         if is_tuple(t):
             return tuple(self.constant(p, v) for p, v in zip(parts(t), value, strict=True))
         if isinstance(t, (ListType, ArrayType)):
@@ -269,7 +268,7 @@ class SolverTerms:
         return self._constants[key][1]
 
     def _list_of(self, term: Term, t: ListType, value: tuple[Value, ...]) -> None:
-        """What is known of a list that is known."""
+        """States the length and the first elements of a constant list."""
         self.state(self.length(term) == len(value))
         for k, element in enumerate(value[:ELEMENTS_MAX]):
             element_term = self.apply("element", [term, self.z3.IntVal(k)], t.element)
@@ -280,11 +279,11 @@ class SolverTerms:
             self.state(self.both(*[a == b for a, b in pairs]))
 
     def length(self, term: Term) -> Term:
-        """Of a list."""
+        """The length of a list."""
         return self.z3.Function("length", self.sort, self.z3.IntSort())(term)
 
     def _predicate(self, t: Type, bounds: Bounds) -> Term:
-        """Whether a value of the sort may be published where these bounds hold."""
+        """The uninterpreted predicate that values of a type may be published with these bounds."""
         key = (t, tuple(None if b is None else (b.low, b.high) for b in bounds))
         if key not in self._inside:
             name = f"may be published {structure(t)} {key[1]}"
@@ -304,14 +303,14 @@ class SolverTerms:
     def _decide_made(
         self, claim: Term, t: Type, elements: list[tuple[Term, Type]], bounds: Bounds
     ) -> None:
-        """A list passes where its elements do."""
+        """States that a list may be published if and only if all of its elements may."""
         size = len(elements)
         own = [bounds] * size if isinstance(t, ListType) else [b for _, b in _divided(t, bounds)]
         passes = [self.may_publish(v, p, b or ()) for (v, p), b in zip(elements, own, strict=True)]
         self.state(claim == self.both(*passes))
 
     def listed(self, t: Type, elements: list[tuple[Term, Type]]) -> Term:
-        """A list or long array, made of its elements."""
+        """The term of a list or long array with these elements."""
         if not elements:
             return self.lifted(t, ())
         given = [x for v, p in elements for x in self.flat(v, p)]
@@ -325,7 +324,7 @@ class SolverTerms:
         return list_term
 
     def may_publish(self, value: Term, t: Type, bounds: Bounds) -> Term:
-        """Whether the gate lets a value pass: finite, and inside the bounds of its leaves."""
+        """The condition that the gate lets a value pass: finite and within its bounds."""
         if is_tuple(t):
             own = zip(value, _divided(t, bounds), strict=True)
             return self.both(*[self.may_publish(v, p, b or ()) for v, (p, b) in own])
@@ -352,7 +351,7 @@ class SolverTerms:
         return [self.lifted(t, value)]
 
     def apply(self, name: str, arguments: list[Term], t: Type) -> Term:
-        """An uninterpreted function of some leaves; what its type says is a fact."""
+        """An uninterpreted function of some leaves; the range of its type becomes a fact."""
         if is_tuple(t):
             return tuple(
                 self.apply(f"{name}.{k}", arguments, part) for k, part in enumerate(parts(t))
@@ -370,7 +369,7 @@ class SolverTerms:
         return term
 
     def is_opaque(self, term: Term) -> bool:
-        """Whether what is uninterpreted stands in a term (its names are not looked behind)."""
+        """Whether a term depends on something uninterpreted; definitions of names are not read."""
         if is_known(term):
             return False
         known = self._opaque.get(term.get_id())
@@ -406,7 +405,7 @@ class SolverTerms:
         return self.z3.If(condition, a, b)
 
     def defined(self, value: Term, t: Type, what: str) -> Term:
-        """A name for a value: what is built of it stays small."""
+        """A value whose terms are names for those of `value`, so that terms stay small."""
         if is_tuple(t):
             pairs = enumerate(zip(value, parts(t), strict=True))
             return tuple(self.defined(v, p, f"{what}.{k}") for k, (v, p) in pairs)
@@ -417,7 +416,7 @@ class SolverTerms:
         return self.named(value, what)
 
     def named(self, term: Term, what: str) -> Term:
-        """A scalar of the solver by a name of its own."""
+        """A new constant of the solver that equals a scalar term."""
         if is_known(term) or self.z3.is_const(term):
             return term
         constant = self.z3.Const(self.name(what), term.sort())
@@ -444,12 +443,12 @@ class SolverTerms:
 
 
 def _same(a: Term, b: Term) -> bool:
-    """The same number, bit by bit."""
+    """Whether two known scalars have the same type and value (0.0 is not -0.0)."""
     return type(a) is type(b) and repr(a) == repr(b)
 
 
 def _least(limit: float, *, after: bool) -> int:
-    """The least ns for which float(ns) / 1e9 reaches `limit`, or is greater."""
+    """The least ns with float(ns) / 1e9 >= `limit`, or (`after`) > `limit`."""
     low, high = 0, AGE_MAX
     while low < high:
         middle = (low + high) // 2
@@ -473,7 +472,7 @@ def _divided(t: Type, bounds: Bounds | None) -> list[tuple[Type, Bounds | None]]
 
 
 def range_of(t: Type, bounds: Bounds | None) -> tuple[int, int]:
-    """The values of an int, duration or enum, cut to the bounds of its topic."""
+    """The range of an int, duration or enum type, within the bounds of its topic."""
     if isinstance(t, EnumType):
         return 0, len(t.members) - 1
     low, high = (t.low, t.high) if isinstance(t, IntType) else (-(2**63), 2**63 - 1)
@@ -483,7 +482,7 @@ def range_of(t: Type, bounds: Bounds | None) -> tuple[int, int]:
 
 
 def allowed(value: Value, t: Type, bounds: Bounds) -> bool:
-    """What the gate says of a known value."""
+    """Whether the gate lets a known value pass."""
     if isinstance(t, (RecordType, ArrayType)):
         own = zip(value, _divided(t, bounds), strict=True)
         return all(allowed(v, p, b or ()) for v, (p, b) in own)

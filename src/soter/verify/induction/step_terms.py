@@ -40,22 +40,22 @@ if TYPE_CHECKING:
 
 
 INLINE_MAX = 60
-"""Statements of a function that is read where it is called; a longer one is uninterpreted."""
+"""The most statements of a function that is executed where it is called; else it is opaque."""
 SWAPPED = {">": "<", ">=": "<=", "<": ">", "<=": ">=", "==": "==", "!=": "!="}
 
 
 class Reads(Protocol):
-    """What a step sees."""
+    """What a step or predicate reads."""
 
     def cell(self, cell: core.Cell, t: Type) -> Term:
-        """The content of a topic."""
+        """The value of a topic."""
 
     def fact(self, fact: core.Fact) -> Term:
-        """`time`, `in_control`, a mode, an age."""
+        """The value of `time`, `in_control`, a mode or an age."""
 
 
 class Evaluation(Execution["Term"]):
-    """One step, or one predicate."""
+    """Executes one step or one predicate; `fault`: the condition that it faults."""
 
     def __init__(
         self, terms: SolverTerms, functions: Mapping[str, core.Function], reads: Reads
@@ -66,9 +66,9 @@ class Evaluation(Execution["Term"]):
         self.where = True
         self.fault: Term = False
         self.doubt: Term = False
-        """A fault that hangs on something uninterpreted: there may be none."""
+        """The condition of faults that depend on something uninterpreted: there may be none."""
         self.uninterpreted: dict[str, None] = {}
-        """Functions of the program of which nothing but their arguments was looked at."""
+        """The names of the program's functions that were not executed."""
 
     # ------------------------------------------------------------ statements
 
@@ -122,7 +122,7 @@ class Evaluation(Execution["Term"]):
         return value
 
     def _fallible(self, s: core.Checked, v: list[Term], limit: Term) -> tuple[Term, Term]:
-        """The value where there is no fault, and whether there is one."""
+        """The value where there is no fault, and the condition that there is one."""
         terms, z3 = self.terms, self.terms.z3
         if s.op == "index":
             return v[0], terms.no(terms.both(v[0] >= 0, v[0] < limit))
@@ -150,7 +150,7 @@ class Evaluation(Execution["Term"]):
         return value, terms.no(terms.both(value >= INT_MIN, value <= INT_MAX))
 
     def _is_nan(self, value: Term) -> Term:
-        """Whether a float is NaN: of one that is not known, a predicate of its own."""
+        """The condition that a float is NaN: uninterpreted where its value is not known."""
         if isinstance(value, Age):
             return False
         if isinstance(value, float):
@@ -158,7 +158,7 @@ class Evaluation(Execution["Term"]):
         return self.terms.apply("is NaN", [self.terms.lifted(FLOAT, value)], BOOL)
 
     def _quotient(self, op: str, v: list[Term]) -> tuple[Term, Term]:
-        """Towards zero; by a divisor that is known, else uninterpreted."""
+        """Quotient or remainder, rounded towards zero, and its fault; opaque divisors are too."""
         terms, z3 = self.terms, self.terms.z3
         a, b = v
         if not is_known(b):
@@ -175,7 +175,7 @@ class Evaluation(Execution["Term"]):
         return (q if op == "div" else a - q * b), (q > INT_MAX if op == "div" else False)
 
     def call(self, f: core.Function, arguments: tuple[Term, ...]) -> Term:
-        """The result of a function; of one that is long or extern an uninterpreted one."""
+        """The result of a function; a long or extern one is uninterpreted."""
         terms = self.terms
         if f.result is not None and _size(f.body) <= INLINE_MAX:
             where, fault, doubt = self.where, self.fault, self.doubt
@@ -229,7 +229,7 @@ class Evaluation(Execution["Term"]):
         return element, t.element
 
     def _with(self, old: Term, t: Type, steps: Sequence[Term], new: Term, of: Type) -> Term:
-        """A value with one part of it replaced."""
+        """The value `old` with the part at `steps` replaced by `new`."""
         if not steps:
             return new
         terms, (index, *rest) = self.terms, steps
@@ -341,7 +341,7 @@ def _compared(terms: SolverTerms, op: str, a: Term, b: Term) -> Term:
 
 
 def _size(statements: Sequence[core.Stmt]) -> int:
-    """Statements, loops unrolled."""
+    """The number of statements, with loops unrolled."""
     count = 0
     for s in statements:
         count += 1
@@ -358,20 +358,20 @@ NEVER = -(2**62)
 
 @dataclass
 class State:
-    """Between two clusters: topics with their stamps, locals, the mode."""
+    """The state between two clusters: topics as (value, stamp), locals, the mode."""
 
     topics: dict[int, tuple[Term, Term]]
     locals: dict[tuple[int, str], Term]
     mode: Term
     had: dict[int, Term] = field(default_factory=dict)
-    """Of SC with `on takeover`: whether it had control at its last step."""
+    """Whether SC had control at its last step, by component; used by `on takeover`."""
     latched: dict[int, Term] = field(default_factory=dict)
-    """Whether a node has faulted, where that is allowed."""
+    """Whether a component has faulted; False where a fault fails the proof."""
 
 
 @dataclass(eq=False)
 class StepEffect:
-    """What a step did: publications (whether, what), its mode where it is a DM's."""
+    """What a step did: topics as (whether published, value), and the mode where it is a DM's."""
 
     step: CalendarStep
     published: dict[int, tuple[Term, Term]] = field(default_factory=dict)
@@ -380,15 +380,15 @@ class StepEffect:
     """The mode that a DM found."""
     fault: Term = False
     doubt: Term = False
-    """A fault that hangs on something uninterpreted."""
+    """Whether it faults by something uninterpreted, so that perhaps it does not."""
 
 
 @dataclass(frozen=True)
 class JudgedInstant:
-    """An instant at which properties are judged: when it counts, and what holds there.
+    """An instant at which claims are judged, if `counts`: `at`, in [earliest, latest], in ns.
 
-    `holds`: what is proved: that no step faulted, `safe`, then the lemmas, at `at`; `later`: `safe`
-    at any time until something happens, where ages matter to it.
+    `holds`: that no step faulted, that `safe` holds, then each lemma; `later`: that `safe` goes on
+    holding until something else happens, which ages may change.
     """
 
     counts: Term
@@ -399,34 +399,34 @@ class JudgedInstant:
     later: Term
     component: int
     granted: Term = True
-    """What P2b takes for granted then."""
+    """The condition that what P2b takes for granted (`progress`) holds then."""
 
 
 class StepSurroundings(Protocol):
-    """The stretch of time that a step stands in."""
+    """What a view needs of the span of time around it: `transition_relation.Stretch`."""
 
     problem: InductionProblem
     terms: SolverTerms
     writers: list[int]
     state: State
     still: dict[int, Term]
-    """Topics that nobody of the relation publishes, and that do not change."""
+    """Topics that are constant for P2b, though no node of the relation publishes them."""
 
 
 class Order(Protocol):
-    """A cluster of steps in an order that is left open."""
+    """What a view needs of the steps around it: `transition_relation.Cluster`."""
 
     def last(
         self, index: int, old: tuple[Term, Term], point: Point | None, own: CalendarStep | None
     ) -> tuple[Term, Term]:
-        """The last publication on a topic before a point."""
+        """Value and stamp of a topic after its last publication before a point."""
 
     def mode(self, old: Term, point: Point | None, own: CalendarStep | None) -> Term:
-        """After the last decision before a point."""
+        """The mode after the last decision before a point."""
 
 
 class ClusterView:
-    """What is read at a point of a cluster, `own` included where it is an effect."""
+    """What a reader sees at a point of a cluster, with the effects of its `own` step if given."""
 
     def __init__(
         self,
@@ -443,7 +443,7 @@ class ClusterView:
         self._known: dict[int, tuple[Term, Term]] = {}
 
     def cell(self, cell: core.Cell, t: Type) -> Term:
-        """A topic; one that nobody of the relation publishes holds anything of its set."""
+        """The value of a topic; if no node of the relation publishes it, any value of its set."""
         assert cell.kind == "topic", cell
         if cell.owner in self.of.still:
             return self.of.still[cell.owner]
@@ -454,7 +454,7 @@ class ClusterView:
         return self.topic(cell.owner)[0]
 
     def topic(self, index: int) -> tuple[Term, Term]:
-        """Value and stamp."""
+        """The value and the stamp of a topic that the relation publishes."""
         if index not in self._known:
             publication = self.of.state.topics[index]
             if self.cluster is not None:
@@ -463,7 +463,7 @@ class ClusterView:
         return self._known[index]
 
     def stamp(self, index: int) -> Term:
-        """Of a topic; of one that nobody of the relation publishes, any."""
+        """The stamp of a topic; if no node of the relation publishes it, any one until now."""
         if index in self.of.writers:
             return self.topic(index)[1]
         terms = self.of.terms
@@ -472,12 +472,12 @@ class ClusterView:
         return stamp
 
     def mode(self) -> Term:
-        """Of the module."""
+        """The mode of the module."""
         mode = self.of.state.mode
         return mode if self.cluster is None else self.cluster.mode(mode, self.point, self.own)
 
     def fact(self, fact: core.Fact) -> Term:
-        """`time` may be anything."""
+        """The value of a mode, an age or `in_control`; that of `time` is arbitrary."""
         if fact.fact == "mode":
             return self.mode()
         if fact.fact == "in_control":
@@ -488,7 +488,7 @@ class ClusterView:
 
 
 def if_(terms: SolverTerms, condition: Term, then: Term, otherwise: Term) -> Term:
-    """Of two integers."""
+    """The term `then` where the condition holds, else `otherwise`; both are integers."""
     if isinstance(condition, bool) or then is otherwise:
         return then if condition is not False else otherwise
     return terms.z3.If(condition, then, otherwise)

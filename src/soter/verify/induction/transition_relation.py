@@ -1,9 +1,9 @@
-"""What a stretch of time may do, for inductions: steps in every order their windows allow.
+"""The transition relation of an induction: all that may happen in a span of time, as terms.
 
-Purpose: one `Stretch` is hyperperiods from the start of a run, or from any state: the effects of
-every step as terms, what is seen when time passes, and whether `safe`, the lemmas and the steps
-hold there. Which publication a step reads is said by the order of steps, not by a state between
-them: a value is that of the last writer before the reader.
+Purpose: a `Stretch` is the span [0, end) from the start of a run, or from any state. It makes terms
+for the effects of all its steps, in every order that their windows allow, and for what is judged at
+each instant: whether `safe` and the lemmas hold and no step faulted. There is no state between
+steps: what a step reads is the value of the last writer before it, by the order of steps.
 Non-goals: proving anything (`prove_or_refute.py`).
 """
 
@@ -40,13 +40,13 @@ if TYPE_CHECKING:
 
 
 class Stretch:
-    """The time [0, end) of a run (`first`), or from any hyperperiod on, from any state.
+    """The span of time [0, end) in ns, of a run (`first`) or of any hyperperiod from any state.
 
-    `returning`: what the DM reads is fresh, the gate has nothing against AC, what is said of plants
-    and other modules stays as it is, and those are in AC for whom `safer` waits (P2b); `stays`:
-    the mode is SC all the time.
-    `latching`: a step may fault where that hangs on something uninterpreted; its node is latched
-    then, as in semantics.md. Without it every fault is something that fails.
+    `returning` adds what P2b takes for granted: what the DM reads is fresh, the gate has latched no
+    fault and waits for no clean output, topics of nodes that hear plants or other modules are
+    constant, and modules whose mode `safer` reads are in AC. `stays`: the mode is SC throughout.
+    `latching`: a step whose fault depends on something uninterpreted latches its node
+    (semantics.md).
     """
 
     def __init__(
@@ -131,12 +131,12 @@ class Stretch:
     # ------------------------------------------------------------ what is judged
 
     def judged(self, view: ClusterView) -> tuple[Term, ...]:
-        """`safe` and the lemmas; one that faults does not hold."""
+        """The conditions that `safe` and each lemma hold; one that faults does not hold."""
         problem = self.problem
         return tuple(self.predicate(p, view, fault=False) for p in (problem.safe, *problem.lemmas))
 
     def predicate(self, p: core.Predicate, view: ClusterView, *, fault: bool) -> Term:
-        """Its truth; `fault` where it faults."""
+        """The condition that a predicate holds; `fault`: its value where it faults."""
         evaluation = Evaluation(self.terms, self.functions, view)
         evaluation.run(p.body)
         value = evaluation.expr(p.value)
@@ -147,7 +147,7 @@ class Stretch:
 
 
 class Cluster:
-    """Steps whose windows meet: the effects of each as terms of what the others did before."""
+    """Steps whose windows overlap; the effect of each is a term of what those before it did."""
 
     def __init__(self, of: Stretch, steps: list[CalendarStep], after: int) -> None:
         self.of, self.terms, self.steps, self.after = of, of.terms, steps, after
@@ -156,7 +156,7 @@ class Cluster:
         self.had, self.latched = dict(of.state.had), dict(of.state.latched)
 
     def run(self) -> None:
-        """Define every effect, see what is to be seen, and go on from where it ends."""
+        """Defines each step's effects, judges the instants, and makes the state behind them."""
         raise_if_interrupted()
         for done in self.done:
             self._define(done)
@@ -179,7 +179,7 @@ class Cluster:
     def last(
         self, index: int, old: tuple[Term, Term], point: Point | None, own: CalendarStep | None
     ) -> tuple[Term, Term]:
-        """The last publication on a topic before a point, `own` included; all of them at None."""
+        """Value and stamp of a topic at a point, after step `own`; None: at the cluster's end."""
         publications = [
             (d, here, *d.published[index])
             for d in self.done
@@ -201,7 +201,7 @@ class Cluster:
         return value, stamp
 
     def mode(self, old: Term, point: Point | None, own: CalendarStep | None) -> Term:
-        """After the last decision before a point."""
+        """The mode after the last decision before a point, or at the cluster's end (None)."""
         mode = old
         for d in self.done:  # decisions of one DM are in order
             if d.mode is not None:
@@ -210,7 +210,7 @@ class Cluster:
         return mode
 
     def _there(self, d: StepEffect, point: Point | None, own: CalendarStep | None) -> Term:
-        """Whether the effect of a step is there at a point."""
+        """The condition that a step's effect is seen at a point."""
         if point is None or d.step is own:
             return True
         return before(self.terms, d.step.effect, point)
@@ -218,7 +218,7 @@ class Cluster:
     # ------------------------------------------------------------ what a step does
 
     def _announced(self, step: CalendarStep) -> StepEffect:
-        """Names for the effects of a step: who reads them may stand before or after."""
+        """A step with unknowns for its effects: readers may come before it is defined."""
         of, terms = self.of, self.terms
         component = of.problem.system.components[step.component]
         done = StepEffect(step)
@@ -271,7 +271,7 @@ class Cluster:
         terms.state(done.mode == if_(terms, done.before == AC, from_ac, from_sc))
 
     def _compute(self, done: StepEffect) -> None:
-        """SC, and a node beside the module: what its Core does with what it reads."""
+        """Defines the effects of a step of SC or a node by its Core, from what it reads."""
         of, terms = self.of, self.terms
         step, system = done.step, of.problem.system
         component = system.components[step.component]
@@ -320,7 +320,7 @@ class Cluster:
         self._gate(done, said)
 
     def _latch(self, component: Component, done: StepEffect) -> Term:
-        """Whether the step runs to its end: a node that faults, or did, does nothing any more."""
+        """The condition that the step runs to its end: a node that has faulted does nothing."""
         terms = self.terms
         bad = terms.either(self.latched[component.index], done.fault, done.doubt)
         self.latched[component.index] = bad = terms.named(bad, "latched")
@@ -329,7 +329,7 @@ class Cluster:
     def _failsafe(
         self, component: Component, done: StepEffect, runs: Term, said: Mapping[int, Term]
     ) -> dict[int, Term]:
-        """What a step wants to publish where it may be latched: then its fail-safe values."""
+        """Which topics a step wants to publish; where its node is latched, its fail-safe values."""
         terms, condition_by_topic = self.terms, {}
         for index, wanted in said.items():
             falls_back = index in component.failsafe
@@ -341,7 +341,7 @@ class Cluster:
         return condition_by_topic
 
     def _gate(self, done: StepEffect, said: Mapping[int, Term]) -> None:
-        """What a step wants to publish counts if it is in control, AC's as it likes."""
+        """States when publications pass the gate: if in control all along surely, but for AC's."""
         terms = self.terms
         component = self.of.problem.system.components[done.step.component]
         starts = self._enabled(done, done.step.start)
@@ -356,7 +356,7 @@ class Cluster:
                 terms.state(terms.z3.Implies(terms.both(wanted, starts, ends), flag))
 
     def _enabled(self, done: StepEffect, point: Point) -> Term:
-        """OE at a point."""
+        """The condition that the step's component is in control at a point; nodes always are."""
         component = self.of.problem.system.components[done.step.component]
         if component.role == "node":
             return True
@@ -379,7 +379,7 @@ class Cluster:
     # ------------------------------------------------------------ what is seen
 
     def _see(self) -> None:
-        """The instants at which nothing more is due, each after its last effect."""
+        """Judges each instant at which a step had effect, after the last effect of the instant."""
         every = [d.step.effect for d in self.done] + [d.step.start for d in self.done]
         points = dict.fromkeys(every)  # in their order: a query is the same in every run
         if len({(p.earliest, p.latest) for p in points}) == 1 and isinstance(

@@ -1,15 +1,14 @@
 """The verdicts on a module that is proved by induction, and what others need of its proof.
 
-Purpose: what the induction found as findings, property by property; a refutation where a run was
-had; assumptions that only the proof knows. `entry`: what `soter recheck` needs of it: how far the
-induction goes, and about whom (docs/verification.md, section 4). `covers`: what the deployed world
-gives such a module.
-Non-goals: the induction (`prove_or_refute.py`); checking a certificate; which proofs are carried
-(`deploy/proof_transfer.py`).
+Purpose: `verify_by_induction` turns what the induction found into findings, property by property,
+with a refutation where a run was found, and with the assumptions that only this proof makes.
+`entry` writes what `soter recheck` needs: the depth of the induction, and the times of the nodes in
+it (docs/verification.md, section 4). `covers` says what the proof needs of a deployed system.
+Non-goals: the induction (`prove_or_refute.py`), checking a certificate, deciding which proofs hold
+for a deployed system (`deploy/proof_transfer.py`).
 
-A proof by induction asks nothing of what comes from outside: to it a topic that no node of the
-relation publishes is any value of its set, of any age, at every read; and whatever is published
-lies in that set, or is refused.
+A proof by induction needs nothing of what comes from outside: a topic that none of its nodes
+publishes may hold any value of its set, of any age; other values are refused when published.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ if TYPE_CHECKING:
 def covers(
     here: System, there: System, problem: InductionProblem, diagnostics: Diagnostics
 ) -> tuple[list[str], list[str]]:
-    """What is covered, and what is assumed of the loop besides, in words."""
+    """The inputs that the proof covers, and what it assumes of the deployed loop, in words."""
     del there, diagnostics
     said = [here.topics[e.topic].name for e in from_outside(here)]
     free = [f"{n}: any value of its set, of any age" for n in said if n in problem.any_value]
@@ -63,7 +62,7 @@ def covers(
 def entry(
     result: InductionResult, system: str, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """The module in a manifest; it has no files."""
+    """The module's entry in the manifest of a certificate; it adds no files."""
     del stem, files
     problem, induction = result.problem, result.induction
     claims = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
@@ -97,7 +96,7 @@ def entry(
 
 HOW = "k-induction over every schedule"
 TOGETHER = ("P3", "ttf", "safer", "start")
-"""Part of the one induction."""
+"""Properties that share the verdict of the induction on `safe`."""
 TEXTS = {
     "P3": "whatever AC publishes, `safe` holds until the DM and SC have answered",
     "ttf": "whenever the DM leaves AC in control, `safe` goes on holding",
@@ -107,11 +106,11 @@ TEXTS = {
 
 
 UNTRIED = (typed.AgeRead, typed.ModeRead)
-"""What the check of the compiled DM gives no values to."""
+"""Reads for which the check of the compiled DM has no values to try."""
 
 
 class InductionResult(ModuleResult):
-    """A module that was proved by induction: `induction` is what was found."""
+    """The result for a module that is proved by induction: `induction` is what was found."""
 
     problem: InductionProblem
     induction: Induction
@@ -125,10 +124,10 @@ def verify_by_induction(
     search: Search | None = None,
     compiled: object = None,
 ) -> InductionResult:
-    """Everything about one module. `SoterError` D007 where the solver is not installed.
+    """Verifies one module; `SoterError` D007 where the solver is not installed.
 
-    `explain`, `compiled`: as every method takes them; an induction says what it knows without.
-    `search`: finds runs that refute, where `refute`; None: nobody looks for one.
+    `search` looks for runs that refute, if `refute`; None: no run is looked for. `explain` and
+    `compiled` are there because every method takes them, and are not used.
     """
     del explain, compiled
     began = time.perf_counter()
@@ -164,7 +163,7 @@ def verify_by_induction(
 
 
 def _failsafe(problem: InductionProblem) -> Finding:
-    """A law acts on plants, of which an induction says nothing."""
+    """The finding on a fail-safe law: it acts on plants, of which an induction says nothing."""
     if not problem.module.law:
         return Finding(ASSUMED, text=NO_LAW)
     text = "a fail-safe law acts on plants, of which a proof by induction says nothing"
@@ -249,7 +248,7 @@ def _returns(problem: InductionProblem, induction: Induction) -> Finding:
 
 
 def _granted(problem: InductionProblem, induction: Induction) -> Iterator[str]:
-    """What SC gives control back under, in clauses."""
+    """The conditions under which SC gives control back, as clauses of a sentence."""
     if problem.progress:
         yield "`progress` holds"
     if still := sorted(problem.system.topics[i].name for i in problem.heard):
@@ -261,7 +260,7 @@ def _granted(problem: InductionProblem, induction: Induction) -> Iterator[str]:
 
 
 def _taken_for_granted(problem: InductionProblem, induction: Induction) -> Iterator[Assumption]:
-    """What nothing proves: P2b rests on it, and `safe` does not."""
+    """The assumptions that P2b rests on and that nothing proves; `safe` does not need them."""
     for text in problem.progress_texts:
         yield Assumption("progress", f"progress, for P2b alone, proved by nobody: `{text}`")
     if induction.proved and induction.latching:
@@ -300,7 +299,7 @@ def _refute(
 
 
 def _decision_module(result: ModuleResult) -> Finding:
-    """The generated C of the DM is the switching logic, as far as it is tried."""
+    """The finding that the generated C of the DM decides as declared, on the inputs tried."""
     from soter.verify.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
 
     began = time.perf_counter()

@@ -1,1 +1,1 @@
-"""Linear groups as polytopes."""
+"""Sets of states of linear groups as polytopes, and the claims proved with them."""

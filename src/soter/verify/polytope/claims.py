@@ -1,4 +1,4 @@
-"""Polytope groups, as the claims ask of them.
+"""The proof method "polytope": claims about one linear group, proved by half-spaces.
 
 Purpose: `PolytopeProof`: for one group of a case C, K, R(H), levels or inclusions, the start and
 the return; each proved with multipliers, and entered as a failure where it is not; `Polytopes`: the
@@ -6,8 +6,8 @@ method.
 Non-goals: finding sets (`proofs.py`), reading matrices (`extract.py`), comparing predicates with
 sets (`regions.py`), verdicts.
 
-C_g is a box on which `safe` surely holds; the product with the other groups is checked by
-`verify/claims/claims.py`.
+C_g, the group's part of C, is a box on which `safe` surely holds; the product with the other groups
+is checked by `verify/claims/claims.py`.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ if TYPE_CHECKING:
 WEAK = "a stronger SC; smaller errors, delays or disturbances; wider ranges"
 SLOW = "an SC that damps more, or a shorter period of it; a shorter horizon; fewer states; a `grid`"
 DRAWN = 2000
-"""States of K, to see how many of them let AC have control."""
+"""How many states of K are drawn to see how many of them let AC have control."""
 PARTS = ("low", "high", "rows", "bounds")
 
 
 def why_not(todo: Callable[[], object], group: Group | None = None) -> str:
-    """Why a proof fails; "" where it does not. With a `group` its state that is missed most."""
+    """Why a proof fails, with a `group` also the state that fails most; "" where it does not."""
     try:
         with np.errstate(all="ignore"):
             todo()
@@ -73,7 +73,7 @@ def why_not(todo: Callable[[], object], group: Group | None = None) -> str:
 
 
 def binding(group: Group, row: Floats) -> str:
-    """The state that a half-space `row` (n,) bounds most, over the ranges, and at which end."""
+    """The state that a half-space `row` (n,) bounds most, relative to its range, and which end."""
     weights = row * np.array([a.edges[-1] - a.edges[0] for a in group.axes])
     worst = int(np.argmax(np.abs(weights)))
     return f", most in {group.axes[worst].name} at its {'upper' if row[worst] > 0 else 'lower'} end"
@@ -81,39 +81,39 @@ def binding(group: Group, row: Floats) -> str:
 
 @dataclass(frozen=True)
 class Target(BoxPart):
-    """A polytope, and ranges that hold it."""
+    """A polytope with a box around it."""
 
     polytope: Polytope
 
     @classmethod
     def of(cls, group: Group, polytope: Polytope) -> Target:
-        """Over a group's states."""
+        """The target of a polytope over a group's states."""
         ends = zip(group.axes, polytope.low.tolist(), polytope.high.tolist(), strict=True)
         return cls({a.state: (low, high) for a, low, high in ends}, polytope)
 
 
 @dataclass(eq=False)
 class PolytopeProof(GroupProof):
-    """A group whose sets are polytopes."""
+    """The proof of a group whose sets are polytopes."""
 
     group: Group
     found: PolytopePart
     fresh: bool = True
     mark = "p"
     equal: PolytopeProof | None = None
-    """An earlier group of the case with the same numbers: what was shown of it holds of this."""
+    """An earlier group of the case with the same numbers: its proofs hold for this one, too."""
     shown: set[str] = field(default_factory=set)
-    """Parts of the proof."""
+    """The names of the parts of the proof that were shown."""
 
     @property
     def return_ns(self) -> int:  # type: ignore[override]
-        """The longest time from K to Q."""
+        """The longest time from K to Q in ns."""
         return self.found.return_ns
 
     def _proved(
         self, case: Case, claims: Sequence[str], name: str, prove: Callable[..., None]
     ) -> bool:
-        """Prove a part of the claims about the sets, and keep the multipliers."""
+        """Proves the part `name` and keeps its multipliers; else enters failures of `claims`."""
         if self.equal is not None and self._sets_of_equal(name) is not None:
             self.found.multipliers[name] = self.equal.found.multipliers[name]
             self.shown.add(name)
@@ -130,9 +130,9 @@ class PolytopeProof(GroupProof):
         return not why
 
     def _sets_of_equal(self, name: str) -> PolytopeSets | None:
-        """The sets of the group with the same numbers, where a part was shown of just these sets.
+        """The sets of the equal group, if part `name` was shown of exactly these sets; else None.
 
-        `start` is about the initial states, and Q about a target, of each group itself.
+        `start` and Q depend on the initial states and the target of each group itself.
         """
         if self.equal is None or name == "start" or name not in self.equal.shown:
             return None
@@ -148,14 +148,14 @@ class PolytopeProof(GroupProof):
     # ------------------------------------------------------------ claims
 
     def take(self, case: Case, part: SetFactor) -> None:
-        """C_g: ranges of its states."""
+        """Takes C_g, as ranges of the group's states."""
         del case
         assert isinstance(part, BoxPart)
         if self.fresh:
             self.found.limits = [part.box[a.state] for a in self.group.axes]
 
     def core(self, case: Case) -> bool:
-        """K, and R(H) beside it."""
+        """Finds K and R(H), and proves K; enters a failure of P2a and returns False if not."""
         problem, part = case.problem, self.found
         times = problem.times
         windows = Windows(times.horizon_ns, times.decision, max(problem.levels, 2))
@@ -186,7 +186,7 @@ class PolytopeProof(GroupProof):
         return self._proved(case, ("P2a",), "K", proofs.prove_core)
 
     def free_phase(self, case: Case) -> None:
-        """R(H)."""
+        """Proves R(H)."""
         if self.found.sets is None:
             return
         if inner_point(self.found.sets.free) is None:
@@ -196,7 +196,7 @@ class PolytopeProof(GroupProof):
             self._proved(case, ("ttf", "safer"), "R", proofs.prove_free)
 
     def levels(self, case: Case) -> None:
-        """S_0 ... S_(m-2); without a proof there are none."""
+        """Finds and proves S_0 ... S_(m-2); what is not proved is not used."""
         sets = self.found.sets
         self.shown.discard("S")
         if sets is None:
@@ -218,7 +218,7 @@ class PolytopeProof(GroupProof):
         sets.allowed, sets.carried = [], []
 
     def _unseen(self, problem: Problem) -> str:
-        """Why the DM knows no estimate of the group's states; "": it does."""
+        """Why the DM has no estimate of the group's states; "": it has."""
         shown = seen(problem)
         states = [a.state for a in self.group.axes]
         names = [problem.quantities.states[s].name for s in states if s not in shown]
@@ -229,12 +229,12 @@ class PolytopeProof(GroupProof):
         return "the DM sees this group in topics of different ages" if several else ""
 
     def withheld(self, case: Case) -> bool:
-        """After any failure up to its levels."""
+        """Whether some claim up to its levels failed, so that no DM may use these."""
         claims = ("P2a", "ttf", "safer")
         return any(f.proof is self and f.claim in claims for f in case.failures)
 
     def admit(self, case: Case, table: LevelTable) -> None:
-        """The half-spaces of the DM."""
+        """Takes the half-spaces of the DM; enters failures where they hold nothing."""
         assert isinstance(table, Facets)
         self.found.deployed = table.certain
         hint = "fewer values of the parameters: the DM has one set of half-spaces for all of them"
@@ -244,7 +244,7 @@ class PolytopeProof(GroupProof):
                 case.fail(claim, text, self, hint)
 
     def inclusion(self, case: Case, predicate: str) -> None:
-        """Where `ttf` may be false, or `safer` true, on an estimate of a state of C: in R(H)."""
+        """Enters a failure where a predicate lets AC have control at a state of C outside R(H)."""
         if self.found.sets is None:
             return
         wrong = outside(case.forms, case.problem, self.found, predicate)
@@ -259,7 +259,7 @@ class PolytopeProof(GroupProof):
         case.fail(predicate, text, self, hint).where = wrong
 
     def start(self, case: Case, until_ns: int) -> None:
-        """The initial states lie in R(h_0)."""
+        """Proves that the initial states lie in R(h_0)."""
         if self.found.sets is None:
             return
         ends = [case.problem.initial[a.state] for a in self.group.axes]
@@ -272,7 +272,7 @@ class PolytopeProof(GroupProof):
         self._proved(case, ("start",), "start", prove)
 
     def held(self, case: Case) -> Target | None:
-        """By the half-spaces of the DM."""
+        """The states at which the DM's half-spaces give AC control on any estimate."""
         del case
         deployed, sets = self.found.deployed, self.found.sets
         if deployed is None or sets is None:
@@ -280,14 +280,14 @@ class PolytopeProof(GroupProof):
         return Target.of(self.group, deployed[1].shrunk(sets.group.error))
 
     def waits_at_start(self, case: Case) -> bool:
-        """By the half-spaces of the DM, where the initial state is one point."""
+        """Whether the DM's half-spaces give AC no control at the initial state, if it is one."""
         initial = [case.problem.initial[a.state] for a in self.group.axes]
         if self.found.deployed is None or any(i.low < i.high for i in initial):
             return False
         return not self.found.deployed[1].contains(np.array([[i.low for i in initial]])).any()
 
     def recover(self, case: Case, target: SetFactor) -> None:
-        """Q, and after how many holds every run from K is in it."""
+        """Finds and proves Q, and after how many periods every run from K is in it."""
         assert isinstance(target, Target)
         sets = self.found.sets
         if sets is None:
@@ -313,27 +313,27 @@ class PolytopeProof(GroupProof):
 
     @property
     def covers_scheme(self) -> bool:
-        """Whether the simulator's steps are solutions of its model."""
+        """Whether the simulator's steps are solutions of the group's model."""
         return self.found.model is not None and self.found.model.covers_scheme
 
     def shares(self, case: Case) -> dict[str, float]:
-        """Of its ranges, sampled."""
+        """The shares of its ranges that its sets have, by random samples."""
         if not self.found.shares:
             self.found.shares = shares(case.forms, case.problem, self.found)
         return self.found.shares
 
     def drawn(self, chance: np.random.Generator, count: int) -> Floats:
-        """Uniform where they can be found, else mixtures of extreme ones; (count, n)."""
+        """Random states of K, (count, n): uniform if possible, else mixtures of extreme ones."""
         assert self.found.sets is not None
         return inside(self.found.sets.core, chance, count)
 
     @property
     def estimates(self) -> Mapping[int, tuple[float, float]]:
-        """C_g."""
+        """The ranges of C_g, by state."""
         return {a.state: r for a, r in zip(self.group.axes, self.found.limits, strict=True)}
 
     def lets_share(self, case: Case, predicate: str) -> float | None:
-        """Of states drawn from K, where predicates are computed."""
+        """The share of states drawn from K where a computed predicate lets AC have control."""
         part = self.found
         if not case.problem.computed or part.deployed is None or part.sets is None:
             return None
@@ -342,28 +342,28 @@ class PolytopeProof(GroupProof):
 
     @property
     def deepest(self) -> Mapping[int, float]:
-        """The middle of C_g."""
+        """The middle of C_g, by state."""
         return {state: (low + high) / 2 for state, (low, high) in self.estimates.items()}
 
     # ------------------------------------------------------------ results
 
     @property
     def pair(self) -> Pair | None:
-        """(S_0, S_(m-2))."""
+        """S_0 and S_(m-2), for the table; None: it has none."""
         sets = self.found.sets
         return (sets.allowed[0], sets.safer) if sets is not None and sets.allowed else None
 
     def entry(self, problem: Problem, stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """Half-spaces and multipliers."""
+        """The group's entry in a certificate: half-spaces and multipliers."""
         return entry(problem, self.found, stem, files)
 
     def figures(self, note: str) -> list[RegionFigure]:
-        """One, where there is a K."""
+        """The figure of its regions, if it has a K."""
         return figures(self.found, note)
 
 
 def _with_same_numbers(case: Case, proof: PolytopeProof) -> PolytopeProof | None:
-    """The first group of a case before this one that has the same numbers, bit for bit."""
+    """The first earlier group of a case with the same numbers, bit for bit; None: there is none."""
     own = proof.found.model
     assert own is not None
     for p in case.proofs[: case.proofs.index(proof)]:
@@ -374,14 +374,14 @@ def _with_same_numbers(case: Case, proof: PolytopeProof) -> PolytopeProof | None
 
 
 def _same(a: Polytope | None, b: Polytope | None) -> bool:
-    """Whether two polytopes are the same numbers."""
+    """Whether two polytopes have the same numbers."""
     if a is None or b is None:
         return a is b
     return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in PARTS)
 
 
 class Polytopes(Method):
-    """Half-spaces, with multipliers for every claim."""
+    """The method that proves claims on half-spaces by multipliers."""
 
     kind = "polytope"
     how = dict.fromkeys(
@@ -390,14 +390,14 @@ class Polytopes(Method):
     hint = ", or give a `polytope` narrower ranges"
 
     def opened(self, case: Case, group: Group) -> PolytopeProof:
-        """Nothing is computed yet."""
+        """A new proof of a group, of which nothing is computed yet."""
         del case
         return PolytopeProof(group, PolytopePart(group))
 
     def parts(
         self, case: Case, proofs: Sequence[GroupProof], predicate: str
     ) -> Sequence[BoxPart] | None:
-        """Ranges over which the predicate surely holds, of all groups together."""
+        """For each group ranges over which a predicate surely holds; None: none were found."""
         own = [p for p in proofs if isinstance(p, PolytopeProof)]
         if predicate == case.problem.returning:
             return _targets(case, own)
@@ -410,7 +410,7 @@ class Polytopes(Method):
         return [BoxPart({a.state: box[a.state] for a in p.group.axes}) for p in own]
 
     def said(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
-        """In half-spaces, or boxes."""
+        """The text of a finding that was proved, with its counts of half-spaces or boxes."""
         every = [p.found for c in done for p in c.proofs if isinstance(p, PolytopeProof)]
         if claim == "P2a":
             faces = sum(len(part.sets.core.faces[1]) for part in every if part.sets is not None)
@@ -419,17 +419,17 @@ class Polytopes(Method):
         return f"on {boxes:,} boxes" if boxes else "", {"boxes": boxes}
 
     def table(self, problem: Problem, group: Group, pairs: Sequence[object]) -> Facets:
-        """Half-spaces of all cases."""
+        """The DM's half-spaces of a group: those of all cases together."""
         del problem
         return Facets.of([a.state for a in group.axes], cast("Sequence[Pair]", pairs))
 
     def packed(self, pair: object) -> dict[str, NDArray[np.generic]]:
-        """Box and half-spaces, by name: `low` and `high` (n,), `rows` (N, n), `bounds` (N,)."""
+        """Both sets as arrays to store: `low` and `high` (n,), `rows` (N, n), `bounds` (N,)."""
         both = enumerate(cast("Pair", pair))
         return {f"{k}_{name}": getattr(p, name) for k, p in both for name in PARTS}
 
     def unpacked(self, group: Group, arrays: Arrays) -> Pair:
-        """From the same: `low` and `high` (n,), `rows` (N, n), `bounds` (N,)."""
+        """The sets that `packed` stored: `low` and `high` (n,), `rows` (N, n), `bounds` (N,)."""
         del group
         outer, inner = (
             Polytope(*(np.asarray(arrays[f"{k}_{name}"], np.float64) for name in PARTS))
@@ -440,7 +440,7 @@ class Polytopes(Method):
     def certified(
         self, certificate: Certificate, group: Group, entry: Mapping[str, Any]
     ) -> Pair | None:
-        """Two sets of half-spaces."""
+        """The two sets that a certificate has of a group; None: it has none."""
         del group
         levels = entry.get("S", [])
         if not levels:
@@ -449,7 +449,7 @@ class Polytopes(Method):
 
 
 def _targets(case: Case, own: Sequence[PolytopeProof]) -> list[Target] | None:
-    """Per group a box of states all of whose estimates satisfy `safer`; None: none."""
+    """For each group a box of states all of whose estimates satisfy `safer`; None: none found."""
     ends: dict[int, tuple[float, float]] = {}
     for p in own:
         if p.found.sets is None:

@@ -1,17 +1,17 @@
-"""A polytope group as numbers: A, B, drift, the linear part of SC's law, errors and times.
+"""A polytope group as numbers: x' = A x + B u + drift, the linear part of SC's law, errors, times.
 
 Purpose: `linear_group` reads a `LinearGroup` off the enclosures of a problem. Whatever is not
 linear, the influence of other groups and the error of the simulator's scheme count as drift, or as
 remainder of the law; a bad choice of matrices gives useless sets, never wrong ones.
 Non-goals: sets (`proofs.py`), C (`claims.py`).
 
-How. A form says that a value lies in c + sum g_i eps_i + [-r, r] for inputs x_i = m_i + r_i eps_i.
-With a_i = fl(g_i / r_i) it lies in sum a_i x_i + [low, high]; these two are computed in rationals
-and rounded outward. The law is clamped, hence linear only between two values of z = K y + k: K is
-taken from a small box near rest, and the law is then enclosed over all inputs with z between the
-two values, by letting z itself be an input in place of one of the others: what the law gives
-beyond z is the remainder. Clamps within it (a cascade) are clear of their ends in a box about rest
-only: where the law is not linear over all ranges, C becomes smaller, a box in which it is.
+How it is done. A form says that a value lies in c + sum g_i eps_i + [-r, r] for inputs x_i = m_i +
+r_i eps_i. With a_i = fl(g_i / r_i) it lies in sum a_i x_i + [low, high]; these two are computed in
+rationals and rounded outward. The law is clamped, hence linear only between two values of z = K y +
+k: K is taken from a small box near rest, and the law is then enclosed over all inputs with z
+between the two values, by letting z itself be an input in place of one of the others: what the law
+gives beyond z is the remainder. Clamps within it (a cascade) are clear of their ends in a box about
+rest only: where the law is not linear over all ranges, C becomes smaller, a box in which it is.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ SMALL = 1e-6
 """A share of U: where the law's remainder is larger, it counts as clamped."""
 HALVINGS = 40
 BOX_HALVINGS = 9
-"""So often a box in which the law is linear is looked for between two, along an axis."""
+"""How many bisections find a box in which the law is linear, along each axis."""
 
 
 class NotLinearError(Exception):
-    """Why a group has no linear model; `hint`: what would help."""
+    """A group has no linear model; the text says why, `hint` what would help."""
 
     def __init__(self, text: str, hint: str) -> None:
         super().__init__(text)
@@ -68,9 +68,9 @@ class NotLinearError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class ExtractedGroup:
-    """The group, and whether one step of the simulator's scheme is a solution of it.
+    """The linear group, and whether one step of the simulator's scheme is a solution of it.
 
-    `law` with the controls that move the group: what a certificate says of SC.
+    `law` and the controls that move the group are what a certificate says of SC.
     """
 
     group: LinearGroup
@@ -81,7 +81,7 @@ class ExtractedGroup:
 
 @dataclass(frozen=True, eq=False)
 class AffineLaw:
-    """u = gain xi + offset up to `remainder` where that lies in [low, high]; xi: all inputs."""
+    """SC's law: u = gain xi + offset up to `remainder` where that is in [low, high]; xi: inputs."""
 
     gain: Floats
     offset: Floats
@@ -93,7 +93,7 @@ class AffineLaw:
 def linear_group(
     problem: Problem, forms: CompiledEnclosures, group: Group, limits: Ranges
 ) -> ExtractedGroup:
-    """The group with C inside the box `limits` of its own states; NotLinearError where none is."""
+    """The group with C inside the box `limits` of its states; `NotLinearError` where it is none."""
     _supported(problem, group)
     own = [a.state for a in group.axes]
     n, m = len(problem.states), len(problem.controls)
@@ -155,7 +155,7 @@ def linear_group(
 
 
 def _supported(problem: Problem, group: Group) -> None:
-    """What the library's claims presuppose."""
+    """`NotLinearError` where the problem does not fulfil what the proofs presuppose."""
     times = problem.times
     if problem.kind != "flow":
         raise NotLinearError("`polytope` groups are flows, and this plant is a map", "a `grid`")
@@ -173,10 +173,7 @@ def _supported(problem: Problem, group: Group) -> None:
 
 
 def _sources(problem: Problem, group: Group) -> set[int]:
-    """Topics that plants drive and SC reads, which may show states of the group.
-
-    Those that show, leaf by leaf, only states of other groups are left out.
-    """
+    """The topics that plants drive and SC reads, but for those that only show other groups."""
     own = {a.state for a in group.axes}
     sc = problem.system.components[problem.module.sc]
     assert sc.node is not None
@@ -203,7 +200,7 @@ def _sources(problem: Problem, group: Group) -> set[int]:
 
 
 def inputs(box: Floats) -> Floats:
-    """A symbol for each input of a box (inputs, 2)."""
+    """Forms of all inputs of a box (inputs, 2), with a symbol for each."""
     n = len(box)
     affine_forms = np.zeros((n, FORM + n))
     middle, radius = _centred(box)
@@ -220,7 +217,7 @@ def _centred(box: Floats) -> tuple[Floats, Floats]:
 
 
 def split(form: Floats, box: Floats, chosen: Sequence[int]) -> tuple[Floats, float, float]:
-    """(a, low, high): the value lies in sum a_i x_i + [low, high], i over the chosen inputs.
+    """(a, low, high): a form's value lies in sum a_i x_i + [low, high] over the chosen inputs.
 
     `form` (4 + inputs,), `box` (inputs, 2), a (chosen,).
     """
@@ -237,20 +234,20 @@ def split(form: Floats, box: Floats, chosen: Sequence[int]) -> tuple[Floats, flo
 
 
 def down(x: Fraction) -> float:
-    """A double that is not above x."""
+    """A double that is at most x."""
     double = float(x)
     return double if F(double) <= x else float(np.nextafter(double, -np.inf))
 
 
 def up(x: Fraction) -> float:
-    """A double that is not below x."""
+    """A double that is at least x."""
     return -down(-x)
 
 
 def _followed(
     problem: Problem, forms: CompiledEnclosures, domain: Floats, own: Sequence[int]
 ) -> SchemeSolution:
-    """What the simulator's scheme adds to the rates of the group's states."""
+    """Whether the simulator's steps solve the model of the group's states, by how much more."""
     n = len(problem.states)
 
     def rates(low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
@@ -273,9 +270,9 @@ def _law(
     commands: Sequence[int],
     own: Sequence[int],
 ) -> tuple[AffineLaw, Floats]:
-    """The linear part of SC's law, with the limits between which it is that, and over which inputs.
+    """The linear part of SC's law, and the box of inputs over which it is that.
 
-    These are `domain` itself, or a box in it that is smaller in the group's `own` states.
+    The box is `domain` itself, or smaller in the group's `own` states.
     """
     every = len(problem.controls)
     chosen = list(range(len(domain)))
@@ -309,9 +306,9 @@ def _law(
 
 
 def rests(problem: Problem, domain: Floats) -> list[Floats]:
-    """Points near which SC may be linear: the start, zero, the middle of the ranges.
+    """Points, (inputs,) each, near which SC may be linear: the start, zero, the middle.
 
-    Each (inputs,); `domain`: (inputs, 2).
+    `domain`: the ranges of the inputs, (inputs, 2).
     """
     middle = domain[:, 0] / 2 + domain[:, 1] / 2
     start = middle.copy()
@@ -328,9 +325,9 @@ def _near(domain: Floats, point: Floats) -> Floats:
 def _where_linear(
     forms: CompiledEnclosures, domain: Floats, near: Floats, own: Sequence[int], given: Given
 ) -> Floats:
-    """A large box between `near` and `domain` in the states `own` on which the law is linear.
+    """A large box (inputs, 2) between `near` and `domain` on which the law is linear.
 
-    First in the proportions of the ranges, then along one axis after the other. (inputs, 2).
+    It grows in the states `own`: first in the proportions of the ranges, then axis by axis.
     """
     box: Floats = domain.copy()
     box[own] = near[own]
@@ -362,9 +359,9 @@ def _limited(
     *,
     closer: bool,
 ) -> AffineLaw | None:
-    """The widest limits, as a share of U around `rest`, for which the remainder is small.
+    """The law with the widest limits, as a share of U around `rest`, and a small remainder.
 
-    Without `closer` they are U, or as good as that.
+    Without `closer` only limits that are U, or nearly, are tried.
     """
     width = bounds[:, 1] - bounds[:, 0]
 
@@ -389,7 +386,7 @@ def _limited(
 
 
 def _rounded(centre: F, parts: Sequence[F]) -> tuple[float, float, list[float]]:
-    """A form in doubles: its middle, what rounding loses, its coefficients."""
+    """A form in doubles: its middle, a bound of the rounding, its coefficients."""
     rounded = [float(x) for x in parts]
     loss = abs(centre - F(float(centre)))
     loss += sum(abs(x - F(y)) for x, y in zip(parts, rounded, strict=True))
@@ -405,10 +402,10 @@ def remainder_of(
     high: Floats,
     commands: Sequence[int],
 ) -> Floats | None:
-    """No |law - z| exceeds this while every z = gain xi + offset lies in [low, high]; (m,).
+    """Bounds (m,) of |law - z| while every z = gain xi + offset lies in [low, high].
 
-    One input per independent row is replaced: xi_P = M (z - offset - gain_N xi_N), in rationals.
-    None where SC may fault there.
+    For each independent row one input is replaced: xi_P = M (z - offset - gain_N xi_N), in
+    rationals. None where SC may fault there.
     """
     count = forms.library.inputs
     given = inputs(domain)
@@ -446,7 +443,7 @@ def remainder_of(
 def _against(
     row: Floats, offset: float, given: Floats, centre: Fraction, g: list[Fraction]
 ) -> tuple[Fraction, list[Fraction]]:
-    """The form (centre, g) less that of row xi + offset over the forms `given`."""
+    """The form (centre, g) minus that of row xi + offset over the forms `given`."""
     gap, rest = centre - F(offset), list(g)
     slack = F(0)
     for weight, form in zip(row, given, strict=True):
@@ -460,7 +457,7 @@ def _against(
 def _seen(
     problem: Problem, law: AffineLaw, domain: Floats, own: Sequence[int], error: Floats
 ) -> tuple[Floats, Floats]:
-    """(offset, remainder) as a function of the group's own estimates, all else at its worst."""
+    """(offset, remainder) of the law as a function of the group's estimates, all else at worst."""
     middle, radius = _centred(domain)
     first = len(problem.states) + len(problem.controls) + len(problem.disturbances)
     errors = range(first, first + len(problem.errors))

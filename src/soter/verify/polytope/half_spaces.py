@@ -30,15 +30,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 SLACK = 1e-6
-"""By how much a half-space must cut to count as one, and thresholds are lowered for rounding."""
+"""A half-space counts only if it cuts by this much; thresholds are lowered by it for rounding."""
 CLOSE = 2.0**-40
-"""Relative distance from which on the rounding of a product decides nothing."""
+"""Beyond this relative distance from a half-space rounding cannot change the answer."""
 GAP = SLACK / 1000
-"""How far multipliers may lie above the value that they bound, relative to it, to be good ones."""
+"""Multipliers are good if their bound lies above the value by no more than this, relative to it."""
 SOLVE = 500
-"""What a solve takes beside its half-spaces, in half-spaces."""
+"""The fixed cost of a solve, as a number of half-spaces."""
 TOLD = 200_000
-"""Half-spaces after which somebody is told."""
+"""After this many half-spaces progress is reported."""
 USUAL: dict[str, object] = {"solver": "choose", "simplex_strategy": 1, "simplex_scale_strategy": 2}
 WAYS: tuple[dict[str, object] | None, ...] = (
     None,
@@ -78,7 +78,7 @@ class Polytope:
         return np.asarray(inside & (points @ self.rows.T <= self.bounds).all(axis=1))
 
     def with_rows(self, rows: Array, bounds: Array) -> Polytope:
-        """Cut by further half-spaces rows x <= bounds, (k, n) and (k,)."""
+        """This polytope cut by further half-spaces rows x <= bounds, (k, n) and (k,)."""
         return Polytope(
             self.low,
             self.high,
@@ -87,7 +87,7 @@ class Polytope:
         )
 
     def meet(self, other: Polytope) -> Polytope:
-        """What both have in common."""
+        """The intersection of both."""
         low, high = np.maximum(self.low, other.low), np.minimum(self.high, other.high)
         return Polytope(low, high, self.rows, self.bounds).with_rows(other.rows, other.bounds)
 
@@ -103,14 +103,14 @@ class Polytope:
 
 
 class SpentError(Exception):
-    """The linear programs of a group would look at more half-spaces than they may."""
+    """The linear programs of a group have used up their limit of half-spaces."""
 
 
 class Work:
-    """How much the linear programs of one group may do: counted, and never timed.
+    """The limit for the linear programs of one group: work is counted, never timed.
 
-    A solve counts as the half-spaces that it looks at, and `SOLVE` for itself. `tell` is called
-    now and then, and may end the work by raising.
+    A solve counts as its half-spaces plus `SOLVE`. `tell` is called now and then, and may end the
+    work by raising.
     """
 
     def __init__(self, most: int, tell: Callable[[], None] | None = None) -> None:
@@ -119,14 +119,14 @@ class Work:
 
     @contextmanager
     def half(self) -> Iterator[None]:
-        """Within, only half of what is left may be spent."""
+        """A `with` block in which only half of what is left may be spent."""
         kept = self.left - self.left // 2
         self.left -= kept
         yield
         self.left += kept
 
     def count(self, half_spaces: int) -> None:
-        """A solve, or what takes as long; SpentError where it is one too many."""
+        """Counts a solve, or work that takes as long; `SpentError` beyond the limit."""
         before = self.left
         self.left -= SOLVE + half_spaces
         if self.left < 0:
@@ -139,7 +139,7 @@ class Work:
 
 
 class Bounds:
-    """Upper bounds of rows on one polytope; multipliers from an LP, or from a record of one."""
+    """Upper bounds of rows on one polytope, by multipliers of an LP or of an earlier proof."""
 
     def __init__(
         self,
@@ -147,7 +147,7 @@ class Bounds:
         multipliers: list[Array] | None = None,
         work: Work | None = None,
     ) -> None:
-        """`multipliers`: what `record` of an earlier, equal use was; then nothing is solved."""
+        """`multipliers`: the `record` of an earlier, equal use; with them nothing is solved."""
         self.polytope = polytope
         self.record: list[Array] = []
         self._kept = iter(multipliers) if multipliers is not None else None
@@ -159,7 +159,7 @@ class Bounds:
         return self._solver is not None and self._solver.empty
 
     def of(self, rows: Ball) -> Array:
-        """No row exceeds its number on the polytope; (N, n) -> (N,)."""
+        """An upper bound of each row on the polytope; (N, n) -> (N,)."""
         if not len(rows.mid):
             return np.zeros(0)
         p = self.polytope
@@ -189,10 +189,10 @@ def bound(p: Polytope, rows: Ball, weights: Array) -> Array:
 
 
 class LinearProgram:
-    """max c x on a polytope, again and again, by HiGHS: hints only."""
+    """Maximises linear functions on a polytope by HiGHS, again and again; only for hints."""
 
     def __init__(self, polytope: Polytope, work: Work | None = None) -> None:
-        """Each solve counts as `work`, where there is any."""
+        """`work`: counts each solve; None: they are not counted."""
         self._highs = require_highs()
         self._work = work
         self._highs.setOptionValue("presolve", "off")
@@ -209,25 +209,25 @@ class LinearProgram:
         self.empty = self.is_empty()
 
     def add(self, row: Array, limit: float) -> None:
-        """Cut by a half-space, row x <= limit, `row` (n,)."""
+        """Cuts the polytope by a half-space row x <= limit, `row` (n,)."""
         self._highs.addRow(-np.inf, float(limit), self.n, self._columns, row)
         self._rows.append(row)
         self._bounds.append(float(limit))
 
     def is_empty(self) -> bool:
-        """Whether no point was found (a hint)."""
+        """Whether the solver found no point (a hint)."""
         return self._solve(np.zeros(self.n)) is None
 
     def limit(self, place: int, limit: float) -> None:
-        """Change the bound of half-space number `place`."""
+        """Changes the bound of half-space number `place`."""
         self._highs.changeRowBounds(place, -np.inf, float(limit))
         self._bounds[place] = float(limit)
 
     def _solve(self, row: Array) -> tuple[Array, Array] | None:
-        """X (n,) and multipliers (half_spaces,) at the greatest value of row x; None without any.
+        """A point (n,) where row x is greatest, and multipliers (half_spaces,); None: not found.
 
         The solver goes on from the last vertex. Where it finds nothing there, or multipliers whose
-        bound lies above row x, it is asked from scratch, and by other ways (`WAYS`).
+        bound is too far above row x, it is asked from scratch, and in other ways (`WAYS`).
         """
         if self._work is not None:
             self._work.count(len(self._rows))
@@ -258,7 +258,7 @@ class LinearProgram:
         return best
 
     def _bound(self, row: Array, weights: Array) -> float:
-        """What multipliers (half_spaces,) show of row x, as floats say: infinite where nothing."""
+        """The bound of row x by multipliers (half_spaces,), in plain floats; inf: there is none."""
         used = np.flatnonzero(weights)
         rest = row - sum((weights[k] * self._rows[k] for k in used), np.zeros(self.n))
         low, high = self._box
@@ -268,10 +268,7 @@ class LinearProgram:
         return bound if np.isfinite(bound) else np.inf
 
     def weights(self, row: Array) -> Array:
-        """Multipliers, (half_spaces,), at the greatest value of row x; zeros without one.
-
-        `row`: (n,).
-        """
+        """Multipliers, (half_spaces,), that bound row x, `row` (n,); zeros if there are none."""
         solution = self._solve(row)
         if solution is None or not np.isfinite(solution[1]).all():
             return np.zeros(len(self._rows))
@@ -286,7 +283,7 @@ class LinearProgram:
 
 
 def require_highs() -> Any:  # noqa: ANN401 - an untyped module
-    """An LP solver; SoterError D007 where the extra is not installed."""
+    """The LP solver HiGHS; `SoterError` D007 where the extra is not installed."""
     try:
         return new_highs()
     except ImportError:
@@ -302,9 +299,9 @@ def require_highs() -> Any:  # noqa: ANN401 - an untyped module
 
 
 def lean(polytope: Polytope, work: Work | None = None) -> Polytope:
-    """The same set without half-spaces that the others imply (as the LP sees it).
+    """The polytope without half-spaces that the others imply, by the LP, which may err.
 
-    Whoever claims something about the set proves it about what is left.
+    So claims have to be proved about the result, not about the polytope that was given.
     """
     rows, bounds = polytope.rows, polytope.bounds
     scale = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
@@ -339,7 +336,7 @@ def inner_point(p: Polytope) -> Array | None:
     inner = p.shrunk(SLACK * _ranges(p))
 
     def clear(x: Array) -> bool:
-        """On no half-space."""
+        """Whether a point lies inside, clear of every half-space."""
         return bool((inner.rows @ x < inner.bounds).all()) and surely_inside(p, x)
 
     ends = [program.greatest(row)[1] for row in (*eye, *-eye)]
@@ -355,13 +352,13 @@ def inner_point(p: Polytope) -> Array | None:
 
 
 def _ranges(p: Polytope) -> Array:
-    """The widths of the box, (n,); 1 where it has no ends."""
+    """The widths of the polytope's box, (n,); 1 where it has no ends."""
     width = p.high - p.low
     return np.where(np.isfinite(width), width, 1.0)
 
 
 def _middle_of_largest_box(p: Polytope) -> Array:
-    """x, (n,), of the greatest t at which x - t w and x + t w lie inside, w the ranges."""
+    """The x, (n,), with the greatest t such that x - t w and x + t w are inside; w: the widths."""
     width = _ranges(p)
     rows, bounds = p.faces
     boxes = Polytope(
@@ -374,9 +371,9 @@ def _middle_of_largest_box(p: Polytope) -> Array:
 
 
 def surely_inside(p: Polytope, x: Array) -> bool:
-    """Whether a point (n,) lies in a polytope; in rationals where floats could err.
+    """Whether a point (n,) lies in a polytope, decided in rationals where floats could err.
 
-    Not where a half-space is NaN.
+    False where a half-space is NaN.
     """
     rows, limits = p.faces
     if not (np.isfinite(x).all() and np.isfinite(rows).all() and (limits > -np.inf).all()):

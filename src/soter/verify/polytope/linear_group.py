@@ -1,9 +1,9 @@
-"""A linear group as numbers, and what its flow does to half-spaces.
+"""A linear group as numbers, and how its flow moves half-spaces.
 
-Purpose: `LinearGroup` (x' = A x + B u + drift, the SC law u = K y + k on it, its times) and two
-flows over it: one hold of an SC run, and the free phase in which any control of U acts. Both map a
-row c at a time t to (row, loss) with c x(t) <= row x(0) + loss; every bound is rounded outward.
-Non-goals: polytopes (`sets.py`), proofs (`proofs.py`).
+Purpose: `LinearGroup` holds x' = A x + B u + drift, the SC law u = K y + k on it, and its times.
+`Hold` is one period of an SC run, `FreePhase` a time in which any control of U acts. Both map a row
+c at a time t to (row, loss) with c x(t) <= row x(0) + loss; every bound is rounded outward.
+Non-goals: polytopes (`half_spaces.py`), proofs (`proofs.py`).
 
 Where the bounds come from, for one row c and drift = b + w, w symmetric after centring:
 - c x(t) = c e^{At} x0 + c G(t) (B u + b) + int_0^t c e^{As} w(t - s) ds, G(t) = int_0^t e^{As} ds;
@@ -50,19 +50,19 @@ from soter.verify.polytope.matrices import (
 )
 
 Pairs: TypeAlias = list[tuple[Ball, Array]]
-"""(row, loss) or (row, limit), of N rows each."""
+"""Pairs (row, loss) or (row, limit), of N rows each."""
 
 HOLD_STEPS = 2
 FREE_STEP_NS = 10_000_000
 
 
 def hold_instants(delta_ns: int) -> tuple[int, ...]:
-    """Where a hold is looked at; what lies between is bounded."""
+    """The times of a hold, in ns, at which bounds are computed; those between are bounded, too."""
     return tuple(delta_ns * k // HOLD_STEPS for k in range(HOLD_STEPS + 1))
 
 
 def free_instants(until_ns: int) -> tuple[int, ...]:
-    """The same of a free phase."""
+    """The times of a free phase, in ns, at which bounds are computed."""
     steps = max(1, -(-until_ns // FREE_STEP_NS))
     return tuple(until_ns * k // steps for k in range(steps + 1))
 
@@ -71,42 +71,42 @@ def free_instants(until_ns: int) -> tuple[int, ...]:
 class LinearGroup:
     """x' = A x + B u + drift with n states and m controls; SI units; all numbers exact doubles.
 
-    SC publishes u = gain y + offset, up to `remainder`, wherever every |entry| is inside U; y is
-    its estimate. `law_low`, `law_high` (m,): where gain y + offset must lie for that to hold.
+    SC publishes u = gain y + offset, up to `remainder`, while gain y + offset lies between
+    `law_low` and `law_high` (m,); y is its estimate.
     """
 
     state: Array
-    """A, (n, n)."""
+    """The matrix A, (n, n)."""
     control: Array
-    """B, (n, m)."""
+    """The matrix B, (n, m)."""
     drift_low: Array
-    """Everything else in x', (n,): constants, disturbance, remainder, earlier groups."""
+    """The rest of x', (n,), at least: constants, disturbance, remainder, earlier groups."""
     drift_high: Array
     control_low: Array
-    """U, (m,)."""
+    """The lower ends of U, the range of the controls, (m,)."""
     control_high: Array
     error: Array
-    """E: measurement error within +-error, (n,)."""
+    """E: measurement errors lie within +-error, (n,)."""
     gain: Array
-    """K, (m, n)."""
+    """K, the gain of SC, (m, n)."""
     offset: Array
     remainder: Array
     law_low: Array
     law_high: Array
     low: Array
-    """The grid's extent, (n,): outside is unsafe."""
+    """The lower ends of the extent, (n,): states outside count as unsafe."""
     high: Array
     rows: Array
     """Further half-spaces rows x <= bounds of C, (q, n)."""
     bounds: Array
     delta_ns: int
-    """Period of SC."""
+    """The period of SC."""
     jitter_ns: int = 0
     delay_ns: int = 0
-    """d: how old the state is that a command answers."""
+    """d: how old the state may be that a command answers when it begins to act."""
 
     def equals(self, other: LinearGroup) -> bool:
-        """Whether every number is the same, bit for bit: then so is everything that is proved."""
+        """Whether every number is the same, bit for bit, so that the same is proved of both."""
         for name in (f.name for f in fields(self)):
             own, its = np.asarray(getattr(self, name)), np.asarray(getattr(other, name))
             if (own.dtype, own.shape, own.tobytes()) != (its.dtype, its.shape, its.tobytes()):
@@ -130,7 +130,7 @@ class LinearGroup:
 
     @cached_property
     def reach(self) -> Array:
-        """|x_i| on the extent, (n,)."""
+        """The largest |x_i| on the extent, (n,)."""
         return np.maximum(np.abs(self.low), np.abs(self.high))
 
     @cached_property
@@ -140,18 +140,18 @@ class LinearGroup:
 
     @cached_property
     def speed(self) -> Array:
-        """D, (n,): no |A x + B u + b| exceeds it, for x in the extent and u in U."""
+        """D, (n,): an upper bound of |A x + B u + b| for x in the extent and u in U."""
         centre, radius = self.extent
         middle = (exact(self.state) @ exact(centre) + self.constant).magnitude()
         spread = up_product(np.abs(self.state), radius)
         return up_sum(middle, spread, up_product(np.abs(self.control), self.controls[1]))
 
     def growth(self, time_ns: int) -> Array:
-        """No entry of e^{|A| s}, 0 <= s <= t, exceeds this, (n, n)."""
+        """An upper bound (n, n) of e^{|A| s} for 0 <= s <= t."""
         return exponential(np.abs(self.state), time_ns)[0].magnitude()
 
     def sagging(self, rows: Ball, step_ns: int, until_ns: int) -> Array:
-        """h^2/8 sup |phi''| for each row; (N, n) -> (N,)."""
+        """h^2/8 sup |phi''| of the head of this file for each row; (N, n) -> (N,)."""
         second = up_product((rows @ exact(self.state)).magnitude(), self.growth(until_ns))
         h = float(seconds(step_ns).upper())
         return up_times(up_product(second, self.speed), h, h, 0.125)
@@ -171,7 +171,7 @@ class TimeGrid:
 
     @cached_property
     def step_ns(self) -> int:
-        """The longest step."""
+        """The longest step between two times of the grid, in ns."""
         return max(
             (b - a for a, b in zip(self.times_ns, self.times_ns[1:], strict=False)), default=0
         )
@@ -198,7 +198,7 @@ class TimeGrid:
 
 
 class FreePhase:
-    """Any control of U acts: what `R(t)` and `tube_U` are made of."""
+    """A time in which any control of U acts: R(t) is computed by it."""
 
     def __init__(self, group: LinearGroup, until_ns: int) -> None:
         self.group = group
@@ -220,10 +220,10 @@ class FreePhase:
 
 
 class Hold:
-    """One hold of an SC run, [k delta, (k + 1) delta] after its first output acted."""
+    """One hold (period) of an SC run: [k delta, (k + 1) delta] after its first output acted."""
 
     def __init__(self, group: LinearGroup, rate: Array) -> None:
-        """`rate` (m,): what |K (A x + b + B u_c)| is at most on the set, where `timed`."""
+        """`rate` (m,): a bound of |K (A x + b + B u_c)| on the set, where commands are `timed`."""
         self.group = group
         self.rate = rate
         self.timed = group.delay_ns + group.jitter_ns > 0
@@ -239,20 +239,20 @@ class Hold:
         self.other = self._other()
 
     def _push(self) -> Array:
-        """|K (B (u - u_c) + w)|."""
+        """A bound of |K (B (u - u_c) + w)|: how fast commands and drift move K x."""
         group = self.group
         steered = (exact(group.gain) @ exact(group.control)).magnitude()
         steered = up_product(steered, group.controls[1])
         return up_sum(steered, up_product(np.abs(group.gain), group.drift[1]))
 
     def _bend(self, time_ns: int) -> Array:
-        """|K A (x(s) - x(a))| / |s - a| for s within `time_ns` of a, x(a) in the extent."""
+        """A bound of |K A (x(s) - x(a))| / |s - a| for |s - a| <= `time_ns`, x(a) in the extent."""
         group = self.group
         away = up_product(group.growth(time_ns), up_sum(group.speed, group.drift[1]))
         return up_product(self.rate_rows.magnitude(), away)
 
     def _read(self) -> Array:
-        """What error and age of a read change in the command, beyond the middle age d / 2."""
+        """A bound of what errors and ages of reads change in the command, beyond the age d / 2."""
         group = self.group
         error = up_product(np.abs(group.gain), group.error)
         if not self.timed:
@@ -263,7 +263,7 @@ class Hold:
         return up_sum(error, up_times(self.rate, off), up_times(self._push(), far), bend)
 
     def _other(self) -> Array:
-        """|u_(k+-1) - u_k|: what may act instead of this hold's command near its ends."""
+        """A bound of |u_(k+-1) - u_k|: the neighbours' commands may act near the hold's ends."""
         group = self.group
         if group.jitter_ns == 0:
             return np.zeros(len(self.rate))
@@ -274,7 +274,7 @@ class Hold:
         return up_sum(up_times(speed, apart), up_times(error, 2.0))
 
     def _exchanged(self, rows: Ball) -> Array:
-        """What the neighbours' commands, j long in all, add to c x during or after the hold."""
+        """A bound of what the neighbours' commands, which act for j in all, add to c x."""
         group = self.group
         total = np.zeros(rows.mid.shape[0])
         if group.jitter_ns == 0:
@@ -319,7 +319,7 @@ class Hold:
     def commands(self) -> tuple[Ball, Array, Array]:
         """(row, low, high): low <= row x <= high keeps the law linear, whatever the read was.
 
-        row (m, n); low and high (m,).
+        Shapes: row (m, n); low and high (m,).
         """
         group = self.group
         high = -up_sum(self.offset.upper(), self.spread, -group.law_high)

@@ -37,7 +37,7 @@ TAYLOR_ORDER = 20
 
 
 class BeyondError(ArithmeticError):
-    """Numbers, or sums, too large to be bounded here: nothing is shown of them."""
+    """Numbers, or sums, are too large to be bounded here, so nothing is shown of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,26 +75,26 @@ class Ball:
         return self + (-other)
 
     def times(self, other: Ball) -> Ball:
-        """Entry by entry."""
+        """The product entry by entry."""
         mid = self.mid * other.mid
         spread = np.abs(self.mid) * other.rad + self.rad * (np.abs(other.mid) + other.rad)
         return Ball(mid, (spread + np.abs(mid) * UNIT) * INFLATE + TINY)
 
     def upper(self) -> Array:
-        """Numbers that no element exceeds, in the shape of `mid`."""
+        """Upper bounds of the entries, in the shape of `mid`."""
         return np.nextafter(self.mid + self.rad, np.inf)
 
     def lower(self) -> Array:
-        """Numbers that no element falls below, in the shape of `mid`."""
+        """Lower bounds of the entries, in the shape of `mid`."""
         return np.nextafter(self.mid - self.rad, -np.inf)
 
     def magnitude(self) -> Array:
-        """Numbers that no element's absolute value exceeds, in the shape of `mid`."""
+        """Upper bounds of the entries' absolute values, in the shape of `mid`."""
         return np.nextafter(np.abs(self.mid) + self.rad, np.inf)
 
 
 def exact(values: npt.ArrayLike) -> Ball:
-    """Doubles as they are; BeyondError where one is not finite."""
+    """Doubles as balls of radius 0; `BeyondError` where one is not finite."""
     mid = np.asarray(values, dtype=np.float64)
     if not np.isfinite(mid).all():
         raise BeyondError("a number is not finite")
@@ -102,22 +102,22 @@ def exact(values: npt.ArrayLike) -> Ball:
 
 
 def seconds(time_ns: int) -> Ball:
-    """A time in s; the division rounds once."""
+    """A time in s as a ball, since the division rounds once."""
     mid = np.float64(time_ns / 1e9)
     return Ball(np.asarray(mid), np.asarray(abs(mid) * UNIT))
 
 
 def centred(low: Array, high: Array) -> tuple[Array, Array]:
-    """(c, r), doubles with [low, high] inside [c - r, c + r]. All of one shape."""
+    """Doubles (c, r) with [low, high] inside [c - r, c + r]; all are of one shape."""
     centre = low + (high - low) / 2
     radius = np.maximum((exact(high) - exact(centre)).upper(), (exact(centre) - exact(low)).upper())
     return centre, np.where(high > low, radius, np.where(centre == low, 0.0, radius))
 
 
 def up_product(left: Array, right: Array) -> Array:
-    """No entry of the product of two non-negative matrices exceeds this.
+    """An upper bound of the product of two non-negative matrices.
 
-    (n, k) by (k, m) or (k,); BeyondError where k is above `TERMS_MAX`.
+    (n, k) by (k, m) or (k,); `BeyondError` where k is above `TERMS_MAX`.
     """
     if left.shape[-1] > TERMS_MAX:
         raise BeyondError(f"a product of {left.shape[-1]} terms")
@@ -125,7 +125,7 @@ def up_product(left: Array, right: Array) -> Array:
 
 
 def up_times(*factors: Array | float) -> Array:
-    """No entry of the entrywise product of non-negative arrays exceeds this.
+    """An upper bound of the entrywise product of non-negative arrays.
 
     Of the shape to which they broadcast.
     """
@@ -136,7 +136,7 @@ def up_times(*factors: Array | float) -> Array:
 
 
 def up_sum(*terms: Array | float) -> Array:
-    """No entry of the sum of arrays (any sign) exceeds this.
+    """An upper bound of the sum of arrays (any sign).
 
     Of the shape to which they broadcast.
     """
@@ -179,9 +179,9 @@ F = Fraction
 
 
 def pivots_of(gain: Floats, radius: Floats) -> tuple[list[int], list[int]]:
-    """Independent rows, and an input for each that the row can be solved for.
+    """The numbers of independent rows, and of an input for each that it can be solved for.
 
-    `gain`: a row a state, a column an input; `radius`: one an input.
+    `gain`: (rows, inputs); `radius`: (inputs,).
     """
     work = [[F(x) for x in row] for row in gain]
     rows: list[int] = []
@@ -200,7 +200,7 @@ def pivots_of(gain: Floats, radius: Floats) -> tuple[list[int], list[int]]:
 
 
 def inverse_of(matrix: list[list[Fraction]]) -> list[list[Fraction]]:
-    """Of an invertible matrix of rationals (Gauss-Jordan)."""
+    """The inverse of an invertible matrix of rationals (Gauss-Jordan)."""
     n = len(matrix)
     work = [[*row, *(F(int(i == j)) for j in range(n))] for i, row in enumerate(matrix)]
     for i in range(n):

@@ -1,9 +1,9 @@
-"""Polytope groups: K, R(H), S_j and the return, for linear groups and small fast DMs.
+"""The sets of linear groups as polytopes: K, R(H), S_j and Q are found, and claims proved.
 
-Purpose: `compute` finds the sets of a `LinearGroup` with linear programs as hints; `prove` goes
-through every claim about them with multipliers only, rounding outward, and is all that a verdict
-may rest on (docs/verification.md, section 3).
-Non-goals: reading a program; grids.
+Purpose: `compute` finds the sets of a `LinearGroup` with linear programs as hints; `prove` checks
+every claim about them by multipliers alone, rounding outward: only that may a verdict rest on
+(docs/verification.md, section 3).
+Non-goals: reading a program (`extract_group.py`); grids.
 
 The claims, over K = `core`, R = `free`, S_j = `allowed[j]`, Q = `kept`:
 - K lies in the extent; on K the law is linear (each command clear of its clamp, whatever the error
@@ -42,8 +42,8 @@ if TYPE_CHECKING:
     from soter.verify.polytope.linear_group import Pairs
 
 WORK = 4_000_000, 8_000_000, 12_000_000, 32_000_000
-"""Half-spaces that the linear programs of a group of one state, two, three, four or more look at in
-all (`Work`), to find and to prove. A proof of four states takes that much, one of three does not.
+"""The limit (`Work`) of half-spaces for the linear programs of a group of one state, two, three,
+four or more, to find and to prove. A proof of four states takes that much, one of three does not.
 """
 GAINED = 0.01
 """A `rate` that is smaller by less than this share is not worth another fixpoint."""
@@ -53,7 +53,7 @@ PERIODS_MAX = 5000
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """Times of the free phase in ns: `horizon` is H, `window` Delta + A + J_dm."""
+    """Times of the free phase in ns: `horizon` is H, `window` Delta + A + J_dm, between looks."""
 
     horizon_ns: int
     window_ns: int
@@ -62,7 +62,7 @@ class Windows:
 
 @dataclass(eq=False)
 class PolytopeSets:
-    """What `compute` found and `prove` proves. All sets are over the group's own states."""
+    """The sets that `compute` found and `prove` proves, over the group's own states."""
 
     group: LinearGroup
     windows: Windows
@@ -70,15 +70,15 @@ class PolytopeSets:
     core: Polytope
     free: Polytope
     allowed: list[Polytope]
-    """S_0, S_1, ... over estimates."""
+    """S_0, S_1, ..., sets of estimates."""
     carried: list[Polytope]
-    """G_1, G_2, ... over states."""
+    """G_1, G_2, ..., sets of states: G_j holds every state behind an estimate in S_j."""
     kept: Polytope | None = None
     kept_rate: Array = field(default_factory=lambda: np.zeros(0))
     periods: int = 0
-    """Holds after which every run from K is in Q."""
+    """How many holds after which every run from K is in Q."""
     work: Work = field(default_factory=lambda: Work(WORK[-1]))
-    """What may be spent on levels and Q."""
+    """The limit for levels and Q."""
     target: Polytope | None = None
     """States all of whose estimates satisfy `safer`; None: S_(m-2) of this case, eroded by E."""
 
@@ -94,9 +94,9 @@ class PolytopeSets:
 
 
 class NotProvedError(Exception):
-    """A claim whose bound was not met; the text says which, and by how much.
+    """A claim is not proved; the text says which, and by how much its bound is missed.
 
-    `row`: the half-space on which it is missed most, (n,), where there is one.
+    `row`: the half-space on which it is missed most, (n,), if there is one.
     """
 
     def __init__(self, text: str, row: Array | None = None) -> None:
@@ -108,7 +108,7 @@ class NotProvedError(Exception):
 
 
 def compute(group: LinearGroup, windows: Windows) -> PolytopeSets | None:
-    """The sets, or None where the fixpoint ran empty or out of patience: to be proved."""
+    """The sets, still to be proved; None where the fixpoint ran empty or reached its limit."""
     sets = find_core(group, windows)
     if sets is not None:
         find_levels(sets)
@@ -117,14 +117,14 @@ def compute(group: LinearGroup, windows: Windows) -> PolytopeSets | None:
 
 
 def work_of(group: LinearGroup, tell: Callable[[], None] | None = None) -> Work:
-    """What a group may spend; `tell` is called now and then."""
+    """The limit of work for a group; `tell` is called now and then."""
     return Work(WORK[min(len(group.low), len(WORK)) - 1], tell)
 
 
 def find_core(
     group: LinearGroup, windows: Windows, work: Work | None = None
 ) -> PolytopeSets | None:
-    """K and R(H); no levels yet. SpentError where K takes more than half of the `work`."""
+    """Finds K and R(H), no levels yet; `SpentError` where K takes more than half of `work`."""
     work = work_of(group) if work is None else work
     with work.half():
         solution = _core(group, group.rows, group.bounds, work)
@@ -136,7 +136,7 @@ def find_core(
 
 
 def find_levels(sets: PolytopeSets) -> None:
-    """S_0, S_1, ... and G_1, ..."""
+    """Fills in S_0, S_1, ... and G_1, G_2, ..."""
     group, windows, free, work = sets.group, sets.windows, sets.free, sets.work
     sets.allowed, sets.carried = [lean(_tighter(free.shrunk(group.error)), work)], []
     for _ in range(windows.levels - 2):
@@ -148,14 +148,14 @@ def find_levels(sets: PolytopeSets) -> None:
 
 
 def _plain(rows: Ball, limits: Array, reach: Array) -> tuple[Array, Array]:
-    """Balls of rows as rows: of length one, with thresholds lowered by what that leaves open."""
+    """Rows of doubles, of length one, for rows of balls; thresholds are lowered for the radii."""
     limits = limits - up_product(rows.rad, reach)
     size = np.maximum(np.linalg.norm(rows.mid, axis=1), 1e-12)
     return rows.mid / size[:, None], limits / size - SLACK
 
 
 def _first_rows(hold: Hold, rows: Array, bounds: Array) -> tuple[Array, Array]:
-    """What a state must satisfy for one hold to go well: C throughout, linear law, rate."""
+    """The half-spaces that a state must satisfy for one hold: C throughout, linear law, rate."""
     group = hold.group
     half_spaces = [(row, bounds - loss) for row, loss in hold.everywhere(exact(rows))]
     half_spaces += _linear(hold)
@@ -179,7 +179,10 @@ def _linear(hold: Hold) -> Pairs:
 def _core(
     group: LinearGroup, rows: Array, bounds: Array, work: Work
 ) -> tuple[Polytope, Array] | None:
-    """The greatest set kept by SC inside rows x <= bounds; twice, with a better `rate`."""
+    """The greatest set that SC keeps inside rows x <= bounds, and its `rate`; None: it is empty.
+
+    It is computed twice, the second time with a better `rate`.
+    """
     eye = np.eye(len(group.low))
     rows = np.concatenate([rows, eye, -eye])
     bounds = np.concatenate([bounds, group.high, -group.low])
@@ -219,7 +222,7 @@ def _rate(program: LinearProgram, hold: Hold) -> Array:
 
 
 def _fixpoint(hold: Hold, start: Polytope, work: Work) -> Polytope | None:
-    """{x : every run of holds from x satisfies `start` at each read}; None when empty."""
+    """The states from which every run of holds satisfies `start` at each one; None: empty."""
     p = Polytope(start.low, start.high, start.rows[:0], start.bounds[:0])
     program = LinearProgram(p, work)
     wave = (start.rows, start.bounds)
@@ -239,7 +242,7 @@ def _fixpoint(hold: Hold, start: Polytope, work: Work) -> Polytope | None:
 
 
 def _before(hold: Hold, rows: Array, bounds: Array) -> tuple[Array, Array]:
-    """Half-spaces from which a hold ends in rows x <= bounds."""
+    """The half-spaces of states from which a hold ends in rows x <= bounds."""
     row, loss = hold.after(exact(rows))
     return _plain(row, bounds - loss, hold.group.reach)
 
@@ -247,7 +250,7 @@ def _before(hold: Hold, rows: Array, bounds: Array) -> tuple[Array, Array]:
 def _free(
     group: LinearGroup, outer: Polytope, inner: Polytope, until_ns: int, work: Work
 ) -> Polytope:
-    """{x in outer : in `inner` during all of [0, until], under any control}."""
+    """The states of `outer` that stay in `inner` during [0, until], whatever control acts."""
     rows, bounds = inner.faces
     pairs = FreePhase(group, until_ns).everywhere(exact(rows))
     plain = [_plain(row, bounds - loss, group.reach) for row, loss in pairs]
@@ -260,12 +263,12 @@ def _free(
 
 
 def _tighter(p: Polytope) -> Polytope:
-    """A little less: what a claim about the whole set loses where an LP dropped a half-space."""
+    """A slightly smaller set, to make up for half-spaces that an LP dropped wrongly."""
     return Polytope(p.low + SLACK, p.high - SLACK, p.rows, p.bounds - SLACK)
 
 
 def find_return(sets: PolytopeSets) -> None:
-    """Find Q inside `home`, and after how many holds every run from K is in it."""
+    """Finds Q inside `home`, and after how many holds every run from K is in it."""
     group = sets.group
     solution = _core(group, *home(sets).faces, sets.work)
     if solution is None:
@@ -283,7 +286,7 @@ def find_return(sets: PolytopeSets) -> None:
 
 
 def _periods(sets: PolytopeSets) -> int:
-    """After so many holds every run from K is in Q; 0: none was found. To be proved."""
+    """The number of holds after which every run from K is in Q, to be proved; 0: none found."""
     assert sets.kept is not None
     hold, bounds = Hold(sets.group, sets.rate), Bounds(sets.core, work=sets.work)
     faces, limits = sets.kept.faces
@@ -321,7 +324,7 @@ def _guesses() -> Iterable[int]:
 
 
 class Claims:
-    """Multipliers of every claim in order: found by LPs, or taken from a record."""
+    """Proves claims one after the other, with multipliers found by LPs or taken from a record."""
 
     def __init__(self, multipliers: list[Array] | None, work: Work | None = None) -> None:
         self.record: list[Array] = []
@@ -339,7 +342,7 @@ class Claims:
         return upper_bounds
 
     def holds(self, what: str, polytope: Polytope, rows: Ball, limits: Array) -> None:
-        """The claim rows x <= limits on a polytope; NotProvedError where it fails.
+        """Proves rows x <= limits on a polytope; `NotProvedError` where that fails.
 
         `rows` (N, n), `limits` (N,).
         """
@@ -350,7 +353,7 @@ class Claims:
 
 
 def prove(sets: PolytopeSets, multipliers: list[Array] | None = None) -> list[Array]:
-    """Every claim about K, R and S_j; gives the multipliers, or NotProvedError.
+    """Proves every claim about K, R and S_j and returns the multipliers; `NotProvedError`.
 
     With `multipliers` of an earlier proof nothing is solved: they are checked. They are
     (rows, half_spaces) for each claim, in order.
@@ -365,31 +368,31 @@ def prove(sets: PolytopeSets, multipliers: list[Array] | None = None) -> list[Ar
 
 
 def claims_of(multipliers: list[Array] | None = None, work: Work | None = None) -> Claims:
-    """What the parts of a proof write their multipliers to, or take them from.
+    """A new `Claims`, which the parts of a proof fill with multipliers or take them from.
 
-    They are (rows, half_spaces) for each claim, in order. `work`: what may be spent on them.
+    They are (rows, half_spaces) for each claim, in order. `work`: the limit for the LPs.
     """
     return Claims(multipliers, work)
 
 
 def prove_core(sets: PolytopeSets, claims: Claims) -> None:
-    """P2a: SC keeps C from K."""
+    """Proves P2a: SC keeps C from K."""
     group = sets.group
     _prove_kept(claims, "K", Hold(group, sets.rate), sets.core, group.rows, group.bounds)
 
 
 def prove_free(sets: PolytopeSets, claims: Claims) -> None:
-    """R(H)."""
+    """Proves R(H): no control of U leads out of K within H."""
     _prove_free(claims, "R(H)", sets.group, sets.free, sets.core, sets.windows.horizon_ns)
 
 
 def prove_start(sets: PolytopeSets, claims: Claims, start: Polytope, until_ns: int) -> None:
-    """From every state of `start` the state is in K during all of [0, until]."""
+    """Proves that from every state of `start` the state is in K during all of [0, until]."""
     _prove_free(claims, "the start", sets.group, start, sets.core, until_ns)
 
 
 def prove_levels(sets: PolytopeSets, claims: Claims) -> None:
-    """S_0, S_1, ... of estimates."""
+    """Proves S_0, S_1, ..., the sets of estimates."""
     group = sets.group
     _prove_estimates(claims, "S_0", group, sets.allowed[0], sets.free)
     for j, carried in enumerate(sets.carried):
@@ -401,7 +404,7 @@ def prove_levels(sets: PolytopeSets, claims: Claims) -> None:
 
 
 def prove_return(sets: PolytopeSets, claims: Claims) -> None:
-    """P2b: SC keeps Q, and every run from K is in Q after `periods` holds."""
+    """Proves P2b: SC keeps Q, and every run from K is in Q after `periods` holds."""
     _prove_home(claims, sets)
     _prove_recovery(claims, sets, sets.periods)
 
@@ -416,7 +419,7 @@ def _inside(claims: Claims, what: str, inner: Polytope, outer: Polytope) -> None
 def _prove_kept(
     claims: Claims, what: str, hold: Hold, core: Polytope, rows: Array, bounds: Array
 ) -> None:
-    """SC keeps `core`, the extent and rows x <= bounds, from every state of `core`."""
+    """Proves that SC keeps `core`, the extent and rows x <= bounds from every state of `core`."""
     group = hold.group
     extent = Polytope(group.low, group.high, rows, bounds)
     _inside(claims, f"{what} in the extent", core, extent)
@@ -433,7 +436,7 @@ def _prove_kept(
 def _prove_free(
     claims: Claims, what: str, group: LinearGroup, start: Polytope, inner: Polytope, until_ns: int
 ) -> None:
-    """From `start` the state is in `inner` during all of [0, until], under any control of U.
+    """Proves that from `start` the state stays in `inner` during [0, until], whatever control acts.
 
     The bounds hold for states of the extent, of which `start` must be a part.
     """
@@ -448,7 +451,7 @@ def _prove_free(
 def _prove_estimates(
     claims: Claims, what: str, group: LinearGroup, estimates: Polytope, states: Polytope
 ) -> None:
-    """Every state within E of an estimate of the one set lies in the other."""
+    """Proves that every state within E of an estimate in `estimates` lies in `states`."""
     rows, limits = states.faces
     loss = up_product(np.abs(rows), group.error)
     claims.holds(what, estimates, exact(rows), np.nextafter(limits - loss, -np.inf))
@@ -472,7 +475,7 @@ def _prove_recovery(claims: Claims, sets: PolytopeSets, periods: int) -> None:
 
 
 def _one_hold_back(hold: Hold, rows: Ball) -> tuple[Ball, Array]:
-    """(row, loss): c x after any hold <= row x + loss for x in the extent, plain doubles."""
+    """(row, loss) in plain doubles: c x after any hold <= row x + loss for x in the extent."""
     row, loss = hold.after(rows)
     return exact(row.mid), up_sum(loss, up_product(row.rad, hold.group.reach))
 

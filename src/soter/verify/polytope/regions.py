@@ -36,16 +36,16 @@ if TYPE_CHECKING:
 
 BISECTIONS = 50
 BOXES_MAX = 60_000
-"""So many boxes may be looked at to compare a predicate with R(H)."""
+"""The most boxes that are examined to compare a predicate with R(H)."""
 SMALLEST = 2.0**-14
 """A box that is still undecided at this share of the group's ranges is where the claim fails."""
 SAMPLES_OF_PREDICATES = 4_000
 MAY = {"ttf": 1, "safer": 2}
-"""The bit that says: an estimate may let AC have control."""
+"""The bit of a predicate's truth that means: an estimate may let AC have control."""
 
 
 def box_of(forms: CompiledEnclosures, problem: Problem, predicate: str, ends: Box) -> Box | None:
-    """Ranges inside `ends` over which a predicate surely holds, all else at some point."""
+    """Ranges inside `ends` over which a predicate surely holds, all else at a point; None: none."""
     n = len(problem.states)
     for point in candidates(problem):
         base = forms.whole.copy()
@@ -83,7 +83,7 @@ def box_of(forms: CompiledEnclosures, problem: Problem, predicate: str, ends: Bo
 
 
 def _furthest(start: float, end: float, fine: Callable[[float], bool]) -> float:
-    """As far from `start` towards `end` as a test holds (it holds at `start`)."""
+    """The farthest point found from `start` towards `end` at which a test holds, as at `start`."""
     if fine(end):
         return end
     good, bad = start, end
@@ -135,7 +135,7 @@ def outside(
 
 
 def shares(forms: CompiledEnclosures, problem: Problem, part: PolytopePart) -> dict[str, float]:
-    """Shares of a group's ranges, sampled; none without a K."""
+    """The shares of a group's ranges that its sets have, by samples; empty without a K."""
     if part.sets is None:
         return {}
     points = drawn_states(part.group)
@@ -157,7 +157,7 @@ def shares(forms: CompiledEnclosures, problem: Problem, part: PolytopePart) -> d
 def _sampled(
     forms: CompiledEnclosures, part: PolytopePart, predicate: str, points: Floats
 ) -> float:
-    """Share of points on whose estimates a predicate may let AC have control."""
+    """The share of points at whose estimates a predicate may let AC have control."""
     own = [a.state for a in part.group.axes]
     box = forms.whole.copy()
     count = 0
@@ -168,10 +168,7 @@ def _sampled(
 
 
 def inside(p: Polytope, chance: np.random.Generator, count: int) -> Floats:
-    """Points of a polytope: uniform where they can be found, else mixtures of extreme ones.
-
-    (count, n).
-    """
+    """Random points (count, n) of a polytope: uniform if possible, else mixtures of extremes."""
     low, high = np.maximum(p.low, -1e300), np.minimum(p.high, 1e300)
     points = chance.uniform(low, high, (50 * count, len(low)))
     inside = points[p.contains(points)][:count]
@@ -184,7 +181,7 @@ def inside(p: Polytope, chance: np.random.Generator, count: int) -> Floats:
 
 
 PIXELS = 160
-"""Points a side of a figure."""
+"""How many points a side of a figure has."""
 
 
 def figures(part: PolytopePart, note: str) -> list[RegionFigure]:

@@ -1,8 +1,8 @@
-"""A polytope group as a DM and as a certificate hold it: half-spaces, tried in turn.
+"""The half-spaces of a polytope group, as a DM reads them and as a certificate has them.
 
-Purpose: the sets S_0 and S_(m-2) of a group, and the checked function that tells the level of an
-estimate by some hundred scalar products, which interpreter, Core and C see like any other; `entry`:
-the sets of a group in a certificate, with the multipliers of every claim.
+Purpose: `Facets` holds S_0 and S_(m-2) of a group; `facets_function` writes the function that finds
+the level of an estimate by some hundred scalar products, which the interpreter, Core and C treat
+like any other. `entry` writes the group's sets and multipliers into a certificate.
 Non-goals: the sets (`proofs.py`), tables of grids (`verify/deploy/grid_tables.py`), checking a
 certificate (`soter recheck`).
 
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 def half_spaces(stem: str, p: Polytope, files: dict[str, bytes]) -> dict[str, object]:
-    """A box, and half-spaces with their thresholds last."""
+    """An entry for a polytope: its box, and half-spaces with thresholds last; files are added."""
     faces = np.concatenate([p.rows, p.bounds[:, None]], axis=1)
     box = np.stack([p.low, p.high])
     return {
@@ -53,7 +53,7 @@ def half_spaces(stem: str, p: Polytope, files: dict[str, bytes]) -> dict[str, ob
 
 
 def polytope_of(certificate: Certificate, given: Mapping[str, Any]) -> Polytope:
-    """What `half_spaces` wrote; ValueError where a file is not of its shape."""
+    """The polytope that `half_spaces` wrote; `ValueError` where a file has another shape."""
     box, faces = (
         np.frombuffer(certificate.plain(given[k]["file"]), "<f8").reshape(given[k]["shape"]).copy()
         for k in ("box", "faces")
@@ -64,10 +64,11 @@ def polytope_of(certificate: Certificate, given: Mapping[str, Any]) -> Polytope:
 def entry(
     problem: Problem, part: PolytopePart, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """Boxes (2, n), half-spaces (N, n + 1) with their thresholds last, and multipliers.
+    """The group's entry in a certificate; its files are added to `files`.
 
-    Multipliers are triples (row, half-space, value) of a matrix of shape `of`: few are not zero.
-    `law` and `instants` are what the multipliers presuppose; so is `flow`, where it is not linear.
+    Boxes are (2, n), half-spaces (N, n + 1) with their thresholds last. Multipliers are triples
+    (row, half-space, value) of a sparse matrix of shape `of`; they presuppose `law`, `instants`
+    and, where the flow is not linear, `flow`.
     """
     made = axes(problem, part.group, stem, files)
 
@@ -120,18 +121,18 @@ def entry(
 SAMPLES = 100_000
 RAYS = 40
 NEAR, APART = 2.0**-45, 2.0**-30
-"""How close to a border points are tried, and by how much a level may be given too late."""
+"""How close to a border points are tried; how much too far inside a level may begin."""
 
 
 def drawn_states(group: Group) -> Floats:
-    """States within the ranges of a group, uniform, (SAMPLES, axes); the same ones every time."""
+    """Random states within a group's ranges, (SAMPLES, axes), uniform and always the same."""
     low, high = np.array([(a.edges[0], a.edges[-1]) for a in group.axes]).T
     return np.random.default_rng(0).uniform(low, high, (SAMPLES, len(low)))
 
 
 @dataclass(frozen=True, eq=False)
 class Facets(LevelTable):
-    """The levels of one polytope group, over the states that its axes show.
+    """The levels of one polytope group, over the states of its axes.
 
     `outer`: S_0, `inner`: S_(m-2), each the intersection over all combinations of parameters.
     """
@@ -142,7 +143,7 @@ class Facets(LevelTable):
 
     @classmethod
     def of(cls, states: Sequence[int], pairs: Sequence[tuple[Polytope, Polytope]]) -> Facets:
-        """What holds in every case."""
+        """The levels that hold in every case, from the pair (S_0, S_(m-2)) of each."""
         outer, inner = pairs[0]
         for more, deeper in pairs[1:]:
             outer, inner = outer.meet(more), inner.meet(deeper)
@@ -150,16 +151,16 @@ class Facets(LevelTable):
 
     @property
     def ends(self) -> tuple[tuple[float, ...], ...]:
-        """Per state the ends of the box that holds S_0: classes of input."""
+        """For each state the ends of the box around S_0, which divide classes of input."""
         return tuple(zip(self.outer.low.tolist(), self.outer.high.tolist(), strict=True))
 
     def share(self, group: Group) -> float:
-        """Sampled."""
+        """The share of the group's ranges that S_0 has, by samples."""
         return float(self.certain[0].contains(drawn_states(group)).mean())
 
     @property
     def full(self) -> tuple[float, ...] | None:
-        """A point of S_(m-2), well inside."""
+        """A point well inside S_(m-2); None: none was found."""
         point = inner_point(self.inner)
         return None if point is None else tuple(point.tolist())
 
@@ -171,11 +172,11 @@ class Facets(LevelTable):
         return EstimateSamples(*border_points(self), whole=False)
 
     def function(self, w: Writer, name: str) -> t.FunSymbol:
-        """Half-spaces are tried in turn."""
+        """The function that finds the level of an estimate, half-space by half-space."""
         return facets_function(w, name, self)
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """Half-spaces of levels 1 and 2, with the thresholds that products meet in C."""
+        """The half-spaces of levels 1 and 2, with the thresholds that C compares products with."""
         entry: dict[str, object] = {"states": [names[s] for s in self.states]}
         for name, p in (("outer", self.outer), ("inner", self.inner)):
             held = Polytope(p.low, p.high, p.rows, thresholds(p))
@@ -184,18 +185,18 @@ class Facets(LevelTable):
 
     @property
     def certain(self) -> tuple[Polytope, Polytope]:
-        """Parts of S_0 and S_(m-2) to which the function certainly gives level 1 and 2."""
+        """The parts of S_0 and S_(m-2) at which the function certainly gives levels 1 and 2."""
         outer = _surely(self.outer)
         return _once(outer), _once(_surely(self.inner).meet(outer))
 
     @property
     def polytopes(self) -> tuple[Polytope, Polytope]:
-        """S_0 and S_(m-2)."""
+        """S_0 and S_(m-2), as polytopes."""
         return self.outer, self.inner
 
 
 def thresholds(p: Polytope) -> Floats:
-    """What computed products, (N,), must not exceed for the real ones to be within bounds."""
+    """Thresholds (N,): a computed product at most this large means a real one within its bound."""
     reach = [Fraction(max(abs(a), abs(b))) for a, b in zip(p.low, p.high, strict=True)]
     limits = []
     for row, limit in zip(p.rows, p.bounds, strict=True):
@@ -208,13 +209,13 @@ def thresholds(p: Polytope) -> Floats:
 
 
 def _surely(p: Polytope) -> Polytope:
-    """A part of a polytope on which the computed comparisons certainly succeed."""
+    """The part of a polytope on which the computed comparisons certainly succeed."""
     once = Polytope(p.low, p.high, p.rows, thresholds(p))
     return Polytope(p.low, p.high, p.rows, thresholds(once))
 
 
 def _once(p: Polytope) -> Polytope:
-    """The same set: of equal rows the least threshold."""
+    """The polytope with only the least threshold of equal rows."""
     rows, at = np.unique(p.rows, axis=0, return_inverse=True)
     bounds = np.full(len(rows), np.inf)
     np.minimum.at(bounds, at.reshape(-1), p.bounds)
@@ -241,7 +242,7 @@ def facets_function(w: Writer, name: str, facets: Facets) -> t.FunSymbol:
 def _scan(
     w: Writer, name: str, inputs: Sequence[t.Variable], level: t.Variable, value: int, p: Polytope
 ) -> t.TypedStmt:
-    """For every half-space: unless it holds, the level is `value`."""
+    """The statement that sets the level to `value` unless every half-space holds."""
     n = len(inputs)
     rows = w.array(f"{name}_ROWS", FLOAT, tuple(float(x) for x in p.rows.ravel()))
     limits = w.array(f"{name}_LIMITS", FLOAT, tuple(float(x) for x in thresholds(p)))
@@ -259,7 +260,7 @@ def _scan(
 
 
 def _inside(w: Writer, inputs: Sequence[t.Variable], p: Polytope) -> t.TypedExpr:
-    """Whether the estimate lies in the box."""
+    """The expression that the estimate lies in the polytope's box."""
     tests = []
     for x, low, high in zip(inputs, p.low, p.high, strict=True):
         tests.append(w.op(">=", w.read(x), t.Literal(FLOAT, w.span, float(low))))
@@ -279,11 +280,10 @@ def _not(w: Writer, e: t.TypedExpr) -> t.TypedExpr:
 
 
 def border_points(facets: Facets) -> tuple[Floats, NDArray[np.uint8], NDArray[np.uint8]]:
-    """(points, the level that each has, the level that it must be given at least).
+    """Points (k, n), the level of each (k,), and the least level that it must be given (k,).
 
-    (k, n), (k,) and (k,). On rays from a point inside, close to where they leave S_0 and S_(m-2),
-    and anywhere in the box. Levels are exact: in rationals. What must be given is that of a point a
-    little further out.
+    They lie on rays from a point inside, close to where these leave S_0 and S_(m-2), and anywhere
+    in the box. Levels are computed in rationals; the least one is that of a point further out.
     """
     chance = np.random.default_rng(0)
     centre = np.array(facets.full)
@@ -301,7 +301,7 @@ def border_points(facets: Facets) -> tuple[Floats, NDArray[np.uint8], NDArray[np
 
 
 def _levels(facets: Facets, points: Floats) -> NDArray[np.uint8]:
-    """0, 1 or 2, decided in rationals where floats leave it open."""
+    """The level, 0, 1 or 2, of each point, decided in rationals where floats leave it open."""
     levels = np.zeros(len(points), dtype=np.uint8)
     for k, x in enumerate(points):
         if surely_inside(facets.outer, x):

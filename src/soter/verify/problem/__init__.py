@@ -1,1 +1,1 @@
-"""From a flat system to the verification problem of a module."""
+"""Makes the verification problem of a module from a flat system."""

@@ -1,6 +1,7 @@
-"""What a proof takes for granted, in words.
+"""The assumptions of a verification problem, in words.
 
-Purpose: the assumptions of one problem; they are printed with every verdict.
+Purpose: `assumptions_of` writes all that a proof of one problem takes for granted; every verdict is
+printed with them.
 Non-goals: checking them (`monitor/model_membership.py`, `soter run`).
 """
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from soter.verify.problem.verification_system import VerificationSystem
 
 EXACT = ("clamp", "sign", "quat_conj")
-"""Prelude functions without an error of their own."""
+"""Prelude functions that are exact, so that no error bound is assumed."""
 BEHIND = {
     "in_step": "in the thread of the module, started when SC has published, however late that is; "
     "what they make of a command belongs to the plants of the proof",
@@ -53,7 +54,7 @@ def assumptions_of(
     kind: ProblemKind,
     jumps: Jumps,
 ) -> list[Assumption]:
-    """Every assumption; a proof may show SCHEME, and what `jumps` says of `enters`."""
+    """All assumptions; a proof may later show SCHEME, and those of `jumps` about `enters`."""
     assumptions = [
         *_environment(place, inputs, jumps),
         *assumed_of_maps(place),
@@ -83,7 +84,7 @@ def _enters(place: VerificationSystem) -> typed.TypedExpr:
 
 
 def jumps_of(place: VerificationSystem) -> Jumps:
-    """Of all abstractions of a module."""
+    """The jumps of the states of all of a module's abstractions."""
     assumptions: list[Assumption] = []
     entered: dict[str, str] = {}
     unkept: list[Assumption] = []
@@ -123,7 +124,7 @@ def jumps_of(place: VerificationSystem) -> Jumps:
 
 
 def _judged(place: VerificationSystem) -> list[Assumption]:
-    """Topics that `safe` reads and neither the DM nor SC: nobody follows who publishes them."""
+    """Assumptions about topics that only `safe` reads: nobody looks at what is published there."""
     followed = {*read_by_dm(place), *read_by_sc(place)}
     assumptions = []
     for symbol in topic_reads(place.module.symbol.safe):
@@ -139,7 +140,7 @@ def _judged(place: VerificationSystem) -> list[Assumption]:
 
 
 def _start(place: VerificationSystem, link: typed.AbstractionLink) -> str:
-    """From where on: what flies starts where `inputs.py` has it, if that is known."""
+    """Words on where an abstraction holds from: from the start, if that is known (`inputs.py`)."""
     if start_behind(place.flat, place.home, link) is None:
         return f"the initial states of {link.name}"
     return f"the start of {link.instance}"
@@ -182,7 +183,7 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
 
 
 def _drawn(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
-    """The bounds of disturbances, and of what others do to the plants."""
+    """Assumptions about the bounds of disturbances and of what others do to the plants."""
     of_others = {i.name(place.system) for i in place.influences}
     drawn = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
     said = [
@@ -198,7 +199,7 @@ def _drawn(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
 
 
 def _measured(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
-    """How far estimates may be off, and which are exact."""
+    """Assumptions about the errors of estimates, and about which are exact."""
     if inputs.errors:
         pairs = zip(inputs.errors, inputs.error_ranges, strict=True)
         bounds = ", ".join(f"{e.name} within {r.high:g}{_unit(e)}" for e, r in pairs)
@@ -214,10 +215,10 @@ def _unit(leaf: Leaf) -> str:
 
 
 def _published(place: VerificationSystem) -> list[str]:
-    """Topics of which nothing shows that what plants publish lies in their sets.
+    """The topics for which nothing shows that plants publish within their sets.
 
-    Of a plant that flies in the place of one of the proof: all. Else C is no more than what it can
-    publish, but for lists, and arrays too long to be numbered.
+    Of a plant that flies in the place of one of the proof these are all. Else C is cut to what
+    plants can publish, but for lists, and arrays too long to be numbered.
     """
     if place.abstract:
         names = {place.around + link.instance for link in place.module.symbol.verify.abstracts}
@@ -238,7 +239,7 @@ def driven_by(c: Component) -> list[typed.TopicSymbol]:
 
 
 def _ways(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumption]:
-    """What stands between plant and module is followed in time, not in value."""
+    """Assumptions about nodes between plant and module: the proof follows their times alone."""
     assumptions: list[Assumption] = []
     if not place.abstract:
         return assumptions
@@ -269,7 +270,7 @@ def _ways(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumpti
 
 
 def _shows(place: VerificationSystem, chain: CauseEffectChain) -> str:
-    """Of what a topic of the module tells the state."""
+    """Words on whose state a topic of the module shows."""
     shown = place.shown_by(next(i for i in place.driven if place.system.topics[i] is chain.topic))
     through = ", ".join(_filter(n) for n in chain.nodes)
     if chain.source:
@@ -295,7 +296,7 @@ def _filter(node: Component) -> str:
 
 
 def _exact(place: VerificationSystem, inputs: Inputs) -> list[str]:
-    """Leaves of what the DM and SC read of plants for which no error is declared."""
+    """The leaves that DM and SC read of plants and that have no declared error."""
     measured = {(e.owner, e.path) for e in inputs.errors}
     leaf_names = []
     for index in dict.fromkeys([*read_by_dm(place), *read_by_sc(place)]):
@@ -306,7 +307,7 @@ def _exact(place: VerificationSystem, inputs: Inputs) -> list[str]:
 
 
 def _of_one_instant(place: VerificationSystem) -> list[Assumption]:
-    """An estimate is the state at one instant plus an error, also when it comes in parts."""
+    """The assumption that an estimate shows one instant, also where it comes on several topics."""
     assumptions = []
     for who, topics in (("the DM", read_by_dm(place)), ("SC", read_by_sc(place))):
         if len(topics) > 1:
@@ -353,7 +354,7 @@ def _timing(
 def _declared_times(
     place: VerificationSystem, times: Times, chains: CauseEffectChains
 ) -> Iterator[Assumption]:
-    """The times that the program declares, and those that it leaves out."""
+    """Assumptions about the times that the program declares, and those that it leaves out."""
     verify = place.module.symbol.verify
     declared = [n for n in DELAYS if n in times.declared]
     if declared:
@@ -376,7 +377,7 @@ def _declared_times(
 
 
 def _declared(times: Times, name: str) -> str:
-    """A time that was declared, in words."""
+    """The words for a declared time."""
     least = times.acts_least if name == "acts" else 0
     return f"{show_ns(least)} to " * bool(least) + show_ns(getattr(times, name))
 
@@ -403,7 +404,7 @@ def _arithmetic(place: VerificationSystem) -> list[Assumption]:
 
 
 def _prelude_calls(roots: list[object]) -> set[str]:
-    """Names of the prelude functions that are called, directly or through others."""
+    """The names of the prelude functions that are called, directly or through others."""
     names: set[str] = set()
     seen: set[typed.FunSymbol] = set()
     todo: list[object] = list(roots)

@@ -1,7 +1,8 @@
 """Groups and axes: which states are analysed together, over which boxes.
 
-Purpose: the `grid` and `polytope` lines of a module, or defaults where everything is bounded.
-Non-goals: finding out whether a partition is useful; a wrong one is only useless.
+Purpose: `Axes` reads the `grid` and `polytope` lines of a module, and makes default groups for
+bounded states that no line names.
+Non-goals: whether a partition is useful: a bad one proves less, and nothing wrong.
 """
 
 from __future__ import annotations
@@ -28,10 +29,10 @@ AXES_MAX = 4
 CELLS_MAX = 200_000_000
 AXIS_CELLS_MAX = 60_000
 WIDEST = 1e6
-"""Of a cell up to an open end, in ranges of its axis."""
+"""The largest width of a cell up to an open end, in ranges of its axis."""
 DEFAULT_CELLS = {1: 2000, 2: 300, 3: 64, 4: 24}
 BESIDE = 100
-"""Cells of a state that no line mentions, beside those that lines do."""
+"""How many cells a state gets that no line names, where lines name others."""
 Path = tuple[str, ...]
 
 
@@ -45,7 +46,7 @@ class Axes:
         diagnostics: Diagnostics,
         readers: Mapping[str, str] | None = None,
     ) -> None:
-        """`readers`: of states that nothing bounds, by name, one of those that read each."""
+        """`readers`: for each state that nothing bounds, by name, one function that reads it."""
         self.readers = readers or {}
         self.place = place
         self.inputs = inputs
@@ -54,10 +55,10 @@ class Axes:
         self.names = {leaf.name: i for i, leaf in enumerate(inputs.states)}
         self.topic_leaves = self._topic_leaves()
         self.shown: dict[int, tuple[int, int]] = {}
-        """State -> the (topic, leaf) that is its declared axis."""
+        """For each state the (topic, leaf) by which an axis names it."""
 
     def groups(self) -> tuple[Group, ...]:
-        """Declared groups, and one of its own for every bounded state that is on no axis."""
+        """The declared groups, and one of its own for every bounded state that is on no axis."""
         declared_groups = [self._group(g) for g in self.place.module.symbol.verify.groups]
         groups = [g for g in declared_groups if g.axes]
         self._once(groups)
@@ -67,7 +68,7 @@ class Axes:
         return tuple(groups)
 
     def boundless(self) -> frozenset[int]:
-        """States on no declared axis that nothing bounds."""
+        """The states that are on no declared axis and that nothing bounds."""
         named = {self._named(a) for g in self.place.module.symbol.verify.groups for a in g.axes}
         others = (s for s in range(len(self.inputs.states)) if s not in named)
         moving = (s for s in others if s not in self.inputs.still)
@@ -162,7 +163,7 @@ class Axes:
         return tuple(edges)
 
     def set_of(self, state: int) -> tuple[float, float]:
-        """The set of a topic that is this state, or everything."""
+        """The set of the topic that equals this state; without ends where there is none."""
         for (topic, leaf), s in self.topic_leaves.items():
             bound = self.place.system.topics[topic].bounds[leaf]
             if s == state and bound is not None:
@@ -170,7 +171,7 @@ class Axes:
         return -math.inf, math.inf
 
     def _state(self, item: typed.TypedGridAxis) -> int | None:
-        """The state that an axis names, noted where it is shown."""
+        """The state that an axis names; if by a topic, that is noted in `shown`."""
         shown = leaf_name(item.topic.name if item.topic else item.instance, item.path)
         state, at = self._named(item), self._leaf(item)
         if at is not None and state is not None:
@@ -204,7 +205,7 @@ class Axes:
         return index, [p for p, _ in leaves(item.topic.type)].index(item.path)
 
     def _otherwise(self, item: typed.TypedGridAxis) -> tuple[str, ...]:
-        """How the topic of an axis is driven, where that is by more than a state."""
+        """Notes on how the topic of an axis is driven, where that is not by a state alone."""
         for c in self.place.plants:
             for topic, value in c.plant.drives if c.plant is not None else ():
                 if topic is item.topic:
@@ -223,7 +224,7 @@ class Axes:
     # ------------------------------------------------------------ defaults
 
     def _default(self, missing: list[int], *, alone: bool) -> list[Group]:
-        """Groups over states that no line mentions."""
+        """The groups of states that no line names."""
         ranges = {s: self._natural(s) for s in missing}
         unbounded = [s for s in missing if ranges[s] is None]
         if unbounded:
@@ -243,7 +244,7 @@ class Axes:
         ]
 
     def _unseen(self, state: int) -> bool:
-        """Whether it stays as it is and no topic tells of it: its cells would change nothing."""
+        """Whether a state never changes and no topic shows it, so that cells would be useless."""
         plants = [c.plant for c in self.place.plants if c.plant is not None]
         told = nodes([e for p in plants for _, e in (*p.drives, *p.lets)])
         names = {n.variable.name for n in told if isinstance(n, typed.VarRead)}
@@ -264,7 +265,7 @@ class Axes:
         )
 
     def _natural(self, state: int) -> Interval | None:
-        """What the program says about the values of a state."""
+        """The range that the program gives a state; None: it gives none."""
         if state in self.inputs.still:
             start = self.inputs.initial[state]
             return start if start.low < start.high else None
@@ -280,7 +281,7 @@ class Axes:
     # ------------------------------------------------------------ topics that are states
 
     def _topic_leaves(self) -> dict[tuple[int, int], int]:
-        """(topic, leaf) -> the state that is driven there, unchanged."""
+        """For each (topic, leaf) that equals a state the number of that state."""
         state_by_leaf = {}
         for c in self.place.plants:
             assert c.plant is not None
@@ -292,7 +293,7 @@ class Axes:
         return state_by_leaf
 
     def _driven(self, c: Component, e: typed.TypedExpr, path: Path) -> str | None:
-        """The full name of the state leaf that `path` of an expression is; None otherwise."""
+        """The full name of the state leaf that an expression has at `path`; None: it is none."""
         assert c.plant is not None
         if isinstance(e, typed.VarRead):
             lets = dict(c.plant.lets)

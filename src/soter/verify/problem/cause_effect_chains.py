@@ -1,4 +1,4 @@
-"""Ways through the flying system: from sensors to what a module reads, from it to the plant.
+"""Paths of data through the flying system: from sensors to a module, and from it to the plant.
 
 Purpose: for a topic of the verification system the `SensorPath`s of its publishers, hop by hop; for
 every output of a module the nodes that its commands pass on their way, where the plants of the
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class UnfollowedError(Exception):
-    """A way that cannot be followed: the component that it ends at, and why."""
+    """A path cannot be followed; it holds the component where it ends, and why."""
 
     def __init__(self, node: Component, why: str) -> None:
         super().__init__(why)
@@ -70,7 +70,7 @@ WAYS_MAX = 64
 
 @dataclass(frozen=True, eq=False)
 class DownstreamPath:
-    """One way from an output to a plant: nodes whose wait counts, others that are named."""
+    """One path from an output to a plant: nodes whose wait counts, and others that are named."""
 
     counted: tuple[Component, ...] = ()
     in_step: tuple[Component, ...] = ()
@@ -78,9 +78,9 @@ class DownstreamPath:
 
 
 def find_downstream_paths(place: VerificationSystem) -> list[DownstreamPath]:
-    """Every way from the module's outputs to a plant of the flying system.
+    """Every path from the module's outputs to a plant of the flying system.
 
-    UnfollowedError where they are more than `WAYS_MAX`.
+    `UnfollowedError` where there are more than `WAYS_MAX`.
     """
     ways: list[DownstreamPath] = []
     for index in place.home.outputs:
@@ -95,7 +95,7 @@ def find_downstream_paths(place: VerificationSystem) -> list[DownstreamPath]:
 def _chains(
     place: VerificationSystem, index: int, seen: tuple[Component, ...]
 ) -> Iterator[tuple[Component, ...]]:
-    """The nodes in order, of every way that ends at a plant and does not run in a circle."""
+    """The nodes, in order, of every path that ends at a plant and does not run in a circle."""
     for c in place.flat.components:
         if c.plant is not None and index in c.reads:
             yield seen
@@ -106,7 +106,7 @@ def _chains(
 
 
 def _read_by(place: VerificationSystem, c: Component) -> set[int]:
-    """Topics that a node reads, those that reach it through a queue too."""
+    """The topics that a node reads, also those that reach it through a queue."""
     assert c.node is not None
     topics = [place.flat.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
     return {t.index if t.queue_of is None else t.queue_of for t in topics}
@@ -160,7 +160,7 @@ def is_state_of_proof(place: VerificationSystem, node: Component) -> bool:
 
 
 def _in_step(place: VerificationSystem, node: Component) -> bool:
-    """Whether it is in the thread, released whenever SC is, and no times of it are declared."""
+    """Whether a node is in the thread, is released whenever SC is, and has no declared times."""
     if node.extern and not node.inline:
         return False
     sc = place.sc
@@ -174,7 +174,7 @@ def _driven(c: Component) -> set[int]:
 
 
 def _reads_sensors(place: VerificationSystem, node: Component, behind: set[Component]) -> bool:
-    """Whether what it reads comes from a plant, not only through the nodes before it."""
+    """Whether a node reads what comes from a plant by another way than the nodes before it."""
     flat, todo, seen = place.flat, [node], {node}
     while todo:
         c = todo.pop()
@@ -194,12 +194,12 @@ def _reads_sensors(place: VerificationSystem, node: Component, behind: set[Compo
 
 
 ROUTES_MAX = 64
-"""More ways than these from sensors to one topic are not followed."""
+"""The most paths from sensors to one topic that are followed."""
 
 
 @dataclass(frozen=True, eq=False)
 class CauseEffectChain:
-    """One way from a sensor to a topic, with its stations in the flying system."""
+    """One path from a sensor to a topic, with its stations in the flying system."""
 
     path: SensorPath
     topic: Topic
@@ -207,9 +207,8 @@ class CauseEffectChain:
     """None: an input of the system, or a node that no plant stands behind."""
     nodes: tuple[Component, ...] = ()
     source: bool = False
-    """The first node stands behind no plant: what it publishes is a state of its own, which is
-    what it is until it publishes again, the default before its first step (an assumption). So who
-    reads it sees the instant of the reading."""
+    """Whether no plant stands behind the first node: what it publishes is a state of its own, which
+    lasts until it publishes again (an assumption), so that a reader sees the instant of reading."""
 
     @property
     def stations(self) -> tuple[Component, ...]:
@@ -219,27 +218,27 @@ class CauseEffectChain:
 
 @dataclass(eq=False)
 class CauseEffectChains:
-    """Every way that matters for the times of one module."""
+    """All paths that matter for the times of one module."""
 
     by_dm: list[CauseEffectChain] = field(default_factory=list)
     by_sc: list[CauseEffectChain] = field(default_factory=list)
     ways: list[DownstreamPath] = field(default_factory=list)
-    """From SC to plants."""
+    """The paths from SC to plants."""
     beside: dict[tuple[str, str], None] = field(default_factory=dict)
-    """Topics and who else their publishers listen to, that is no part of the proof: plants that no
-    `abstracts` names, controllers of other modules. They say what is done, not where the plant of
-    the proof is, so how old that is does not matter (an assumption, printed)."""
+    """Topics, each with somebody outside of the proof whom its publishers hear: plants that no
+    `abstracts` names, controllers of other modules. These say what to do, not where the plant of
+    the proof is, so their age does not matter (an assumption, printed)."""
     releases: dict[Component, Releases] = field(default_factory=dict)
-    """Of the nodes behind SC."""
+    """The releases of the nodes behind SC."""
 
     @property
     def behind(self) -> list[Component]:
-        """Nodes behind SC whose wait counts, each once."""
+        """The nodes behind SC whose wait counts, each once."""
         return list(dict.fromkeys(n for w in self.ways for n in w.counted))
 
     @property
     def nodes(self) -> list[Component]:
-        """Nodes between sensor and module, each once."""
+        """The nodes between sensors and the module, each once."""
         stations = [n for r in (*self.by_dm, *self.by_sc) for n in r.stations]
         return list(dict.fromkeys(stations))
 
@@ -250,7 +249,7 @@ def chains_of(
     sc: list[int],
     ns: Callable[[typed.TypedExpr | None], int],
 ) -> CauseEffectChains:
-    """The ways to the topics that DM and SC read (indices of the verification system)."""
+    """The paths to the topics that DM and SC read (indices of the verification system)."""
     chains = CauseEffectChains()
 
     def releases(c: Component) -> Releases:
@@ -267,13 +266,13 @@ def chains_of(
 def releases_of(
     place: VerificationSystem, c: Component, ns: Callable[[typed.TypedExpr | None], int]
 ) -> Releases:
-    """Of a node of the flying system, with the times that the module declares of it."""
+    """The releases of a node of the flying system, with the times that the module declares."""
     late, response = place.declared(c, "late"), place.declared(c, "response")
     return Releases(c.period_ns, c.phase_ns, ns(late), ns(response))
 
 
 def side_inputs(place: VerificationSystem) -> dict[str, str]:
-    """Topics of SC that no plant of the proof drives -> the one node that always publishes them."""
+    """For topics of SC that no plant of the proof drives the node that always publishes them."""
     publisher_by_topic = {}
     for topic in sc_reads(place.sc.node) if place.abstract and place.sc.node else ():
         own, index = place.sc.scope.topics[topic], place.flying(topic)
@@ -293,7 +292,7 @@ def _publishes(c: Component, index: int) -> bool:
 
 
 def outputs_of(chains: CauseEffectChains, least: int, acts: int) -> tuple[ActuationPath, ...]:
-    """What lies between SC and the plants, one entry for every different way."""
+    """The paths between SC and the plants as the schedule takes them, each kind once."""
     ways = [
         ActuationPath(least, acts, tuple(chains.releases[n] for n in w.counted))
         for w in chains.ways
@@ -353,13 +352,13 @@ class _ChainPrefix:
     first: Releases
     source: bool = False
     beside: Component | None = None
-    """Who stands at its beginning, where that is no part of the proof."""
+    """The component at its beginning, if that is no part of the proof."""
 
 
 def _upstream(
     place: VerificationSystem, index: int, seen: tuple[Component, ...]
 ) -> Iterator[_ChainPrefix]:
-    """Every way to a topic of the flying system that does not run in a circle."""
+    """Every path to a topic of the flying system that does not run in a circle."""
     flat, links = place.flat, place.module.symbol.verify.abstracts
     shown = {place.around + link.instance for link in links}
     own = {m.index for m in tower_of(flat, place.home.index)}
@@ -379,7 +378,7 @@ def _upstream(
 def _through(
     place: VerificationSystem, c: Component, index: int, seen: tuple[Component, ...]
 ) -> Iterator[_ChainPrefix]:
-    """Those that come by a component that publishes there."""
+    """The paths to a topic that come through a component which publishes it."""
     assert c.node is not None
     if c.role != "node":
         if not seen:

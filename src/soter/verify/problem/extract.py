@@ -1,8 +1,8 @@
-"""Read the verification problem of a module off its program.
+"""Reads the verification problem of a module off its program.
 
-Purpose: a flat system and a module -> `Problem`; where the program does not determine one, a
-diagnostic that says what to write (codes R...).
-Non-goals: computing sets (`verify/grid/sets.py`), verdicts (`verify.py`).
+Purpose: `extract` makes the `Problem` of a module of a flat system; where the program does not
+determine one, a diagnostic says what to write (codes R...).
+Non-goals: computing sets (`verify/grid/sets.py`), verdicts (`verify/verify_module.py`).
 """
 
 from __future__ import annotations
@@ -63,9 +63,9 @@ OF_VIEWS = "it says when the state of a view may jump, and there is no view"
 
 
 def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
-    """The problem of `module` of the flat system; `SoterError` with R... where there is none.
+    """The problem of `module` of a flat system; `SoterError` with a code R... where there is none.
 
-    With that of its fail-safe law, where one is declared.
+    It holds that of the module's fail-safe law, where one is declared.
     """
     problem = _extract(flat, module, synthesize=synthesize)
     problem.below = _below(flat, module)
@@ -89,10 +89,10 @@ def _in_the_tower(flat: System, module: Module) -> str:
 
 
 def _beyond_the_law(problem: Problem) -> str:
-    """Why nothing is claimed of a law here; "" where something may be.
+    """Why nothing is claimed of a fail-safe law here; "" where something may be.
 
-    What others of the same trusted part keep, nobody keeps once it has stopped. Of a map whose
-    lease ends at an instant it is not said whether a command that ends there moves it once more.
+    What other modules of the same trusted part keep is not kept once it has stopped. For a map it
+    is not settled whether a command that ends at an instant moves the plant once more.
     """
     if problem.influences:
         named = ", ".join(i.name(problem.system) for i in problem.influences)
@@ -175,7 +175,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
 
 
 def _levels_open(module: Module) -> bool:
-    """Whether levels are chosen. Through views no AC of computed predicates ever gets control."""
+    """Whether the number of levels is chosen: not with views, where AC never gets control."""
     symbol = module.symbol
     computed = symbol.ttf is None and symbol.rest is None
     return computed and symbol.verify.levels is None and not module.view
@@ -188,7 +188,7 @@ def _axes(
     kind: ProblemKind,
     diagnostics: Diagnostics,
 ) -> tuple[Inputs, Axes]:
-    """The axes of sets, without states that nothing bounds and nothing asks for."""
+    """The inputs and axes, without the states that nothing bounds and no claim depends on."""
     groups = Axes(at, inputs, diagnostics)
     sets = at.module.symbol.rest is None and kind == "flow"
     if not (sets and (boundless := groups.boundless())):
@@ -201,7 +201,7 @@ def _axes(
 def _turned(
     at: VerificationSystem, core: CoreSystem, axes: Axes, kind: ProblemKind, *, synthesize: bool
 ) -> tuple[Quantities, tuple[Group, ...], dict[str, str]]:
-    """The quantities and groups with the axes that wrap around, and of others who reads turns."""
+    """Quantities and groups, some axes wrapping around; for others with turns, who reads these."""
     quantities = axes.inputs.quantities()
     groups = axes.groups() if at.module.symbol.rest is None else ()
     if kind != "flow" or synthesize:
@@ -219,7 +219,7 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
 def _beside(
     at: VerificationSystem, groups: tuple[Group, ...], modes: Modes, above: Above | None
 ) -> list[Assumption]:
-    """What is assumed beside what every problem assumes."""
+    """The assumptions of this problem beside those that every problem has."""
     of_above = [] if above is None else above.assumptions
     beside = [*_open(groups), *far_turns(groups)]
     return [*_forced(at.flat, at.home), *beside, *modes.assumptions, *of_above]
@@ -247,11 +247,11 @@ def _shield(
     ways: Sequence[DownstreamPath],
     diagnostics: Diagnostics,
 ) -> None:
-    """R007 for a shield where its meaning is not settled.
+    """R007 for a shield that the proof does not cover.
 
-    A node that runs in SC's instant passes a command of AC on by SC's next release at the latest,
-    which W covers; one that runs at other times, or elsewhere, may be as late as it likes. What one
-    makes of sensors or of a memory, too, has to be state of the plants of the proof.
+    A node behind SC that runs in SC's instant passes a command of AC on by SC's next release at the
+    latest, which W covers; at other times, or elsewhere, it may be arbitrarily late. If it also
+    uses sensors or a memory, the result has to be state of the plants of the proof.
     """
     symbol = at.module.symbol
     if symbol.shield is None:
@@ -278,7 +278,7 @@ def _shield(
 
 
 def _may_be_late(at: VerificationSystem, ways: Sequence[DownstreamPath]) -> bool:
-    """Whether a node on the way passes a command on later, or makes something of a memory."""
+    """Whether a node on the way may pass a command on later, or changes it by a memory."""
     late = any(w.inner and w.inner[0] not in w.in_step for w in ways)
     on_the_way = [n for w in ways for n in w.in_step]
     keeping = [n for n in on_the_way if n.node is not None and n.node.locals]
@@ -287,7 +287,7 @@ def _may_be_late(at: VerificationSystem, ways: Sequence[DownstreamPath]) -> bool
 
 
 def _between(at: VerificationSystem) -> bool:
-    """Whether AC publishes at times that are no instants of a plant that moves in steps."""
+    """Whether AC publishes between the steps of a plant that moves in steps."""
     ac, step = at.system.components[at.module.ac], at.plants[0].period_ns
     return ac.period_ns % step != 0 or ac.phase_ns % step != 0
 
@@ -295,7 +295,7 @@ def _between(at: VerificationSystem) -> bool:
 def _unbounded(
     at: VerificationSystem, groups: tuple[Group, ...], kind: ProblemKind, diagnostics: Diagnostics
 ) -> None:
-    """R007 for an axis without ends where its meaning is not settled."""
+    """R007 for an axis without ends in a problem for which the proof does not cover it."""
     symbol = at.module.symbol
     wrong = {
         "an SC that is to be found": symbol.synthesized,
@@ -321,7 +321,7 @@ def _below(flat: System, module: Module) -> tuple[str, ...]:
 
 
 def _in_tower(flat: System, module: Module, diagnostics: Diagnostics) -> None:
-    """R020 for what no proof follows of modules above each other."""
+    """R020 for a tower (modules above each other) that no proof covers."""
     tower = tower_of(flat, module.index)
     if len(tower) == 1:
         return
@@ -342,7 +342,7 @@ def _in_tower(flat: System, module: Module, diagnostics: Diagnostics) -> None:
 
 
 def _why_not(flat: System, module: Module, above: Sequence[Module]) -> str:
-    """What of a module of a tower no proof follows; "": nothing."""
+    """What keeps a module of a tower from being proved, in words; "": nothing."""
     symbol, verify = module.symbol, module.symbol.verify
     if verify.induction is not None:
         return "an induction follows an AC that is one node, and an SC whose DM alone gives control"
@@ -371,14 +371,14 @@ def _why_not(flat: System, module: Module, above: Sequence[Module]) -> str:
 
 
 def extract_sets(flat: System, module: Module) -> Problem:
-    """The same where it is a problem of sets; `SoterError` R031 where it is one of induction."""
+    """`extract` for a module that is proved by sets; `SoterError` R031 for any other."""
     problem = extract(flat, module)
     require_sets(problem)
     return problem
 
 
 def require_sets(problem: Problem) -> None:
-    """`SoterError` R031 for a module that is proved by induction, or whose DM follows SC."""
+    """`SoterError` R031 for a module that is proved by induction or by tubes, not by sets."""
     symbol = problem.module.symbol
     asked = symbol.verify.induction if symbol.rest is None else symbol.rest.span
     if asked is not None:
@@ -414,7 +414,7 @@ def _no_lemmas(module: Module, diagnostics: Diagnostics) -> None:
 
 
 def _extents(groups: tuple[Group, ...], axes: Axes) -> tuple[Interval, ...]:
-    """Of each state what its axis covers, or else its topic's set; without ends where none is."""
+    """The range of each state: its axis, else its topic's set, else without ends."""
     interval_by_state = {a.state: Interval(a.edges[0], a.edges[-1]) for g in groups for a in g.axes}
     every = range(len(axes.inputs.states))
     return tuple(interval_by_state.get(s) or Interval(*axes.set_of(s)) for s in every)
@@ -428,12 +428,12 @@ def cases(problem: Problem) -> Iterator[tuple[int, ...]]:
 def _schemes(
     at: VerificationSystem, inputs: Inputs, turning: frozenset[int]
 ) -> tuple[tuple[float, int, int], ...]:
-    """Of each state step, order and plant: `Problem.schemes`.
+    """The step, order and plant of each state's scheme, as `Problem.schemes`.
 
-    The step is 0 where a release of SC does not fall on a step of the plant: a command that is
-    published between two steps acts on all of its step in the simulator. So it is where the plant's
-    scheme is none whose error is known (`enclose/scheme_error.py`), or where a state may be many
-    turns further than what is enclosed, so that its sums round by more.
+    The step is 0 (not covered) where SC may publish between two steps of the plant: in the
+    simulator its command then acts on the whole step. It is also 0 where the error of the plant's
+    scheme is not known (`enclose/scheme_error.py`), and where a state may be many turns off, so
+    that its sums round by more.
     """
     schemes = []
     for state, leaf in enumerate(inputs.states):
@@ -464,7 +464,7 @@ def _cases(at: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> 
 def _commands(
     at: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics, *, synthesize: bool
 ) -> tuple[tuple[float, ...], ...]:
-    """The finite set of each control; the ends and the middle of its range where none is given."""
+    """The commands to try of each control: those declared, or the ends and middle of its range."""
     symbol = at.module.symbol
     calculator = Calculator(diagnostics, at.module.scope.params)
     declared: dict[tuple[int, tuple[str, ...]], tuple[float, ...]] = {}

@@ -39,7 +39,7 @@ PARAMETER_VALUES_MAX = 4096
 
 @dataclass(eq=False)
 class Inputs:
-    """Leaves and ranges, in the order of `Quantities`."""
+    """The inputs' leaves and ranges, in the order of `Quantities`."""
 
     states: list[Leaf] = field(default_factory=list)
     initial: list[Interval] = field(default_factory=list)
@@ -55,12 +55,12 @@ class Inputs:
     parameters: list[DiscreteParameter] = field(default_factory=list)
     parameter_starts: list[tuple[int, ...]] = field(default_factory=list)
     still: set[int] = field(default_factory=set)
-    """States without dynamics: constants of a run, over their initial range."""
+    """The states that never change: constants of a run, over their initial range."""
     left_out: list[Leaf] = field(default_factory=list)
-    """States that nothing asks for (`left_out_states.py`)."""
+    """States that no claim depends on (`left_out_states.py`)."""
 
     def without(self, left_out: Collection[int]) -> Inputs:
-        """The same without some states."""
+        """These inputs without some states."""
         kept = [s for s in range(len(self.states)) if s not in left_out]
         return replace(
             self,
@@ -71,7 +71,7 @@ class Inputs:
         )
 
     def quantities(self) -> Quantities:
-        """As the enclosures take them."""
+        """The leaves, as the enclosures take them."""
         return Quantities(
             tuple(self.states),
             tuple(self.controls),
@@ -83,7 +83,7 @@ class Inputs:
 
 
 def inputs_of(place: VerificationSystem, diagnostics: Diagnostics) -> Inputs:
-    """Every input; incomplete where there are diagnostics."""
+    """All inputs of a verification system; incomplete where there are diagnostics."""
     inputs = Inputs()
     for c in place.plants:
         _states(c, _starts_at(place, c), inputs, diagnostics)
@@ -99,7 +99,7 @@ def inputs_of(place: VerificationSystem, diagnostics: Diagnostics) -> Inputs:
 
 
 def _starts_at(place: VerificationSystem, c: Component) -> tuple[Value, ...] | None:
-    """Where a plant of the proof starts by the map of what flies; None where that is not known."""
+    """The start of a plant of the proof, by the map from what flies; None: it is not known."""
     for link in place.module.symbol.verify.abstracts if place.abstract else ():
         if link.name == c.name:
             return start_behind(place.flat, place.home, link)
@@ -109,7 +109,7 @@ def _starts_at(place: VerificationSystem, c: Component) -> tuple[Value, ...] | N
 def _states(
     c: Component, mapped: tuple[Value, ...] | None, inputs: Inputs, diagnostics: Diagnostics
 ) -> None:
-    """`mapped`: where it starts in a run, which counts beside what it says itself."""
+    """Adds a plant's states; `mapped`: where it starts in a run, beside its declared start."""
     plant = c.plant
     assert plant is not None
     variables = zip(plant.states, c.initial, c.initial_range, mapped or c.initial, strict=True)
@@ -149,7 +149,7 @@ def _states(
 
 
 def _parameter(leaf: Leaf, t: Type, span: Span, inputs: Inputs, diagnostics: Diagnostics) -> None:
-    """A discrete state without dynamics: proved for each value."""
+    """Adds a parameter: a discrete state that never changes, for each value of which is proved."""
     values: tuple[int, ...] = ()
     if isinstance(t, BoolType):
         values = (0, 1)
@@ -242,7 +242,7 @@ def _errors(place: VerificationSystem, inputs: Inputs) -> None:
 
 
 def _read(place: VerificationSystem) -> dict[int, typed.TypedExpr | None]:
-    """Topics that SC and the DM's predicates read, with a place where that is known."""
+    """The topics that SC and the DM's predicates read, with an expression that reads each."""
     symbol, module = place.module.symbol, place.module
     assert place.sc.node is not None
     reads: dict[int, typed.TypedExpr | None] = {}
@@ -256,7 +256,7 @@ def _read(place: VerificationSystem) -> dict[int, typed.TypedExpr | None]:
 
 
 def _others(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
-    """Topics that are read and that no verification plant drives."""
+    """Adds the topics that are read and that no verification plant drives."""
     driven = place.driven
     for index, read in _read(place).items():
         if index in driven:
@@ -283,10 +283,10 @@ def _others(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics)
 
 
 def errors_of(problem: Problem) -> dict[int, float]:
-    """State -> largest |estimate - state| of the topic leaf that is that state.
+    """The largest |estimate - state| of each state, by its number.
 
-    An estimate is the sum of state and error, rounded once; that is included. On an axis that wraps
-    around it is brought back by whole turns, which rounds once more.
+    It includes the rounding of the sum of state and error, and, on an axis that wraps around, that
+    of bringing the estimate back by whole turns.
     """
     error_by_state: dict[int, float] = {}
     for state, (topic, leaf) in problem.topic_leaf_of_state.items():
@@ -305,7 +305,7 @@ def errors_of(problem: Problem) -> dict[int, float]:
 
 
 def seen(problem: Problem) -> dict[int, TopicSymbol]:
-    """State -> the topic in which the DM sees it: one of those whose age is inside A."""
+    """The topic in which the DM sees each state, by its number; its age counts in A."""
     symbol = problem.module.symbol
     declared = {a.topic for g in symbol.verify.groups for a in g.axes if a.topic is not None}
     sc = problem.system.components[problem.module.sc]

@@ -1,16 +1,16 @@
-"""What of a state nothing asks for: states that a proof leaves out, and full turns.
+"""States that a proof can leave out, and axes that wrap around because full turns do not matter.
 
-Purpose: `left_out`: of states that nothing bounds, such as how far along a road, those that no rate
-of another one, no SC, no predicate and no declared set reads. `wrapping`: of the axes that are a
-full turn long those whose state is read in functions of a full turn alone, so that they wrap
-around; of the others who reads them otherwise.
-Non-goals: whether a proof without them holds: what reads a left out state all the same gets any
-number there; sets that wrap around (`verify/engine/soter_reach_grid.c`), the DM's table
+Purpose: `left_out` finds, of the states that nothing bounds (such as how far along a road), those
+that no rate of another state, no SC, no predicate and no declared set reads. `wrapping` finds the
+axes, of those that are a full turn long, whose state is read only by functions with that period.
+Both say of the other states who reads them.
+Non-goals: whether a proof without them holds (whoever still reads a left out state gets any
+number); sets that wrap around (`verify/engine/soter_reach_grid.c`), the DM's table
 (`verify/deploy/grid_tables.py`).
 
-Such a function takes sums in which the state stands as it is. What a sum may be off where the state
-is many turns further is `SOTER_FAR_TURNS` of `verify/engine/soter_form_math.h`; it holds up to
-`FARTHEST` of every such state, which is assumed.
+Such functions take sums in which the state stands as it is. How much a sum is off where the state
+is many turns further is `SOTER_FAR_TURNS` of `verify/engine/soter_form_math.h`; that holds up to
+`FARTHEST`, which is assumed of every such state.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ MOVING = "derivative"
 def left_out(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, boundless: Collection[int]
 ) -> tuple[frozenset[int], dict[str, str]]:
-    """Of these states those without which the problem is the same one; of others who reads them.
+    """The states of `boundless` that can be left out, and for the others who reads them.
 
-    They have to have a solution for as long as there is a run: their rates grow no faster than they
-    themselves do (Gronwall).
+    Their solutions have to last as long as a run: their rates may grow no faster than they do
+    themselves (Gronwall).
     """
     try:
         readers = {s: _readers(at, core, quantities, s) for s in boundless}
@@ -75,7 +75,7 @@ def left_out(
 
 
 def in_words(readers: Collection[str], quantities: Quantities) -> str:
-    """One of some functions of a proof."""
+    """Words for one of the functions of a proof that read a state."""
     reader = min(readers, key=lambda r: (r.startswith("constraint"), r))
     name, _, number = reader.rpartition("_")
     if name == MOVING:
@@ -89,7 +89,7 @@ def in_words(readers: Collection[str], quantities: Quantities) -> str:
 def _readers(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, state: int
 ) -> frozenset[str]:
-    """The functions of a proof that read a state; of rates each alone, by number."""
+    """The functions of a proof that read a state; each state's rate counts as one of its own."""
     without = replace(
         quantities, states=tuple(x for s, x in enumerate(quantities.states) if s != state)
     )
@@ -101,7 +101,7 @@ def _readers(
 
 
 def _goes_on(at: VerificationSystem, leaf: Leaf, others: Collection[Leaf]) -> bool:
-    """Whether a state without bounds does not end, whatever else it is moved by."""
+    """Whether the solution of a state without bounds lasts for ever, whatever else moves it."""
     plant = at.system.components[leaf.owner].plant
     assert plant is not None
     named = {x.member for x in others if x.owner == leaf.owner}
@@ -112,7 +112,7 @@ def _goes_on(at: VerificationSystem, leaf: Leaf, others: Collection[Leaf]) -> bo
 
 
 def _is_total(e: typed.TypedExpr, lets: Mapping[typed.Variable, typed.TypedExpr]) -> bool:
-    """Whether an expression has a finite value whatever it reads, as far as that is seen."""
+    """Whether an expression surely has a finite value whatever it reads."""
     if isinstance(e, typed.VarRead):
         return e.variable not in lets or _is_total(lets[e.variable], lets)
     if isinstance(e, typed.TopicRead) or not _reads(e):
@@ -141,7 +141,7 @@ def _reads(e: typed.TypedExpr) -> bool:
 def _degree(
     e: typed.TypedExpr, of: Variables, lets: Mapping[typed.Variable, typed.TypedExpr]
 ) -> float:
-    """A power of these variables beyond which an expression does not grow; inf: none is known."""
+    """The highest power of these variables with which an expression may grow; inf: unknown."""
     if isinstance(e, typed.VarRead):
         return _degree(lets[e.variable], of, lets) if e.variable in lets else e.variable in of
     if not _reads(e):
@@ -173,21 +173,21 @@ def _parts(e: typed.TypedExpr) -> list[typed.TypedExpr]:
 
 TURN = 2.0 * math.pi
 NEAR = 2.0**-44
-"""Ends may be rounded by so much."""
+"""How much the written ends of a full turn may be rounded."""
 FARTHEST = 2.0**14
-"""2,607 turns: beyond, an estimate is in no table."""
+"""The largest angle, 2,607 turns: an estimate beyond is in no table."""
 FAR_TURNS = 2.0**-33
-"""As `SOTER_FAR_TURNS`; an estimate that is brought back by whole turns is off by less, too."""
+"""As `SOTER_FAR_TURNS`; bringing an estimate back by whole turns also rounds by less."""
 APART = frozenset({"drives", MOVING})
-"""What these say is in others."""
+"""Functions that are no readers of their own: they are covered by others."""
 
 
 def wrapping(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, groups: tuple[Group, ...]
 ) -> tuple[frozenset[int], dict[str, str]]:
-    """The states whose axis wraps around; of others by name who reads them otherwise.
+    """The states whose axis wraps around; for others, by name, who reads their turns.
 
-    Of flows that one module alone commands, with the SC and the predicates that it declares.
+    There are some only in flows that one module alone commands, with a declared SC and predicates.
     """
     symbol = at.module.symbol
     settled = not (
@@ -220,23 +220,23 @@ def _is_turn(axis: Axis) -> bool:
 def _readers_of_turns(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, state: int
 ) -> frozenset[str]:
-    """The functions of a proof that hang on how many turns a state has made."""
+    """The functions of a proof that depend on how many turns a state has made."""
     turning = replace(quantities, turning=frozenset({state}))
     unit = generate_enclosures(at.system, core, at.module, turning, apart=True)
     return frozenset(name for name in unit.of_turns if name not in APART)
 
 
 def turned(groups: tuple[Group, ...], states: frozenset[int]) -> tuple[Group, ...]:
-    """The groups with the axes of these states as ones that wrap around."""
+    """The groups, in which the axes of these states now wrap around."""
     return tuple(
         replace(g, axes=tuple(replace(a, wraps=a.state in states) for a in g.axes)) for g in groups
     )
 
 
 def starts_on(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tuple[Interval, ...]:
-    """The ranges of starts, those of states whose axis wraps around brought back to it.
+    """The ranges of starts; those on an axis that wraps are brought back to it by whole turns.
 
-    By whole turns, so that they begin on the axis; they may go on beyond its upper end.
+    They then begin on the axis, and may go on beyond its upper end.
     """
     near = list(starts)
     for axis in (a for g in groups for a in g.axes if a.wraps):
@@ -253,14 +253,14 @@ def starts_on(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tuple[In
 
 
 def turning_as(law: Problem, states: frozenset[int]) -> Problem:
-    """The problem of a fail-safe law, with no other axes that wrap around than its module has."""
+    """The problem of a fail-safe law, with the same axes that wrap around as its module has."""
     kept = law.quantities.turning & states
     quantities = replace(law.quantities, turning=kept)
     return replace(law, quantities=quantities, groups=turned(law.groups, kept))
 
 
 def far_turns(groups: tuple[Group, ...]) -> list[Assumption]:
-    """What is assumed of states whose axis wraps around."""
+    """The assumption about states whose axis wraps around: they stay within `FARTHEST`."""
     names = [a.name for g in groups for a in g.axes if a.wraps]
     if not names:
         return []

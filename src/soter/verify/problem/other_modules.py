@@ -42,15 +42,15 @@ if TYPE_CHECKING:
 
 
 READS: dict[type, str] = {typed.ModeRead: "mode", typed.MarginRead: "margin"}
-"""What is read of a module."""
+"""The words for what is read of a module."""
 SC, AC = MODE.members.index("SC"), MODE.members.index("AC")
 
 
 def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes]:
     """The system with a topic for every other mode, and every margin, that a module reads.
 
-    In SC, `ttf` or `safer`. The module and its SC read these topics; nobody publishes them. Without
-    such reads everything stays as it is.
+    SC, `ttf` and `safer` read these topics instead; nobody publishes them. Without such reads the
+    system stays as it is.
     """
     sc = flat.components[module.sc]
     asked = _asked(flat, module, sc)
@@ -89,7 +89,7 @@ def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes
 
 
 def _topic(index: int, symbol: typed.TopicSymbol, kind: str, of: Module) -> Topic:
-    """What stands for the mode or margin of a module."""
+    """The topic that stands for the mode or margin of a module."""
     is_mode = kind == "mode"
     return Topic(
         index=index,
@@ -105,7 +105,7 @@ def _topic(index: int, symbol: typed.TopicSymbol, kind: str, of: Module) -> Topi
 
 
 def _longest_s(of: Module) -> float:
-    """No margin of a module is longer, whatever it counts."""
+    """An upper bound of a module's margin, in s."""
     return max(of.levels - 1, 1) * of.period_ns / 1e9
 
 
@@ -114,7 +114,7 @@ def _any_margin(of: Module) -> str:
 
 
 def in_ac(e: typed.TypedExpr, modes: Modes) -> typed.TypedExpr:
-    """An expression where all modes of others are AC."""
+    """The expression with all modes of other modules replaced by AC."""
 
     def instead(part: typed.TypedExpr) -> typed.TypedExpr:
         if isinstance(part, typed.TopicRead) and part.topic in modes.topics:
@@ -156,7 +156,7 @@ def _read_by(module: Module, sc: Component) -> list[Read]:
 
 
 def _read_in(module: Module, *predicates: str) -> list[int]:
-    """The modules whose modes these predicates of a module read, without itself."""
+    """The other modules whose modes these predicates of a module read."""
     symbol = module.symbol if module.whole is None else module.whole
     said = [e for e in (getattr(symbol, p) for p in predicates) if e is not None]
     read = [n.module for n in nodes(said) if isinstance(n, typed.ModeRead)]
@@ -165,10 +165,10 @@ def _read_in(module: Module, *predicates: str) -> list[int]:
 
 
 def _never(flat: System, module: Module, waits: list[int]) -> str:
-    """Why those that a module waits for may never be in AC together, in words.
+    """Why the modules that a module waits for may never be in AC together, in words; else "".
 
-    One is forced to SC; or what one of them decides hangs, through any modes, on this module, which
-    is in SC while it waits.
+    One is forced to SC; or the decision of one depends, through any modes, on this module, which is
+    in SC while it waits.
     """
     for i in waits:
         there = flat.modules[i]
@@ -193,7 +193,7 @@ def _never(flat: System, module: Module, waits: list[int]) -> str:
 
 @lru_cache(maxsize=256)
 def _symbol(kind: str, name: str, module: typed.ModuleSymbol) -> typed.TopicSymbol:
-    """Symbols are compared by identity: the same for the same module, as are those below."""
+    """A cached symbol, as symbols are compared by identity: the same for the same module."""
     if kind == "mode":
         return typed.TopicSymbol(f"{name}.mode", module.span, MODE, False, {}, None, None)
     return typed.TopicSymbol(f"{name}.any_margin", module.span, FLOAT, False, {}, None, None)
@@ -237,15 +237,15 @@ def _beside(scope: Scope, topics: Mapping[typed.TopicSymbol, int]) -> Scope:
 
 
 DECLARED = {"late_dm", "response_dm", "nodes"}
-"""Times of the module above that a hand-back rests on."""
+"""The times of the module above that a hand-back depends on."""
 
 
 @dataclass(frozen=True)
 class Above:
-    """The module above. `safer`: the parts of it that the plants of the proof show.
+    """The module above; `safer`: the parts of its `safer` that the plants of the proof show.
 
-    `back_ns`: from the state behind a verdict by which it gives control back until that is in
-    force, at most; `declared`: whether no time in that is taken for zero.
+    `back_ns`: the longest time in ns from the state behind a verdict that gives control back until
+    that is in force; `declared`: whether all times in it are declared.
     """
 
     name: str
@@ -255,7 +255,7 @@ class Above:
 
     @property
     def assumptions(self) -> list[Assumption]:
-        """What the claim is about, and what it rests on."""
+        """The assumptions about when the claim holds, and about the module above."""
         while_ = (
             f"`safe` is claimed while {self.name} is in AC, from each time on at which it gives "
             "control back; not before the first, and not while it is in SC"
@@ -278,9 +278,9 @@ class Above:
 def under(
     flat: System, at: VerificationSystem, kind: ProblemKind, diagnostics: Diagnostics
 ) -> tuple[VerificationSystem, Above | None]:
-    """The module above the one of a verification system, with its hand-backs as `enters`.
+    """The verification system with hand-backs of the module above as `enters`, and that module.
 
-    None where there is none above, or, with a diagnostic R020, where it is not followed.
+    None where there is none above, or, with a diagnostic R020, where no proof covers it.
     """
     modules = modules_above(flat, at.home.index)
     if not modules:
@@ -295,7 +295,7 @@ def under(
 
 
 def handed_back(times: Times, above: Above | None) -> Times:
-    """With what a hand-back of the module above asks of H; P1c rests on its times, too."""
+    """The times with the H that a hand-back needs, and with the times that it depends on."""
     if above is None:
         return times
     return replace(
@@ -341,9 +341,9 @@ def _safer(module: Module) -> typed.TypedExpr:
 
 
 def _shown(part: typed.TypedExpr, module: Module, at: VerificationSystem) -> bool:
-    """Whether a part says of the proof's plants what it says where it stands.
+    """Whether a part of the `safer` above means the same of the proof's plants.
 
-    It reads topics that DM or SC below read, too: of these the errors are known.
+    It does if it reads only topics that DM or SC below also read, as their errors are known.
     """
     known = {*read_by_dm(at), *read_by_sc(at)}
     if any(type(n) in UNKNOWN_FACTS for n in nodes([part])):
@@ -356,7 +356,7 @@ def _shown(part: typed.TypedExpr, module: Module, at: VerificationSystem) -> boo
 
 
 def _times(flat: System, module: Module, diagnostics: Diagnostics) -> list[Times]:
-    """Of the module above, in each of its views; none, and its diagnostics, where it has none."""
+    """The times of the module above in each of its views; empty, with diagnostics, if none."""
     times = []
     for seen in systems_by_view(flat, module):
         system, one, _ = modes_as_topics(*seen)

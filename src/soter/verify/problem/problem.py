@@ -44,9 +44,9 @@ class Leaf:
     member: str
     path: tuple[str, ...]
     name: str
-    """Full name for people: `tube.q3.x`, `control.y`."""
+    """The full name, for people: `tube.q3.x`, `control.y`."""
     unit: str = ""
-    """As it is declared."""
+    """The unit as it is declared."""
 
 
 @dataclass(frozen=True)
@@ -59,28 +59,28 @@ class Quantities:
     errors: tuple[Leaf, ...]
     others: tuple[Leaf, ...]
     parameters: tuple[Leaf, ...]
-    """Discrete plant states without dynamics: `param[]`, not forms."""
+    """Discrete plant states that never change: exact values `param[]`, not forms."""
     turning: frozenset[int] = frozenset()
-    """States of axes that wrap: they are read modulo a full turn (`problem/left_out_states.py`)."""
+    """States whose axis wraps: they are read modulo a full turn (`left_out_states.py`)."""
 
     @property
     def inputs(self) -> tuple[Leaf, ...]:
-        """Everything that is a form, in order."""
+        """All inputs that are forms, in order."""
         return self.states + self.controls + self.disturbances + self.errors + self.others
 
 
 ProblemKind = Literal["flow", "map", "nodes", "tubes"]
 FARTHEST: Final = 2.0**1000
-"""A state whose axis has no ends is taken to lie within: a sum of two is a double."""
+"""A state whose axis has no ends is assumed to be below it: a sum of two is still a double."""
 NODES: Final = "nodes"
-"""`Problem.kind` where the state is what nodes publish and keep: no plant, no sets."""
+"""`Problem.kind` of a proof by induction, about what nodes publish and keep: no plant, no sets."""
 TUBES: Final = "tubes"
-"""`Problem.kind` where the DM follows SC from each estimate: a flow, and no sets."""
+"""`Problem.kind` of a proof by tubes, whose DM follows SC from each estimate: no sets."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A closed interval."""
+    """A closed interval of numbers."""
 
     low: float
     high: float
@@ -88,14 +88,17 @@ class Interval:
 
 @dataclass(frozen=True)
 class Times:
-    """Every time of a proof in ns, derived from `schedule`. `declared` names those that were."""
+    """Every time of a proof in ns, derived from `schedule`; `declared`: the names of declared ones.
+
+    Their symbols are those of docs/proof.md, "The model of time".
+    """
 
     schedule: Schedule
     horizon: int | None = None
-    """H as declared; None: what is needed."""
+    """H as declared; None: as long as is needed."""
     declared: frozenset[str] = frozenset()
     rests: tuple[str, ...] = ()
-    """What these times rest on where execution times are declared, in words."""
+    """Assumptions behind these times where execution times are declared, in words."""
 
     @property
     def delta_dm(self) -> int:
@@ -109,57 +112,57 @@ class Times:
 
     @property
     def age_dm(self) -> int:
-        """A."""
+        """A: the greatest age of the state that DM reads when it says "AC"."""
         return self.schedule.age_dm
 
     @property
     def age_sc(self) -> int:
-        """A_sc."""
+        """A_sc: the greatest age of the state that SC reads."""
         return self.schedule.age_sc
 
     @property
     def late_dm(self) -> int:
-        """J_dm."""
+        """J_dm: how late the DM may start after its release."""
         return self.schedule.dm.late
 
     @property
     def late_sc(self) -> int:
-        """J_sc, without waiting for the DM."""
+        """J_sc: how late SC may start after its release, without waiting for the DM."""
         return self.schedule.sc.late
 
     @property
     def response_dm(self) -> int:
-        """R_dm."""
+        """R_dm: the DM's response time, from its start."""
         return self.schedule.dm.response
 
     @property
     def response_sc(self) -> int:
-        """R_sc."""
+        """R_sc: SC's response time, from its start."""
         return self.schedule.sc.response
 
     @property
     def acts(self) -> int:
-        """L, nodes behind the module not included."""
+        """L: the longest time from an output to its effect, nodes behind the module not counted."""
         return max(o.most for o in self.schedule.outputs)
 
     @property
     def acts_least(self) -> int:
-        """L_min, of the last part of the way: nodes are not included."""
+        """L_min: the shortest time from an output to its effect, nodes not counted."""
         return min(o.least for o in self.schedule.outputs)
 
     @property
     def acted(self) -> int:
-        """W, of a shield."""
+        """W, of a shield: a command that was replaced longer ago acts no more."""
         return self.schedule.acted
 
     @property
     def phase_dm(self) -> int:
-        """Of the DM's first release."""
+        """The time of the DM's first release."""
         return self.schedule.dm.phase
 
     @property
     def phase_sc(self) -> int:
-        """Of SC's first release."""
+        """The time of SC's first release."""
         return self.schedule.sc.phase
 
     @property
@@ -169,12 +172,12 @@ class Times:
 
     @property
     def horizon_ns(self) -> int:
-        """H."""
+        """H, the look-ahead."""
         return self.h_star if self.horizon is None else self.horizon
 
     @property
     def delay_sc(self) -> int:
-        """d: how old the state is that a command answers."""
+        """d: how old the state may be that a command answers when it begins to act."""
         return self.schedule.delay
 
     @property
@@ -184,7 +187,7 @@ class Times:
 
     @property
     def lease_ns(self) -> int:
-        """From a release of SC to the end of the lease that its step gives, at most."""
+        """The longest time from a release of SC to the end of the lease that its step gives."""
         return self.schedule.lease
 
     @property
@@ -203,28 +206,28 @@ class Axis:
     """One axis of a group's grid."""
 
     state: int
-    """Index among the states."""
+    """The index of its state."""
     name: str
     edges: tuple[float, ...]
-    """Breakpoints, strictly increasing; n + 1 of them for n cells."""
+    """The breakpoints, strictly increasing; n + 1 of them for n cells."""
     open: bool = False
-    """Nothing is claimed of runs beyond the last breakpoint, and no run is taken to get there."""
+    """Whether no run is assumed to pass the last breakpoint: nothing is claimed beyond it."""
     unbounded: bool = False
-    """The first and the last cell have no outer end: what lies beyond belongs to them."""
+    """Whether the outer cells have no outer end, so that all beyond belongs to them."""
     wraps: bool = False
-    """It is a full turn, and nothing reads how many of them its state has made."""
+    """Whether it is a full turn, of which nothing reads how many its state has made."""
     unit: str = ""
-    """As the program declares it for the state, for people."""
+    """The unit that the program declares for the state, for people."""
     written: tuple[tuple[float, str], ...] = ()
-    """Ends that the program writes, each with its text."""
+    """The ends that the program writes, each with its text."""
 
     def end(self, value: float) -> str:
-        """An end as the program writes it, where it does: six digits of PI are no full turn."""
+        """An end as the program writes it, if it does: six digits of PI would be no full turn."""
         return dict(self.written).get(value, f"{value:.6g}")
 
     @property
     def reach(self) -> tuple[float, ...]:
-        """Breakpoints, the outer ones as far out as their cells go."""
+        """The breakpoints, far out where an outer cell has no end."""
         if not self.unbounded:
             return self.edges
         return (-FARTHEST, *self.edges[1:-1], FARTHEST)
@@ -232,7 +235,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Group:
-    """States that are analysed together."""
+    """A group: states that are analysed together."""
 
     axes: tuple[Axis, ...]
     representation: str = "grid"
@@ -242,7 +245,7 @@ class Group:
 
 @dataclass(frozen=True)
 class DiscreteParameter:
-    """A discrete plant state without dynamics; proved for each of its values."""
+    """A discrete plant state that never changes; the proof is made for each of its values."""
 
     name: str
     values: tuple[int, ...]
@@ -250,11 +253,11 @@ class DiscreteParameter:
 
 @dataclass(frozen=True)
 class Jumps:
-    """What of an abstraction's state stands in topics, so that it may change at once.
+    """The jumps of an abstraction's state, where its map reads topics that change at once.
 
-    `told`: the assumptions. `entered`: keys of those that say that the state then lies in R(H) ->
-    what is said of each where that is shown. `unkept`: that nobody was shown to keep to `enters`,
-    also one of them; "": somebody was, or there is none.
+    `told`: the assumptions about them. `entered`: for those that say that the state then lies in
+    R(H), by key, the text where that is shown. `unkept`: that `enters` shows nothing of some
+    abstraction's topics, and why; "": there is no such abstraction.
     """
 
     told: tuple[Assumption, ...] = ()
@@ -277,7 +280,7 @@ class Problem:
     kind: ProblemKind
     plant_period_ns: int
     states: tuple[Interval, ...]
-    """The grid's extent for each state."""
+    """The range of each state: its axis, or its topic's set."""
     initial: tuple[Interval, ...]
     controls: tuple[Interval, ...]
     disturbances: tuple[Interval, ...]
@@ -285,66 +288,65 @@ class Problem:
     others: tuple[Interval, ...]
     parameters: tuple[DiscreteParameter, ...]
     groups: tuple[Group, ...]
-    """In chain order: a group depends on itself and earlier ones."""
+    """The groups as declared, then those of states that no line names."""
     times: Times
     declared_groups: tuple[Group, ...] = ()
-    """The groups as the program has them, where smaller cells were chosen for it."""
+    """The groups as the program has them, if smaller cells were chosen; else empty."""
     levels: int = LEVELS_DEFAULT
     levels_open: bool = False
-    """The program leaves that number open: it is chosen (`verify/claims/choice.py`)."""
+    """Whether the program leaves that number open: it is chosen (`verify/claims/choice.py`)."""
     cells_open: bool = True
-    """Smaller cells than declared may be chosen there."""
+    """Whether smaller cells than declared may be chosen there."""
     has_core_hint: bool = False
     computed: bool = False
-    """The module has neither `ttf` nor `safer`: they are to be computed."""
+    """Whether the module has neither `ttf` nor `safer`, so that they are computed."""
     synthesize: bool = False
-    """SC is to be found (`soter verify --synthesize`)."""
+    """Whether SC is to be found (`soter verify --synthesize`)."""
     topic_leaf_of_state: dict[int, tuple[int, int]] = field(default_factory=dict)
-    """State -> (topic, leaf) that equals it, where there is one."""
+    """The (topic, leaf) that equals a state, for every state that has one."""
     state_of_leaf: Mapping[tuple[int, int], int] = field(default_factory=dict)
-    """(topic, leaf) -> the state that it equals, for every leaf that does."""
+    """The state that a (topic, leaf) equals, for every leaf that equals one."""
     assumptions: tuple[Assumption, ...] = ()
-    """Before the proof: it may show some of them, and add others (`ModuleResult.assumptions`)."""
+    """The assumptions before a proof, which may show some and add others (`ModuleResult`)."""
     name: str = ""
-    """Full name of the module in its own system, for people; with the name of the view."""
+    """The module's full name in its own system, for people; with the name of the view."""
     view: str = ""
-    """Name of the view, if it is one."""
+    """The name of the view, if it is one; else ""."""
     beside: Mapping[str, str] = field(default_factory=dict)
-    """Topics of SC that no plant drives -> the node that publishes them in every step."""
+    """For topics of SC that no plant drives the node that publishes them in every step."""
     whole: System | None = None
-    """Of a view: the verification system with all of the module's predicates."""
+    """For a view the verification system with all of the module's predicates; else None."""
     jumps: Jumps = field(default_factory=Jumps)
     modes: Modes | None = None
-    """Whose modes the module reads; None: nobody else's."""
+    """The modes of other modules that the module reads; None: it reads none."""
     influences: tuple[Influence, ...] = ()
-    """What others publish and what moves the plants: the last disturbances of each plant."""
+    """What others publish that moves the plants: the last disturbances of each plant."""
     turns_read: Mapping[str, str] = field(default_factory=dict)
-    """Of axes that are a full turn and do not wrap around: their state -> who reads its turns."""
+    """For each state whose axis is a full turn and does not wrap, by name, who reads its turns."""
     above: str = ""
-    """The module in whose place of AC this one stands: what is claimed is claimed while it is in
-    AC; "" where there is none."""
+    """The module that has this one in the place of its AC: claims hold while it is in AC; "": none
+    has."""
     below: tuple[str, ...] = ()
     """The module that stands in the place of AC, the one in the place of its AC, and so on."""
     commands: tuple[tuple[float, ...], ...] = ()
-    """For synthesis: the finite set of each control, in their order."""
+    """For synthesis the commands to try of each control."""
     parameter_starts: tuple[tuple[int, ...], ...] = ()
-    """First values of each parameter: the declared one, and that of the map of what flies."""
+    """The first values of each parameter: the declared one, and that by the map from what flies."""
     still: frozenset[int] = frozenset()
-    """States without dynamics: constants of a run."""
+    """The states that never change: constants of a run."""
     schemes: tuple[tuple[float, int, int], ...] = ()
-    """Of each state the step of its plant's scheme in s, the order of that, and the number of the
-    plant (`enclose/scheme_error.py`). A step of 0: the scheme is not covered, which is an
-    assumption."""
+    """For each state the step of its plant's scheme in s, the scheme's order and the plant's number
+    (`enclose/scheme_error.py`). A step of 0: the scheme is not covered, which is an assumption."""
     recover_ns: int | None = None
-    """T of P2b where it is declared: `recover within d;`."""
+    """The time T of P2b if it is declared: `recover within d;`."""
     stays: bool = False
-    """`recover never;` or `returns never;`: P2b is not asked, SC may keep control for ever."""
+    """Whether SC may keep control for ever (`recover never;`, `returns never;`): no P2b then."""
     progress_texts: tuple[str, ...] = ()
-    """What P2b takes for granted at all times, as it is written."""
+    """The texts of the conditions that P2b takes for granted at all times (`progress`)."""
     law: Problem | None = None
     """The same module with its fail-safe law in the place of SC; None: none is declared."""
     law_unread: str = ""
-    """Why a declared law determines no such problem."""
+    """Why a declared law determines no such problem; "": it does."""
 
     def starts_with(self, parameter: tuple[int, ...]) -> bool:
         """Whether a run may start with these values of the parameters."""
@@ -358,12 +360,12 @@ class Problem:
 
     @property
     def stronger(self) -> str:
-        """What helps where some S_j is empty; of levels that are chosen there are no fewer."""
+        """Advice where some S_j is empty; fewer levels only if their number is not chosen."""
         fewer = "" if self.levels_open or self.levels <= LEVELS_LEAST else "fewer levels, "
         return f"{fewer}a smaller period, smaller errors, a stronger SC"
 
     def in_horizon(self, ns: int) -> int:
-        """A time as proofs take it: a map's is a whole number of its periods."""
+        """A time in ns as proofs take it: for a map a whole number of its periods."""
         if self.kind == "map":
             return -(-ns // self.plant_period_ns) * self.plant_period_ns
         return ns
@@ -371,7 +373,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Assumption:
-    """`key`: what it is about, the same for the same thing in every proof; `text`: in words."""
+    """One assumption: its `key`, the same for the same thing in every proof, and its `text`."""
 
     key: str
     text: str
@@ -382,18 +384,18 @@ SCHEME = Assumption(
     "the plant is the only solution of its differential equation (where the right-hand side jumps: "
     "with any rate between those on both sides); not the simulator's scheme",
 )
-"""Of a proof that is about the differential equation alone."""
+"""The assumption of a proof that is about the differential equation alone."""
 EVERY_SOLUTION = Assumption(
     SCHEME.key,
     "the plant is any absolutely continuous solution of its differential equation, with any rate "
     "between those on both sides where its right-hand side jumps; not the simulator's scheme",
 )
-"""Of such a proof that does not rest on solutions being unique, as where SC comes to rest."""
+"""`SCHEME` of a proof that does not need solutions to be unique, as where SC comes to rest."""
 FRESH = Assumption("fresh", "P2b: what the DM reads is fresh, and no gate fault keeps AC out")
 
 
 def of_latch(module: ModuleSymbol) -> list[Assumption]:
-    """That the operator acknowledges, where only then the DM gives control back."""
+    """The assumption that the operator acknowledges, if the DM gives control back only then."""
     return [
         Assumption(
             f"acknowledged {topic.name}",
@@ -407,10 +409,9 @@ def of_latch(module: ModuleSymbol) -> list[Assumption]:
 def remaining(
     before: Iterable[Assumption], *, added: Iterable[Assumption], shown: Collection[str]
 ) -> tuple[Assumption, ...]:
-    """The assumptions of a problem but for those whose keys were `shown`, and the `added` ones.
+    """The assumptions of a problem without those whose keys were `shown`, and the `added` ones.
 
-    KeyError where one was shown that nobody had made, or whose key several have: then it is not
-    known which of them was meant.
+    `KeyError` where no assumption has a key that was shown, or several have it.
     """
     before = tuple(dict.fromkeys(before))
     keys = [a.key for a in before]
@@ -421,13 +422,13 @@ def remaining(
 
 
 def texts(assumptions: Iterable[Assumption]) -> list[str]:
-    """In words, each once."""
+    """The texts of assumptions, each once."""
     return list(dict.fromkeys(a.text for a in assumptions))
 
 
 @dataclass(frozen=True)
 class ScopeGuarantee:
-    """What a module takes for granted of somebody else, and why it may.
+    """What a module relies on that another part of the system or the world has to keep.
 
     `how`: "enforced" (the language lets no other value arrive), "declared" (a range of the world,
     printed as an assumption), "guaranteed" (a part of the `safe` of the module `by`, if that is
@@ -443,22 +444,22 @@ class ScopeGuarantee:
 
 @dataclass(frozen=True)
 class VerificationScope:
-    """`also`: modules of other systems that pose the same problem; `rest`: what is not covered."""
+    """What a report covers; `also`: modules elsewhere with the same problem; `rest`: uncovered."""
 
     also: tuple[str, ...] = ()
     rest: tuple[str, ...] = ()
     params: tuple[tuple[str, Value], ...] = ()
-    """Every parameter of the program with the value that this is about."""
+    """Every parameter of the program with the value that the report holds for."""
     guarantees: tuple[ScopeGuarantee, ...] = ()
 
 
 @dataclass(frozen=True)
 class Modes:
-    """Whose modes a module reads.
+    """The modes and margins of other modules that a module reads.
 
-    `topics`: what stands for a mode -> the name of its module; `margins`: what stands for a margin
-    -> what is assumed of it; `waits`: whose modes `safer` reads; `never`: why nothing shows that
-    all of these are in AC at some time; "": nothing speaks against.
+    `topics`: the module's name for each topic that stands for a mode; `margins`: the assumption for
+    each topic that stands for a margin; `waits`: the modules whose modes `safer` reads; `never`:
+    why these may never all be in AC; "": nothing speaks against it.
     """
 
     topics: Mapping[typed.TopicSymbol, str] = field(default_factory=dict)
@@ -468,7 +469,7 @@ class Modes:
 
     @property
     def assumptions(self) -> list[Assumption]:
-        """What is not restricted, and what P2b rests on."""
+        """The assumptions about these modes and margins, and those that P2b needs."""
         assumptions = [
             Assumption(f"mode {name}", f"mode({name}): SC or AC, anew at every read")
             for name in self.topics.values()
@@ -490,6 +491,6 @@ NO_MODES = Modes()
 
 
 def said(names: tuple[str, ...]) -> str:
-    """`A is`, or `A and B are`."""
+    """The words `A is`, or `A and B are`."""
     *most, last = names
     return f"{', '.join(most)} and {last} are" if most else f"{last} is"

@@ -1,9 +1,9 @@
 """The times of a problem (docs/verification.md, Times), and whether the trusted thread keeps them.
 
-Purpose: `Times` of a module in its verification system; P1c in words. R033, R034: where a system
-declares execution times, the latest start and the longest step of every component of a module
-against the lateness J and response R that its proof counts with; and the times themselves, so that
-P1c can be said of what is deployed.
+Purpose: `times_of` derives the `Times` of a module in its verification system. Where a system
+declares execution times, `check_deployed` compares the latest start and the longest step of every
+component with the lateness J and the response R that the proof counts with (R033, R034), so that
+P1c also holds of what is deployed.
 Non-goals: measuring anything: lateness and response times are declared, and assumed; the analysis
 of the thread (`soter.timing`).
 
@@ -55,9 +55,9 @@ Pair = tuple[int, int]
 class AssumedTimes:
     """The times that a proof of a module counts with.
 
-    `nodes`: by full name, of those that are followed and stand in the thread; `in_step`: full names
-    of nodes behind SC in its instant; `elsewhere`: of those that are followed in processes of their
-    own, zero where one counts as a node behind SC in its instant.
+    `nodes`: those of followed nodes in the thread, by full name; `in_step`: the names of nodes
+    behind SC in its instant; `elsewhere`: the times of followed nodes in processes of their own,
+    zero for one that counts as a node behind SC in its instant.
     """
 
     dm: Pair
@@ -69,7 +69,7 @@ class AssumedTimes:
 
 @dataclass(frozen=True)
 class DeployedTimes:
-    """The least times that a proof of a module may count with, as `AssumedTimes` has them.
+    """The least times that a proof of a module may count with, as in `AssumedTimes`.
 
     They mean nothing where `timing` has a miss.
     """
@@ -79,17 +79,17 @@ class DeployedTimes:
     sc: Pair
     nodes: dict[str, Pair]
     late_at: dict[str, int]
-    """The release at which each starts so late: "dm", "sc" and names of nodes."""
+    """The release at which each starts that late, by "dm", "sc" or the name of a node."""
     handed_over: int | None
-    """From a release of the DM to the start of SC at its first release from then on, at most, where
-    that is known; it has the verdict then, as the thread works in order."""
+    """The longest time from a release of the DM to SC's start at its next release, if it is known;
+    SC has the verdict then, as the thread works in order."""
 
 
 def deployed(flat: System, module: Module, assumed: AssumedTimes) -> DeployedTimes | None:
-    """What the declared execution times of a system ask of a proof of a module of it.
+    """The times that a proof has to count with by the declared execution times of a system.
 
-    None where the thread declares none. J of SC is without its waiting for the DM, which may speak
-    as late as `assumed` says, or as it does.
+    None where the thread declares none. J of SC leaves out its waiting for the DM, whose verdict
+    may be as late as `assumed` says, or as it is.
     """
     dm, sc = flat.components[module.dm], flat.components[module.sc]
     steps: list[ScheduledStep] = []
@@ -111,7 +111,7 @@ def deployed(flat: System, module: Module, assumed: AssumedTimes) -> DeployedTim
 
 
 def _waited(step: ScheduledStep, dm: Component, sc: Component) -> int:
-    """From the first release of the DM after the step of SC before this one, to its start."""
+    """The time from the first DM release after SC's step before to the start of this step."""
     after = step.release - sc.period_ns
     first = after + 1 + (dm.phase_ns - after - 1) % dm.period_ns
     return step.start - first if first <= step.release else 0
@@ -138,7 +138,7 @@ def _late(step: ScheduledStep, dm: Component, ready: int) -> int:
 
 
 def _behind(flat: System, sc: Component, node: Component) -> int:
-    """From the start of SC to the end of a node that is released with it and comes after, at most.
+    """The longest time from SC's start to the end of a node that is released with it and follows.
 
     What may be released in that instant between them counts; what is left from before does not, as
     that is over when SC starts.
@@ -160,9 +160,9 @@ def _behind(flat: System, sc: Component, node: Component) -> int:
 def check_deployed(
     flat: System, module: Module, assumed: AssumedTimes, diagnostics: Diagnostics
 ) -> list[str]:
-    """R034 where the calendar cannot be kept, R033 where it does not keep the times of a proof.
+    """The assumptions behind the times of a proof; empty without declared execution times.
 
-    What a proof rests on here, in words; nothing where no execution times are declared.
+    R034 where the calendar cannot be kept, R033 where it does not keep the times of the proof.
     """
     _check_elsewhere(flat, module, assumed, diagnostics)
     deployment = deployed(flat, module, assumed)
@@ -195,7 +195,7 @@ def check_deployed(
 
 
 def _place(module: Module) -> Span:
-    """Where the times stand: of all views of a module, in one place."""
+    """The place in the program where the times of a module, for all of its views, are declared."""
     symbol = module.whole or module.symbol
     return symbol.verify.span or symbol.span
 
@@ -215,7 +215,7 @@ def _too_long(flat: System, module: Module, diagnostics: Diagnostics) -> list[st
 def _check_elsewhere(
     flat: System, module: Module, assumed: AssumedTimes, diagnostics: Diagnostics
 ) -> None:
-    """R033 where a node in a process of its own says longer times than a proof counts with."""
+    """R033 where a node in another process declares longer times than the proof counts with."""
     said = {n: flat.component(n) for n in assumed.elsewhere}
     pairs = {n: (assumed.elsewhere[n], (c.jitter_ns, c.wcet_ns or 0)) for n, c in said.items()}
     if wrong := list(_beyond(pairs, {})):
@@ -229,7 +229,7 @@ def _check_elsewhere(
 
 
 def _beyond(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]) -> Iterator[str]:
-    """What is later or longer than a proof counts with, with the release where that is known."""
+    """Words for each time that is longer than the proof counts with, with its release if known."""
     for name, (assumed, needed) in pairs.items():
         who = {"dm": "the DM", "sc": "SC"}.get(name, f"`{name}`")
         if needed[0] > assumed[0]:
@@ -246,7 +246,7 @@ def _beyond(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]) -> Ite
 
 
 def _lines(flat: System, module: Module, pairs: dict[str, tuple[Pair, Pair]]) -> list[str]:
-    """`late` and `response` of a `verify` block with which the proof counts with enough."""
+    """The lines `late` and `response` of a `verify` block with which the proof counts enough."""
     home = holder_of(flat, module)
     lines = []
     for k, word in enumerate(("late", "response")):
@@ -273,7 +273,7 @@ WORDS = {
 def times_of(
     place: VerificationSystem, kind: ProblemKind, diagnostics: Diagnostics
 ) -> tuple[Times, CauseEffectChains]:
-    """Every time in ns, and the ways they come from; a diagnostic where an age has no bound."""
+    """Every time in ns, and the paths behind them; a diagnostic where an age has no bound."""
     module, verify = place.module, place.module.symbol.verify
     calculator = Calculator(diagnostics, module.scope.params)
 
@@ -315,7 +315,7 @@ def times_of(
 
 
 def assumed_of(schedule: Schedule, chains: CauseEffectChains) -> AssumedTimes:
-    """What the proof counts with, of everybody on the way."""
+    """The times that the proof counts with, for DM, SC and all nodes on the paths."""
     at = {n: r for q in (*chains.by_dm, *chains.by_sc) for n, r in _stations(q)}
     at.update((n, chains.releases[n]) for n in chains.behind)
     in_step = dict.fromkeys(n for w in chains.ways for n in w.in_step)
@@ -335,13 +335,13 @@ def _stations(chain: CauseEffectChain) -> Iterator[tuple[Component, Releases]]:
 
 
 def undeclared(place: VerificationSystem, chains: CauseEffectChains) -> list[str]:
-    """Nodes on the way of which not both times are declared."""
+    """The names of nodes on the paths for which not both times are declared."""
     nodes = dict.fromkeys([*chains.nodes, *chains.behind])
     return [n.name for n in nodes if None in (place.declared(n, w) for w in ("late", "response"))]
 
 
 def read_by_dm(place: VerificationSystem) -> dict[int, None]:
-    """Driven topics behind a verdict of the DM: those of its predicates, or of the axes."""
+    """The driven topics that a verdict of the DM depends on: of its predicates, or of the axes."""
     symbol, module = place.module.symbol, place.module
     predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
     topics = list(topic_reads(*predicates))
@@ -388,7 +388,7 @@ def _of_one_instant(
 ) -> None:
     """R016 where plants publish at different instants what is read as one state.
 
-    Plants start together: those with the same period publish at the same instants.
+    As plants start together, those with the same period publish at the same instants.
     """
     first, *others = topics or (None,)
     for index in others:
@@ -425,7 +425,7 @@ def terms(times: Times) -> dict[str, int]:
 
 
 def in_words(times: Times) -> str:
-    """H and H* with the largest term, for people."""
+    """H and H* in words, with the largest term."""
     h, star = times.horizon_ns, times.h_star
     name, largest = max(terms(times).items(), key=lambda item: item[1])
     if times.schedule.handed_back == star:

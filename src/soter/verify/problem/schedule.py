@@ -1,10 +1,10 @@
-"""The model of time: who runs when, and every time a proof needs, derived from it.
+"""The model of time: who runs when, and every time that a proof needs, derived from it.
 
-Purpose: `Schedule`, releases, phases, lateness, waiting, response, latencies and the ways from
-sensor to module and from module to plant, and from it A, A_sc, d, j, H*, h_0, R011 and R015, each
-with its derivation (docs/proof.md, "The model of time"). An exhaustive enumerator that knows the
-definitions only (tests/generators/schedule_systems.py) says whether the figures hold and are
-reached.
+Purpose: a `Schedule` has the releases, phases, lateness, response and latencies of a module, and
+the paths from sensors to it and from it to the plant. From these it derives A, A_sc, d, j, H*, h_0,
+R011 and R015, each with its derivation; docs/proof.md, "The model of time", has a table of the
+symbols. An exhaustive enumerator that knows the definitions only
+(tests/generators/schedule_systems.py) checks that the figures hold and are reached.
 Non-goals: where the numbers come from (`problem_times.py`), sets.
 
 Throughout, g is the gcd of two periods: the differences between releases of one and of the other
@@ -34,7 +34,7 @@ class Releases:
 
     @property
     def latest(self) -> int:
-        """From a release to its publication, at most."""
+        """The longest time from a release to its publication."""
         return self.late + self.response
 
     def first_from(self, time: int, *, after: bool = False) -> int:
@@ -45,12 +45,12 @@ class Releases:
 
 @dataclass(frozen=True)
 class SensorPath:
-    """From a sensor through nodes to a topic that the module reads."""
+    """A path from a sensor through nodes to a topic that the module reads."""
 
     sensor: Releases
     nodes: tuple[Releases, ...] = ()
     max_age: int | None = None
-    """Of the topic: a bound on the time since its last publication (its *stamp age*)."""
+    """The topic's bound on the time since its last publication (its *stamp age*)."""
     dropout: int = 0
     """How much longer than its period the sensor may be silent."""
     topic: str = ""
@@ -58,7 +58,7 @@ class SensorPath:
 
     @property
     def last(self) -> Releases:
-        """Who publishes the topic."""
+        """The node or sensor that publishes the topic."""
         return self.nodes[-1] if self.nodes else self.sensor
 
     def state_age(self, reader: Releases, late: int) -> int:
@@ -132,7 +132,7 @@ def _sampled(sensor: Releases, reader: Releases, late: int) -> int:
 
 
 def _hop(node: Releases, reader: Releases, late: int) -> int:
-    """From the release of the node whose publication is read, to the start that reads it.
+    """The longest time from the release of the node that published to the start that reads.
 
     Let t be the start. Release r of the node may still be unseen at t iff its publication may be at
     t or later, t - r <= J + R (in one instant either may come first). The oldest publication
@@ -146,14 +146,14 @@ def _hop(node: Releases, reader: Releases, late: int) -> int:
 
 @dataclass(frozen=True)
 class ActuationPath:
-    """From SC to the plant: through `nodes`, then between `least` and `most` until it acts."""
+    """A path from SC to the plant: `nodes`, then between `least` and `most` until it acts."""
 
     least: int = 0
     most: int = 0
     nodes: tuple[Releases, ...] = ()
 
     def acts(self, sc: Releases, published: int) -> int:
-        """From a release of SC to its output's effect, where it publishes up to `published` later.
+        """The longest time from SC's release to the effect, if published up to `published` later.
 
         A node that is released at r <= p may start then, and in one instant either may come first,
         so what is published at p may be read as late as the next release's start. Let the release
@@ -170,12 +170,12 @@ class ActuationPath:
         return delay + within + self.most
 
     def acts_after(self, late: int) -> int:
-        """The same from any instant of publication, whatever the phases: v >= 0."""
+        """The longest time from any instant of publication to its effect, whatever the phases."""
         waits = sum(n.period + n.latest for n in self.nodes)
         return late + waits + self.most
 
     def earliest(self, sc: Releases) -> int:
-        """From a release of SC to its output's effect, at least.
+        """The shortest time from a release of SC to its output's effect.
 
         Published at the release itself; a node starts there or later: at 0 if some window
         [r, r + J] of its holds it, else at the next release, (phase difference) mod g later.
@@ -220,7 +220,7 @@ class Schedule:
 
     @cached_property
     def age_dm(self) -> int:
-        """A: of the state that the DM sees when it says "AC".
+        """A: the greatest age of the state that the DM sees when it says "AC".
 
         A stamp older than `max_age` is stale: that much between publication and start is enforced,
         and P may have gone by before. Without a `max_age`, what the periods make of it.
@@ -235,7 +235,7 @@ class Schedule:
 
     @cached_property
     def age_sc(self) -> int:
-        """A_sc: of the state that SC sees. `max_age` is a bound that must hold by itself."""
+        """A_sc: the greatest age of the state that SC sees; `max_age` must hold by itself."""
         ages = []
         for path in self._paths(self.read_by_sc):
             by_periods = path.state_age(self.sc, self.start_of_sc)
@@ -267,7 +267,7 @@ class Schedule:
 
     @cached_property
     def start_of_sc(self) -> int:
-        """From a release of SC to its start: late itself, or waiting for the DM's verdict.
+        """The longest time from SC's release to its start: it is late, or waits for the DM.
 
         The verdict of the DM released r before or more is there J_dm + R_dm after that release.
         """
@@ -275,7 +275,7 @@ class Schedule:
 
     @cached_property
     def published(self) -> int:
-        """From a release of SC to its publication."""
+        """The longest time from a release of SC to its publication."""
         return self.start_of_sc + self.sc.response
 
     # ------------------------------------------------------------ what may still act
@@ -347,7 +347,7 @@ class Schedule:
     # ------------------------------------------------------------ leases
 
     def due(self, release: int) -> int:
-        """Until when what SC was released for at `release` is published.
+        """The instant by which the output of SC's release at `release` is published.
 
         It starts J_sc late at most, or with the verdict of the last DM released until then; R_sc
         later it has published. A lease that the step before gave ends here (docs/proof.md, "When
@@ -361,7 +361,7 @@ class Schedule:
 
     @cached_property
     def lease(self) -> int:
-        """From a release of SC to the end of the lease that its step gives, at most.
+        """The longest time from a release of SC to the end of the lease that its step gives.
 
         That is when the next output is due: delta later it is released, and Lambda + R_sc after
         that it is out, as `due` is at most r = `nearest` short of a verdict's worst case.
@@ -399,7 +399,7 @@ class Schedule:
 
     @cached_property
     def needed(self) -> int:
-        """What H must be: H*, and where SC reads what the DM does not, h_0.
+        """The least H: H*, and at least h_0 where SC reads what the DM does not.
 
         An "AC" verdict shows that what the DM reads is there. SC's other topics are by h_0.
         """
@@ -430,7 +430,7 @@ class Schedule:
 
     @cached_property
     def look(self) -> int:
-        """From the state behind one verdict to the one behind the next, at most.
+        """The longest time from the state behind one verdict to the one behind the next.
 
         The first is at most A older than a start at t_0 or later, the second at most as new as the
         start of the next, t_0 + Delta + J_dm.

@@ -1,14 +1,14 @@
-"""What a proof can and cannot follow, said before anything is computed.
+"""Checks that a proof can follow a program's constructs, before anything is computed.
 
-Purpose: diagnostics for controllers, plants and predicates outside of what `verify/` handles; which
-part of `ttf` a proof goes by where another part asks how old a read is (`ttf_of_states`); maps:
-`static` topics that `safe` of a module with `rest` reads and no plant drives, what is refused of
-them, and their contract as an assumption ("Decisions by tubes" in proof-flight.md, condition 7).
+Purpose: `check_supported` reports controllers, plants and predicates that `verify/` cannot handle.
+`ttf_of_states` drops the parts of `ttf` that read an age. `map_topics`, `check_maps` and
+`assumed_of_maps` are about maps: `static` topics that `safe` of a module with `rest` reads and no
+plant drives; their contract is an assumption (docs/proof-flight.md, "Decisions by tubes", 7).
 Non-goals: numbers; what the DM does, which is compiled and compared with all of `ttf`; the check
 that reads maps (`verify/tubes/`).
 
-`ttf e || age(t) > c` takes AC's control away where e does, and at other times, too. What is proved
-of e is then proved of it: "not ttf" implies "not e". So a proof reads e alone.
+`ttf e || age(t) > c` takes control from AC where e does, and at other times, too: "not ttf" implies
+"not e". So what is proved with e alone holds with all of `ttf`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def map_topics(system: System, module: Module) -> dict[typed.TopicSymbol, int]:
-    """Those of a module, in the order in which `safe` reads them; none without `rest`."""
+    """The maps of a module, in the order in which `safe` reads them; none without `rest`."""
     if module.symbol.rest is None:
         return {}
     at = module.scope.topics
@@ -41,20 +41,20 @@ def map_topics(system: System, module: Module) -> dict[typed.TopicSymbol, int]:
 
 
 def maps_of(place: VerificationSystem) -> dict[typed.TopicSymbol, int]:
-    """The same of a verification system; not what a plant drives that only flies."""
+    """The maps of a verification system, without topics of plants that only fly."""
     flying = _driven(place.flat)
     found = map_topics(place.system, place.module)
     return {t: index for t, index in found.items() if place.flying(t) not in flying}
 
 
 def _driven(system: System) -> set[int]:
-    """Topics that its plants drive."""
+    """The topics that the plants of a system drive."""
     plants = [(c, c.plant) for c in system.components if c.plant is not None]
     return {c.scope.topics[t] for c, plant in plants for t, _ in plant.drives}
 
 
 def check_maps(place: VerificationSystem, diagnostics: Diagnostics) -> None:
-    """Report what is no map, though it is read as one."""
+    """Reports topics that are read as maps and cannot be maps."""
     rest, node = place.module.symbol.rest, place.flat.components[place.home.sc].node
     by_sc = {} if node is None else topic_reads(*node.step)
     at_rest = {} if rest is None else topic_reads(rest.condition)
@@ -92,7 +92,7 @@ def check_maps(place: VerificationSystem, diagnostics: Diagnostics) -> None:
 
 
 def assumed_of_maps(place: VerificationSystem) -> list[Assumption]:
-    """The contract of each map."""
+    """The assumption about each map: what it calls free stays free."""
     names = [place.system.topics[index].name for index in maps_of(place).values()]
     return [
         Assumption(
@@ -119,7 +119,7 @@ def ttf_of_states(ttf: TypedExpr | None) -> TypedExpr | None:
 
 
 def said_of_ages(ttf: TypedExpr | None) -> tuple[str, ...]:
-    """A line about the disjuncts that `ttf_of_states` leaves out."""
+    """A note about the disjuncts that `ttf_of_states` leaves out, if it leaves out some."""
     left = ttf_of_states(ttf)
     if ttf is None or left is None or left is ttf:
         return ()
@@ -152,7 +152,7 @@ LOCAL_VALUES_MAX = 2**31
 def check_supported(
     place: VerificationSystem, diagnostics: Diagnostics, *, synthesize: bool
 ) -> ProblemKind:
-    """Report what cannot be followed; gives how the plants move."""
+    """Reports constructs that cannot be followed; returns how the plants move (flow or map)."""
     _controller(place, diagnostics, synthesize=synthesize)
     kinds: dict[str, Component] = {}
     for c in place.plants:
@@ -242,7 +242,7 @@ def _bounded(t: Type) -> bool:
 
 
 def _choosing(place: VerificationSystem, diagnostics: Diagnostics) -> None:
-    """R007 for plants that choose, those that fly and those that stand for them."""
+    """R007 for plants that choose (`choose`), whether they fly or stand for those that do."""
     seen: set[typed.PlantSymbol] = set()
     for c in (*place.plants, *place.flat.components):
         if c.plant is None or c.plant in seen:
@@ -336,7 +336,7 @@ def _predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
 
 
 def _facts(roots: object, where: str, diagnostics: Diagnostics) -> None:
-    """R007 for clocks, ages, modes and externs."""
+    """R007 for expressions that read clocks, ages or modes, or call externs."""
     assert isinstance(roots, (list, tuple))
     for node in nodes(roots):
         word = UNKNOWN_FACTS.get(type(node))

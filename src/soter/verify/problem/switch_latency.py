@@ -1,6 +1,7 @@
-"""P1c of a module as it is deployed: what a switch takes with the execution times declared.
+"""P1c of a module as it is deployed: how long a switch takes with the declared execution times.
 
-Purpose: `switch_of`: H* from the latest starts and ends of the thread, beside the H of the proof.
+Purpose: `switch_of` computes H* from the latest starts and ends of the thread, and compares it with
+the H of the proof.
 Non-goals: whether the proof's own times hold (`problem_times.py`), any set.
 """
 
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 HOLDS, FAILS, UNKNOWN = "holds", "fails", "undecided"
 OF_THIS = ("R034", "R033")
-"""What is said of the deployed times themselves."""
+"""The codes of diagnostics about the deployed times themselves."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +52,11 @@ class SwitchLatency:
 
     @property
     def slack(self) -> int | None:
-        """H less what is needed; negative where P1c does not hold."""
+        """H minus what is needed, in ns; negative where P1c does not hold."""
         return None if self.horizon is None or self.needed is None else self.horizon - self.needed
 
     def in_words(self) -> str:
-        """For people."""
+        """The result in words."""
         if self.slack is None or self.horizon is None or self.needed is None:
             return f"P1c {self.verdict}: {self.why}"
         what = "spare" if self.slack >= 0 else "missing"
@@ -106,7 +107,7 @@ def _of_nodes(flat: System, module: Module) -> SwitchLatency:
 
 
 def _seen(flat: System, module: Module) -> SwitchLatency:
-    """Of a module as one of its views sees it."""
+    """The latency of a module in one of its views."""
     at = place(flat, module)
     diagnostics = Diagnostics()
     kind = check_supported(at, diagnostics, synthesize=module.symbol.synthesized)
@@ -141,7 +142,7 @@ def _seen(flat: System, module: Module) -> SwitchLatency:
 
 
 def _otherwise_proved(times: Times, said: tuple[Diagnostic, ...]) -> str:
-    """Why `soter verify` does not prove what holds as deployed; "" where it may."""
+    """Why `soter verify` does not prove P1c though it holds as deployed; "": it may prove it."""
     if any(d.code == "R033" for d in said):
         return "the proof counts with other times (R033)"
     if times.h_star <= times.horizon_ns:
@@ -151,10 +152,10 @@ def _otherwise_proved(times: Times, said: tuple[Diagnostic, ...]) -> str:
 
 
 def _needed(schedule: Schedule, handed_over: int | None) -> int:
-    """What H must be.
+    """The least H, in ns.
 
-    Where it is known when SC starts after each release of the DM that may be the first not to say
-    "AC", and no node is behind SC, that takes the place of the sum in H*.
+    If it is known when SC starts after each release of the DM that may be the first not to say
+    "AC", and no node is behind SC, that replaces the sum in H*.
     """
     if handed_over is None or any(o.nodes for o in schedule.outputs):
         return schedule.needed
@@ -164,7 +165,7 @@ def _needed(schedule: Schedule, handed_over: int | None) -> int:
 
 
 def _replaced(schedule: Schedule, chains: CauseEffectChains, deployment: DeployedTimes) -> Schedule:
-    """The same module with the times of the thread, where it has any of a component."""
+    """The schedule with the thread's times for each component that the thread has."""
 
     def chain(r: CauseEffectChain) -> CauseEffectChain:
         stations = zip(r.stations, r.path.nodes, strict=True)

@@ -1,6 +1,6 @@
-"""Which times a proof cannot be about: R011, R012, R015, R017, R018.
+"""Refuses times that a proof does not cover: R011, R012, R015, R017, R018.
 
-Purpose: `check_times`: every condition under which the theorem speaks about a schedule.
+Purpose: `check_times` checks every condition under which the theorem covers a schedule.
 Non-goals: the figures themselves (`schedule.py`).
 """
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 PERIODS_TRIED = 8
-"""Periods of SC that are tried where its own is too short."""
+"""How many periods of SC are tried where its own is too short."""
 
 
 def check_times(
@@ -32,7 +32,7 @@ def check_times(
     chains: CauseEffectChains,
     diagnostics: Diagnostics,
 ) -> None:
-    """Report what the theorem does not cover."""
+    """Reports times that the theorem does not cover."""
     if kind == "map":
         _map(place, times, chains, diagnostics)
         if diagnostics.has_errors:
@@ -51,7 +51,7 @@ def check_times(
 
 
 def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnostics) -> None:
-    """R015 where SC is not done before its next step, or acts later than the proof is made for."""
+    """R015 where SC is not done before its next step, or acts later than proofs cover."""
     schedule, sc = times.schedule, place.sc
     span = place.module.symbol.verify.span or place.module.symbol.span
     symbol = place.module.symbol
@@ -84,9 +84,9 @@ def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnos
 
 
 def late_commands_need(symbol: ModuleSymbol, schedule: Schedule, *, stacked: bool) -> str:
-    """Where no proof is known of commands that act later than half a period; "": here it is.
+    """Why no proof covers commands later than half a period in this module; "": one does.
 
-    `stacked`: another module stands in the place of the AC of one of the two.
+    `stacked`: whether the module has another one as its AC, or is the AC of another one.
     """
     verify = symbol.verify
     kind = next((g.kind for g in verify.groups if g.kind != "grid"), "")
@@ -103,7 +103,7 @@ def late_commands_need(symbol: ModuleSymbol, schedule: Schedule, *, stacked: boo
 
 
 def _summed(times: Times) -> str:
-    """The parts of j: they sum up to what the message says (docs/proof.md, The model of time)."""
+    """Words for the parts of j, whose sum a message tells (docs/proof.md, The model of time)."""
     parts = [*_before_it_publishes(times), (times.acts, "`acts within`")]
     rest = times.jitter_sc - sum(ns for ns, _ in parts)
     said = [f"{show_ns(ns)} {name}" for ns, name in parts if ns]
@@ -115,14 +115,14 @@ def _summed(times: Times) -> str:
 
 
 def _before_it_publishes(times: Times) -> list[tuple[int, str]]:
-    """From a release of SC to its publication."""
+    """The parts of the time from a release of SC to its publication, with words."""
     sc, waits = times.schedule.sc, times.schedule.start_of_sc
     late = "`late sc`" if waits == sc.late else "waiting for the DM's verdict"
     return [(waits, late), (sc.response, "`response sc`")]
 
 
 def _least(times: Times) -> tuple[str, ...]:
-    """The remedy for a dead time, where it is one: only what varies of it is lateness."""
+    """The remedy for a dead time: to declare its least part, as only what varies is lateness."""
     without = times.jitter_sc - (times.acts - times.acts_least)
     if 2 * without > times.delta_sc:
         return ()
@@ -132,14 +132,14 @@ def _least(times: Times) -> tuple[str, ...]:
 
 
 def _too_much(times: Times) -> str:
-    """By how much the sum is too large."""
+    """Words on how much the sum is too large."""
     return show_ns(times.jitter_sc - times.delta_sc // 2)
 
 
 def _slow_enough(schedule: Schedule, *, in_order: bool) -> str:
-    """A period of SC with which it is in time: tried, as what it waits for hangs on it, too.
+    """Words for a period with which SC is in time; it is tried, as SC's waiting depends on it.
 
-    With that of the module where P1a asks for it; "" where none is found, or SC would then read
+    The module's period is added where P1a needs it. "" where none is found, or SC would then read
     what is older than its `max_age`.
     """
     slower = schedule
@@ -162,7 +162,7 @@ def _slow_enough(schedule: Schedule, *, in_order: bool) -> str:
 def _known_nodes(
     place: VerificationSystem, chains: CauseEffectChains, diagnostics: Diagnostics
 ) -> None:
-    """R017 where a time is declared of a node that stands nowhere on the way: of no effect."""
+    """R017 where a time is declared for a node that is on no path, where it has no effect."""
     verify = place.module.symbol.verify
     inner = [n for w in chains.ways for n in (*w.inner, *w.in_step)]
     stations = [n.name.removeprefix(place.around) for n in (*chains.nodes, *chains.behind)]
@@ -185,7 +185,7 @@ def _known_nodes(
 
 
 def _seen_in_time(times: Times, chains: CauseEffectChains, diagnostics: Diagnostics) -> None:
-    """R011 where by the periods alone SC reads what is older than the `max_age` it relies on."""
+    """R011 where, by the periods alone, SC may read what is older than its `max_age`."""
     told = set()
     for chain in chains.by_sc:
         oldest = times.schedule.stamp_age_sc(chain.path)
@@ -209,7 +209,7 @@ def _seen_in_time(times: Times, chains: CauseEffectChains, diagnostics: Diagnost
 
 
 def _spoken_in_time(chain: CauseEffectChain, diagnostics: Diagnostics) -> None:
-    """R017 where a node may publish what it made of a default: its stamp would look fresh."""
+    """R017 where a node may publish a result of a default, whose stamp would look fresh."""
     early = chain.path.speaks_early
     if early is None:
         return
@@ -250,7 +250,7 @@ def _fits(
 
 
 def _own(at: Releases) -> str:
-    """The parts of what one node, or the DM, may take."""
+    """Words for the parts of the time that a node, or the DM, may take."""
     parts = f"{show_ns(at.late)} `late` + {show_ns(at.response)} `response`"
     return f"{show_ns(at.latest)} = {parts}, out of a period of {show_ns(at.period)}"
 
@@ -293,7 +293,7 @@ def _kept(
 
 
 def _busy(node: Component) -> int:
-    """How long a step of a node keeps it from the next one."""
+    """The declared longest execution time of a node's step, in ns; 0: none is declared."""
     return 0 if node.takes_ns is None else node.takes_ns[1]
 
 
@@ -303,7 +303,7 @@ def _busy(node: Component) -> int:
 def _map(
     place: VerificationSystem, times: Times, chains: CauseEffectChains, diagnostics: Diagnostics
 ) -> None:
-    """A map is only defined at multiples of its period: everything is in whole steps."""
+    """Reports times of a map that are no whole steps: it is defined at multiples of its period."""
     step = place.plants[0].period_ns
     symbol = place.module.symbol
     _of_whole_steps(place, times, step, diagnostics)
@@ -363,7 +363,7 @@ def _of_whole_steps(
 def _of_every_step(
     place: VerificationSystem, chain: CauseEffectChain, step: int, diagnostics: Diagnostics
 ) -> None:
-    """R012 where what stands behind an abstraction does not publish whenever that one steps."""
+    """R012 where what an abstraction stands for does not publish whenever the abstraction steps."""
     at = chain.path.sensor
     if not (at.phase or step % at.period):
         return
@@ -379,7 +379,7 @@ def _of_every_step(
 
 
 def of_map(times: Times) -> Times:
-    """Of a map: what is read and what acts is of one instant, so that only periods remain."""
+    """The times of a map: reads and effects are of one instant, so only periods remain."""
     schedule = times.schedule
     return replace(
         times,

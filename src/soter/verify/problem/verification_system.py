@@ -1,9 +1,9 @@
-"""Where a module is proved: its verification system, and the same with its fail-safe law as SC.
+"""The system in which a module is proved, also with its fail-safe law in the place of SC.
 
-Purpose: from a flat system and one of its modules to a system of that module and its verification
-plants, and nothing else (docs/verification.md, section 1). `under_law`: the module with its law in
-the place of SC, from which the core K_fs is computed (docs/proof.md, "When the trusted part
-stops"). The law is a constant for each output, so SC reads nothing there.
+Purpose: `place` makes, from a flat system and one of its modules, a system of that module and its
+verification plants, and nothing else (docs/verification.md, section 1). `under_law` puts the
+fail-safe law in the place of SC: of that system the core K_fs is computed (docs/proof.md, "When the
+trusted part stops"). The law is a constant for each output, so SC reads nothing there.
 Non-goals: quantities and ranges (`extract.py`); the sets (`verify/claims/product_sets.py`), the
 lease (`schedule.py`).
 """
@@ -35,12 +35,12 @@ class VerificationSystem:
     abstract: bool
     """Whether the plants are abstractions of the ones that fly."""
     prefix: str
-    """What stands before the names of instances beside the module: `d.`, or nothing."""
+    """The prefix of the names of instances beside the module: `d.`, or nothing."""
     flat: System
     """The flying system, which holds the module as `home`."""
     home: Module
     influences: tuple[Influence, ...] = ()
-    """What others publish and what moves the plants: any values of its declared sets."""
+    """What others publish that moves the plants: any values of the declared sets."""
 
     @property
     def sc(self) -> Component:
@@ -49,7 +49,7 @@ class VerificationSystem:
 
     @property
     def driven(self) -> dict[int, Component]:
-        """Topic index -> the verification plant that drives it."""
+        """The verification plant that drives each topic, by topic index."""
         driver_by_topic = {}
         for c in self.plants:
             assert c.plant is not None
@@ -58,7 +58,7 @@ class VerificationSystem:
         return driver_by_topic
 
     def flying(self, topic: typed.TopicSymbol) -> int:
-        """A topic that the module reads, as an index of the flying system; -1: not there."""
+        """The index in the flying system of a topic that the module reads; -1: it has none."""
         home = self.home
         for scope in (home.scope, *(self.flat.components[i].scope for i in (home.sc, home.ac))):
             if topic in scope.topics:
@@ -66,10 +66,10 @@ class VerificationSystem:
         return -1
 
     def declared(self, c: Component, what: str) -> typed.TypedExpr | None:
-        """The time of a node of the flying system that `late` or `response` says, by its name.
+        """The declared `late` or `response` of a node of the flying system; None: not declared.
 
-        The module calls nodes as the system that holds it does: without that system's own name. A
-        node that says how long its steps take has that as its response.
+        The module names nodes as its own system does, without that system's name. A node that
+        declares how long its steps take has that as its response.
         """
         if what == "response" and c.takes_ns is not None:
             return typed.Literal(DURATION, c.span, c.takes_ns[1])
@@ -77,7 +77,7 @@ class VerificationSystem:
         return times.get(c.name.removeprefix(self.around))
 
     def shown_by(self, index: int) -> str:
-        """The plant of the flying system that a driven topic is to show, by name."""
+        """The name of the flying plant that a driven topic has to show."""
         plant = self.driven[index]
         if not self.abstract:
             return plant.name
@@ -126,7 +126,7 @@ def read_by_module(module: typed.ModuleSymbol, sc: typed.NodeSymbol) -> list[typ
 
 
 def whole(at: VerificationSystem) -> System:
-    """The same of a view, with the module that flies: all of its predicates."""
+    """The verification system of a view with all predicates of the module that flies."""
     assert at.home.whole is not None
     return _abstract(
         at.flat, replace(at.home, symbol=replace(at.home.whole, verify=at.home.symbol.verify))
@@ -141,7 +141,7 @@ def _abstract(flat: System, module: Module) -> System:
 
 
 def _reduced(flat: System, module: Module) -> System:
-    """The module's own system without what the proof does not look at."""
+    """The module's own system without the parts that the proof does not look at."""
     scope = {
         **flat.components[module.sc].scope.topics,
         **flat.components[module.ac].scope.topics,
@@ -176,10 +176,10 @@ def under_law(flat: System, module: Module) -> tuple[System, Module]:
 
 
 def behind(flat: System, module: Module) -> str:
-    """Why what the actuators hold is not what the module publishes; "" where it is.
+    """Why actuators do not hold the law that the module publishes; "": they do.
 
-    A node that reads the module's outputs stops with the trusted part, and what it would have made
-    of the law nobody holds.
+    A node that reads the module's outputs stops with the trusted part, so nobody holds what it
+    would have made of the law.
     """
     outputs = set(module.outputs)
     for c in flat.components:

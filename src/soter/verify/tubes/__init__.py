@@ -1,1 +1,1 @@
-"""Reach tubes of SC from an estimate: decision modules that prove themselves at run time."""
+"""Decision modules that enclose, in flight, every run of SC from the present estimate."""

@@ -1,8 +1,8 @@
 """Real expressions: a graph in which equal expressions are one node.
 
 Purpose: `Expressions` makes nodes, takes factors out and differentiates along a direction. Nothing
-is rounded: an expression is the real function that the operations stand for, and every form of it
-(`forms.soter`) holds what the machine rounds as well.
+is rounded: an expression means the exact real function, and each form that encloses it
+(`forms.soter`) also encloses what the machine rounds.
 Non-goals: reading Core (`module_expressions.py`), printing (`generated_functions.py`).
 """
 
@@ -25,14 +25,14 @@ CONDITIONS = frozenset({"known", "and", "or", "positive", "not negative", "insid
 
 
 class NoExpressionError(Exception):
-    """What Core does here is no expression of reals; the text says what, for people."""
+    """Core does something that no expression of reals describes; the text says what, for people."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Node:
-    """An operator and what it is applied to: nodes; of "number" and "input" a value.
+    """An operator `op` and its operands `of`: nodes, or values for "number", "known" and "input".
 
-    `Expressions` makes each once: two are the same one, or differ.
+    `Expressions` makes each node once, so equal expressions are the same object.
     """
 
     op: str
@@ -44,7 +44,7 @@ Value = Any
 
 
 class Expressions:
-    """Nodes, folded where their value is known."""
+    """Makes nodes, and folds constants where no rounding is involved."""
 
     def __init__(self) -> None:
         self._nodes: dict[tuple[object, ...], Node] = {}
@@ -69,7 +69,7 @@ class Expressions:
         return self.number(value) if abs(value) < LARGEST and exact == Fraction(value) else None
 
     def input(self, kind: str, index: int) -> Node:
-        """A state, a control, a disturbance, ... by its number."""
+        """An input by its kind ("x" a state, "u" a control, "w" a disturbance, ...) and number."""
         return self._node("input", kind, index)
 
     def add(self, a: Node, b: Node) -> Node:
@@ -85,7 +85,7 @@ class Expressions:
         return self._node("add", a, b)
 
     def neg(self, a: Node) -> Node:
-        """The negative."""
+        """The expression -a."""
         if a.op == "number":
             return self.number(-a.of[0])
         return a.of[0] if a.op == "neg" else self._node("neg", a)
@@ -120,7 +120,7 @@ class Expressions:
         return self.mul(a, self._node("inverse", b))
 
     def factor(self, e: Node, x: Node) -> Node | None:
-        """The p of e = x p, for all values; None where it is not seen."""
+        """The p with e = x p for all values of the inputs; None where it finds none."""
         if e is x:
             return self.number(1.0)
         if e is self.number(0.0):
@@ -149,7 +149,7 @@ class Expressions:
         return None if p is None else self.mul(a, p)
 
     def split(self, e: Node, x: Node) -> tuple[Node, Node]:
-        """The p and the rest of e = x p + rest."""
+        """The pair (p, rest) with e = x p + rest."""
         if (p := self.factor(e, x)) is not None:
             return p, self.number(0.0)
         if e.op in ("add", "sub"):
@@ -162,7 +162,7 @@ class Expressions:
         return self.number(0.0), e
 
     def extreme(self, op: str, a: Node, b: Node) -> Node:
-        """`min` or `max`; of one and a number that the other bounds a clamp."""
+        """`min` or `max` of two; the outer constant where the inner one leaves it no choice."""
         if a.op == "number" and b.op == "number":
             return self.number((min if op == "min" else max)(a.of[0], b.of[0]))
         if a.op == "number":
@@ -188,7 +188,7 @@ class Expressions:
     # ------------------------------------------------------------ conditions
 
     def compare(self, op: str, a: Node, b: Node) -> Node:
-        """`a op b`; "not below" and "positive" of the difference: `positive`: a > 0."""
+        """The condition `a op b`, as the sign of a difference: "positive" or "not negative"."""
         if op in ("<", "<="):
             a, b = b, a
         if a is b or (a.op == "number" and b.op == "number"):
@@ -202,7 +202,7 @@ class Expressions:
         return self._node("inside", a, low, high)
 
     def not_(self, a: Node) -> Node:
-        """The negation: of a > 0 it is -a >= 0. Each is made once, however often it is asked."""
+        """The negation: that of a > 0 is -a >= 0. Each is made once, however often it is asked."""
         if a not in self._negated:
             self._negated[a] = self._not(a)
         return self._negated[a]
@@ -218,7 +218,7 @@ class Expressions:
         return self._node(other, self.neg(a.of[0]))
 
     def join(self, op: str, a: Node, b: Node) -> Node:
-        """`and`, `or`."""
+        """The conjunction (`op` "and") or disjunction ("or") of two conditions."""
         ends, goes_on = (self.false, self.true) if op == "and" else (self.true, self.false)
         if ends in (a, b):
             return ends
@@ -227,13 +227,13 @@ class Expressions:
         return a if b is goes_on else self._node(op, a, b)
 
     def select(self, condition: Node, a: Node, b: Node) -> Node:
-        """One of two."""
+        """`a` where the condition holds, else `b`."""
         if condition.op == "known":
             return a if condition is self.true else b
         return a if a is b else self._node("select", condition, a, b)
 
     def replaced(self, e: Node, known: dict[Node, Node]) -> Node:
-        """An expression with others in the place of some nodes; `known` learns what is made."""
+        """`e` with each node of `known` replaced; `known` also remembers every node on the way."""
         if e not in known:
             known[e] = self._replaced(e, known)
         return known[e]
@@ -255,10 +255,10 @@ class Expressions:
     # ------------------------------------------------------------ derivatives
 
     def along(self, e: Node, direction: Mapping[Node, Node], known: dict[Node, Node]) -> Node:
-        """The derivative of a node where its inputs move as `direction` says; others stand still.
+        """The derivative of `e` when its inputs move as `direction` says; all others stand still.
 
-        Of `min`, `max` and `select` it is that of the one that is taken; where both are equal,
-        anything between. NoExpressionError where there is none, as of a jump.
+        For `min` and `max` it is that of the operand taken; where both are equal, anything between.
+        `NoExpressionError` for a `select` and for what jumps. `known` remembers results.
         """
         if e not in known:
             known[e] = self._along(e, direction, known)
@@ -331,7 +331,7 @@ def _is_power_of_two(x: float) -> bool:
 
 
 def in_order(roots: Sequence[Node]) -> list[Node]:
-    """All nodes below, each behind what it is made of."""
+    """All nodes that the roots are made of, and the roots; each comes after its operands."""
     seen: dict[Node, None] = {}
     todo = [(root, False) for root in reversed(roots)]
     while todo:
@@ -345,10 +345,10 @@ def in_order(roots: Sequence[Node]) -> list[Node]:
 
 
 def middle(r: Interval) -> float:
-    """A number about halfway."""
+    """The middle of a range, rounded."""
     return 0.5 * r.low + 0.5 * r.high
 
 
 def below(e: Node, kind: str) -> bool:
-    """Whether an input of a kind occurs in it."""
+    """Whether an input of this kind occurs in `e`."""
     return any(x.op == "input" and x.of[0] == kind for x in in_order([e]))

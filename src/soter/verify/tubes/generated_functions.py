@@ -1,10 +1,11 @@
-"""Functions of generated Soter source: expressions printed as such, checked, and called here.
+"""Writes functions of Soter source that enclose expressions, and calls them.
 
-Purpose: `function`: a function over forms that encloses some expressions; `certain`: one that says
-whether a condition holds of everything that forms stand for. `functions_of` checks a text like any
-program; `Caller` evaluates its functions as the interpreter does.
-Non-goals: the arithmetic (`forms.soter`), how a tube is made of it (`tube.soter`), what stands in a
-whole text (`tube_check.py`).
+Purpose: `function` writes a function over forms (or ranges) that encloses some expressions;
+`certain` writes one that is true only where a condition holds of everything that the forms enclose.
+`functions_of` checks such a text like any program; `Caller` evaluates its functions as the
+interpreter does.
+Non-goals: the arithmetic (`forms.soter`), how a tube is made of it (`tube.soter`), what a whole
+text holds (`tube_check.py`).
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ NAME = "tubes.soter"
 
 
 class TooLongError(Exception):
-    """The loops of a text may take more operations than a step may."""
+    """A text may take more operations than one step of a program may (T007)."""
 
 
 def functions_of(text: str) -> Mapping[str, FunSymbol]:
-    """By name. The text is our own: any other error than `TooLongError` is a defect here."""
+    """The functions of a text, by name; `TooLongError`. Any other error in it is a defect here."""
     checked = check_file(NAME, f"soter 1;\n{text}")
     if any(d.code == "T007" for d in checked.diagnostics.items):
         raise TooLongError
@@ -47,22 +48,22 @@ def functions_of(text: str) -> Mapping[str, FunSymbol]:
 
 
 class Caller:
-    """Calls functions without parameters of a system."""
+    """Evaluates the functions of one text in the interpreter."""
 
     def __init__(self, text: str) -> None:
         self._functions = functions_of(text)
         self._evaluator = Evaluator({})
 
     def operations(self, name: str) -> int:
-        """Of one call of a function of this name, at worst."""
+        """How many operations one call of function `name` takes, at worst."""
         return cost_of(self._functions[name]).operations
 
     def holds(self, name: str, *arguments: Any) -> bool:  # noqa: ANN401 - values of the program
-        """Whether a function of this name says so; one that faults does not."""
+        """Whether function `name` returns true; one that faults does not."""
         return bool(self.value(name, *arguments))
 
     def value(self, name: str, *arguments: Any) -> Any:  # noqa: ANN401 - values of the program
-        """What a function of this name gives; None where it faults."""
+        """What function `name` returns; None where it faults."""
         try:
             return self._evaluator.function(self._functions[name])(Environment(), arguments)
         except StepFault:
@@ -70,19 +71,19 @@ class Caller:
 
 
 FORMS, RANGES = "f", "i"
-"""What operations of each begin with."""
+"""The first letter of operations on forms (`f_add`), and of those on ranges (`i_add`)."""
 WITH_NUMBER = ("add", "sub", "mul", "over", "friction")
-"""What takes a number as it is, where its second operand is one."""
+"""Operations with a variant whose second operand is a plain number, not a form."""
 MAP = "map"
-"""What the numbers of maps are called: no form knows more of them than that they are doubles."""
+"""The parameter that holds the numbers of maps: each is a double, without an error of its own."""
 
 
 def function(
     name: str, parameters: str, roots: Sequence[Node], inputs: Inputs, result: str, of: str = FORMS
 ) -> str:
-    """The text of `fun name(parameters): result`, an array of one form for each root, or range.
+    """The text of `fun name(parameters): result`, which returns one form (or range) for each root.
 
-    `inputs`: kind and number of an input -> what stands for it.
+    `inputs`: the text of each input, by its kind and number. `of`: `FORMS` or `RANGES`.
     """
     body, names = _body(roots, inputs, of)
     given = ", ".join(names[x] for x in roots)
@@ -98,9 +99,9 @@ def certain(
     truth: bool = True,
     first: str = "",
 ) -> str:
-    """The text of `fun name(parameters): bool`: whether a condition certainly has a truth.
+    """The text of `fun name(parameters): bool`: whether the condition certainly is `truth`.
 
-    `first`: what it begins with.
+    `first`: statements that the function begins with.
     """
     body, names = _body([condition], inputs, FORMS)
     said = _condition if truth else _refuted
@@ -113,14 +114,14 @@ def certain(
 
 
 def _met_again(condition: Node) -> dict[Node, str]:
-    """Names of conditions that several others are made of: written out at each, a text doubles."""
+    """Names for conditions that are used more than once, so that each is written out only once."""
     order = [c for c in in_order([condition]) if c.op in ("and", "or")]
     uses = Counter(x for c in order for x in c.of)
     return {c: f"c{k}" for k, c in enumerate(order) if uses[c] > 1}
 
 
 def _parts(condition: Node, op: str, named: Mapping[Node, str]) -> list[Node]:
-    """What is joined by `op`, in one chain or in several; what has a name is one part."""
+    """The conditions that `op` joins, through nested joins; one that has a name stays whole."""
     found, todo = [], [condition]
     while todo:
         c = todo.pop()
@@ -132,7 +133,7 @@ def _parts(condition: Node, op: str, named: Mapping[Node, str]) -> list[Node]:
 
 
 def _body(roots: Sequence[Node], inputs: Inputs, of: str) -> tuple[str, dict[Node, str]]:
-    """Statements for all nodes but conditions, and what each node is called."""
+    """The `let` statements for all nodes but conditions, and the name of each node."""
     names: dict[Node, str] = {}
     order = in_order(roots)
     used = {*roots, *(x for e in order for x in _operands(e))}
@@ -149,7 +150,7 @@ def _body(roots: Sequence[Node], inputs: Inputs, of: str) -> tuple[str, dict[Nod
 
 
 def _operands(e: Node) -> list[Node]:
-    """The nodes that an operation names: of a clamp not its ends, of a sum not a number."""
+    """The nodes that an operation names: not the ends of a clamp, and no plain numbers."""
     if e.op == "min" and e.of[1].op == "number" and _is_floor(e.of[0]):
         return [e.of[0].of[0]]
     if e.op in WITH_NUMBER and _exact(e.of[-1]):
@@ -179,7 +180,7 @@ def _operation(e: Node, names: Mapping[Node, str], of: str) -> str:
 
 
 def _exact(e: object) -> str:
-    """What stands for a double: a constant, a number of a map; "" for anything else."""
+    """The text of an exact double, a constant or a number of a map; "" for anything else."""
     if not isinstance(e, Node):
         return ""
     if e.op == "number":
@@ -192,7 +193,7 @@ def _is_floor(e: Node) -> bool:
 
 
 def _condition(c: Node, names: Mapping[Node, str]) -> str:
-    """That it certainly holds."""
+    """The text of an expression that is true only where the condition certainly holds."""
     if c in names:
         return names[c]
     if c.op == "known":
@@ -207,7 +208,7 @@ def _condition(c: Node, names: Mapping[Node, str]) -> str:
 
 
 def _refuted(c: Node, names: Mapping[Node, str]) -> str:
-    """That it certainly does not."""
+    """The text of an expression that is true only where the condition certainly does not hold."""
     if c in names:
         return names[c]
     if c.op == "known":
@@ -222,7 +223,7 @@ def _refuted(c: Node, names: Mapping[Node, str]) -> str:
 
 
 def number(x: float) -> str:
-    """What is read as this double."""
+    """A literal of the language, or a constant, that is read as this double."""
     if isinf(x):
         return "ENDLESS" if x > 0 else "-ENDLESS"
     text = repr(x)

@@ -1,15 +1,13 @@
-"""Whether SC leads back into a box around rest: rule 1 of "Decisions by tubes" (proof-flight.md).
+"""Whether SC leads back into a box around rest: rule 1, "Decisions by tubes" (proof-flight.md).
 
-Purpose: `led_back`: on which way, from parts of the box where it does not from all of it at once;
-where that is not shown a text with figures: a run that is not back, or which part is not led back,
-and into how large a box SC leads instead. `runs_from` a box: where runs in doubles are, from its
-corners and under disturbances at their ends, and one of them, if there is, that no tube shows to be
-back in the box: what a proof lacks, in a moment.
-Non-goals: the box (`rest_claims.py`), the tube (`rest.soter`); verdicts by runs: that all of these
-runs come back shows nothing.
-
-SC reads what is true and new, as it may, and all begins at an output of it, as in rule 1 of
-"Decisions by tubes" (docs/proof-flight.md).
+Purpose: `led_back` asks the tube of `rest.soter` whether every run of SC that begins in the box
+comes back into it: first from the whole box, then, where that fails, from ever smaller halves of
+it. Where a part is not shown, its answer says which one, and into how large a box SC does lead.
+`runs_from` first simulates runs in doubles, which takes a moment: from corners of the box, under
+disturbances at their ends, with reads that are true and new. Where no output of SC finds all runs
+from one start back in the box, no tube can show that start, and the search ends at once.
+Non-goals: finding the box (`rest_claims.py`), the tube itself (`rest.soter`), verdicts by runs:
+that all simulated runs come back shows nothing.
 """
 
 from __future__ import annotations
@@ -41,16 +39,16 @@ if TYPE_CHECKING:
     Values = NDArray[np.float64]
     Box = dict[int, Interval]
     Ends = tuple[list[float], list[float]]
-    """Of a region: low and high, in the order of `TubeCheck.states`."""
+    """The lower and the upper ends of a region, in the order of `TubeCheck.states`."""
 
 
 CORNERS_MAX = 64
 PLACES = 7
-"""Into so many parts ranges of states that need not come back are cut."""
+"""Runs start at this many places, and one, along each range of a state that need not come back."""
 STEPS_MAX = 20_000
-"""Of one run."""
+"""Runge-Kutta steps of one run, at most."""
 STILL = 1e-9
-"""Of the width of its side: a state that moves less in a hold has come to where it stays."""
+"""As a share of the box's width: a state that moves less between two outputs of SC has settled."""
 OPERATIONS: dict[str, Callable[..., Any]] = {
     "add": np.add,
     "sub": np.subtract,
@@ -76,9 +74,9 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 
 @dataclass(frozen=True)
 class Astray:
-    """A run that is never back: it began at `start` (by state) under `disturbed` (by disturbance).
+    """A simulated run that is not back: it began at `start` under `disturbed`, each by its number.
 
-    `state` is at `value` when it was followed for `after_s`.
+    After `after_s` seconds, where the simulation ended, `state` was at `value`.
     """
 
     state: int
@@ -90,17 +88,17 @@ class Astray:
 
 @dataclass(frozen=True)
 class RestRuns:
-    """`reached`: where all runs are in the end, by state that has to come back."""
+    """`reached`: where all runs ended, by state; `astray`: one of a start that never came back."""
 
     reached: dict[int, Interval]
     astray: Astray | None
 
 
 def runs_from(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int]) -> RestRuns | None:
-    """Runs from a box, of which the sides `own` have to come back; None: not to be followed.
+    """Simulates runs from `box`, which have to come back in the states `own`.
 
-    A start is astray where at no output of SC all its runs, one under each disturbance, are back:
-    a part of the box that holds it is then not shown either.
+    A start is astray where at no output of SC all its runs, one for each disturbance, are back: no
+    part of the box that holds it can be shown. None where an operation cannot be simulated.
     """
     if not (flow := _Flow.of(check)):
         return None
@@ -144,7 +142,7 @@ def runs_from(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int])
 
 
 def _starts(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int]) -> Values:
-    """Starts (n, states): corners of the sides that have to come back, the rest at some places."""
+    """Starts, shape (n, states): each corner in the states `own`, with the others at each place."""
     corners = _corners([[box[s].low, box[s].high] for s in own])
     rest = [box.get(s, Interval(0.0, 0.0)) for s in check.states]
     rest = [r if np.isfinite(r.high - r.low) else Interval(0.0, 0.0) for r in rest]
@@ -155,7 +153,7 @@ def _starts(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int]) -
 
 
 def _corners(sides: Sequence[list[float]]) -> list[list[float]]:
-    """Of a box; of one with many sides those at which all sides but one are the same."""
+    """The corners of a box; if it has many sides, those with all sides but one at the same end."""
     if 2 ** len(sides) <= CORNERS_MAX:
         return [list(c) for c in product(*sides)]
     ends = [[side[0] for side in sides], [side[1] for side in sides]]
@@ -166,7 +164,7 @@ def _corners(sides: Sequence[list[float]]) -> list[list[float]]:
 
 
 def _winds(check: TubeCheck) -> Values:
-    """Disturbances (n, disturbances): in the middle, at an end each, one of them at an end."""
+    """Disturbances, shape (n, disturbances): all in the middle, all at one end, one at an end."""
     ranges = check.problem.disturbances
     still = [middle(d) for d in ranges]
     every = [still, [d.low for d in ranges], [d.high for d in ranges]]
@@ -178,14 +176,14 @@ def _winds(check: TubeCheck) -> Values:
 
 @dataclass(frozen=True)
 class _Flow:
-    """What moves states, over arrays of numbers, a column a run."""
+    """Simulates many runs at once: arrays of states of shape (states, runs)."""
 
     check: TubeCheck
     steps: int
 
     @classmethod
     def of(cls, check: TubeCheck) -> _Flow | None:
-        """None where some operation is none of those above."""
+        """The simulation of a check; None where an operation is missing in `OPERATIONS`."""
         known = {"number", "input", "known", *OPERATIONS}
         rates = [check.rates[s] for s in check.states]
         if any(e.op not in known for e in in_order([*rates, *check.law])):
@@ -194,7 +192,7 @@ class _Flow:
         return cls(check, max(2, min(fine, STEPS_MAX // max(1, check.times.switches))))
 
     def after_a_hold(self, x: Values, w: Values) -> Values:
-        """States one output of SC later, by Runge-Kutta."""
+        """The states, one period of SC later, by Runge-Kutta; the command is held meanwhile."""
         check, runs = self.check, x.shape[1]
         step = check.times.period * 1e-9 / self.steps
         read = {("y", s): x[k] for k, s in enumerate(check.states)}
@@ -218,7 +216,7 @@ class _Flow:
 def _values(
     roots: Sequence[Node], inputs: Mapping[tuple[str, int], Values], runs: int
 ) -> list[Values]:
-    """Expressions of numbers, (runs,) each."""
+    """The values of some expressions for given inputs, each of shape (runs,)."""
     found: dict[Node, Any] = {}
     for e in in_order(roots):
         if e.op in ("number", "known"):
@@ -231,18 +229,19 @@ def _values(
 
 
 SPLITS = 8
-"""How often the box is halved at most, where SC does not lead back from all of it at once."""
+"""How often a part of the box is halved, at most."""
 OPERATIONS_MAX = 10**10
-"""Of all parts that are tried: some minutes."""
+"""Operations for all parts that are tried, at most: some minutes."""
 LARGER = (1.1, 1.6)
-"""How much larger a box than the one that runs end in is tried."""
+"""Factors by which the box that simulated runs end in is enlarged: does SC lead into that one?"""
 
 
 @dataclass
 class Led:
-    """Y, by state, all that SC leads through from the box; `why` it is not shown, "": it is.
+    """What the search found. `why`: why SC is not shown to lead back, in words; "": it is shown.
 
-    `astray`: a run that reads what is true and new is not back, so that younger reads are no help.
+    `ways`: Y of proof-flight.md, by state: the range that SC leads through on its way back.
+    `astray`: a simulated run with exact, new reads is not back, so younger reads would not help.
     """
 
     ways: Box
@@ -251,7 +250,7 @@ class Led:
 
 
 def ends(check: TubeCheck, by_state: Mapping[int, Interval]) -> Ends:
-    """A region; 0 for a state that has no range, which nothing asked then reads."""
+    """A box as the tube takes it; [0, 0] for a state without a range, which nobody reads there."""
     ranges = [by_state.get(s, Interval(0.0, 0.0)) for s in check.states]
     return [r.low for r in ranges], [r.high for r in ranges]
 
@@ -263,12 +262,12 @@ def told(check: TubeCheck, box: Mapping[int, Interval]) -> str:
 
 
 def led_back(check: TubeCheck, caller: Caller, box: Box, own: Sequence[int]) -> Led:
-    """From `box`, into the sides `own` of it."""
+    """Whether SC leads from all of `box` back into it, as far as the states `own` are concerned."""
     return _Search(check, caller, box, own).all_of_it()
 
 
 class _Search:
-    """Of one box."""
+    """Asks the tube about one box and parts of it."""
 
     def __init__(self, check: TubeCheck, caller: Caller, box: Box, own: Sequence[int]) -> None:
         self._check, self._caller, self._box, self._own = check, caller, box, own
@@ -315,17 +314,17 @@ class _Search:
         return Led({}, self._not_from(part, into, shown, tried, reached))
 
     def _last_part(self) -> Box:
-        """Of those to come the last: it ends the search soonest."""
+        """The smallest part that would be asked last: if it fails, the search ends at once."""
         part = self._box
         for _ in range(SPLITS):
             part = self._halves(part)[-1]
         return part
 
     def _whole(self) -> Box | None:
-        """`_way` of all of the box, by the first of `CUTS` that shows the start, too.
+        """The way from all of the box, by the first of `CUTS` with which the start is shown, too.
 
-        `_rests`: the first that shows rest, with its way. It is what there is where parts show
-        nothing, either: a start may be beyond what a map calls free.
+        `_rests` keeps the first cut that shows rest alone, with its way: it is the answer where
+        parts fail, too, since a start may lie outside what a map calls free.
         """
         for cut in range(len(CUTS)) if self._check.read_by_law else ():
             with suppress(TooLongError, SoterError):  # it does not fit into a step, or into forms
@@ -348,7 +347,7 @@ class _Search:
         return Caller(self._check.offline(way)).holds("starts", ends(self._check, initial))
 
     def _way(self, part: Box, box: Box) -> Box | None:
-        """Where SC leads through from a part back into a box; None: it is not shown to."""
+        """The range of each state on the way from `part` back into `box`; None: it is not shown."""
         moving = {s: Interval(-inf, inf) for s in self._check.states if s not in self._own}
         way, end = ({**moving, **{s: of[s] for s in self._own}} for of in (self._rooms, box))
         led = self._caller.value("keeps", *(ends(self._check, b) for b in (part, way, end)))
@@ -357,7 +356,7 @@ class _Search:
         return {s: Interval(*r) for s, *r in zip(self._check.states, *led[1], strict=True)}
 
     def _halves(self, part: Box) -> list[Box]:
-        """A part, halved where it is the longest part of the box's side."""
+        """The two halves of a part, cut in the state whose side is longest against the box's."""
         sides = {s: self._box[s].high - self._box[s].low for s in self._own}
         longest = max(
             self._own,
@@ -386,7 +385,7 @@ class _Search:
         return f"{what}: shown of {shown:.1%} of it, {where}{self._instead(reached)}"
 
     def _instead(self, reached: Box) -> str:
-        """A larger box that SC leads back into, if one of those that are tried is."""
+        """Words about a larger box that SC leads back into; "" where no tried box is one."""
         if not all(abs(r.low) < inf and abs(r.high) < inf for r in reached.values()):
             return ""
         for factor in LARGER:

@@ -52,15 +52,15 @@ if TYPE_CHECKING:
 
 
 FUNCTIONS = frozenset({"sin", "cos", "exp", "tan", "atan", "tanh", "wrap_angle"})
-"""Functions of the prelude with forms of their own."""
+"""Functions of the prelude that `forms.soter` encloses as a whole."""
 NO_FUNCTIONS = frozenset({"asin", "acos", "atan2", "log", "pow"})
-"""Those whose bodies are no real function of the same meaning: they look at how floats round. The
-bodies of all others are executed."""
+"""Functions of the prelude that are refused: their bodies look at how floats round, so they are not
+the real function that is meant. The bodies of all others are executed."""
 COMPARED = {"<", "<=", ">", ">="}
 
 
 class ExpressionReading(Execution["Value"]):
-    """Core executed over expressions; `cell` says what a cell holds."""
+    """Executes Core over expressions; `cell(cell, type)` gives the value of a cell."""
 
     def __init__(
         self,
@@ -72,10 +72,10 @@ class ExpressionReading(Execution["Value"]):
         self.make, self.cell = make, cell
         self.where = None
         self.guards: list[Node] = []
-        """What has to hold so that nothing faults, wherever it stands."""
+        """Conditions that all have to hold so that nothing faults."""
         self.computed: dict[Node, None] = {}
-        """Every number on the way, whether or not the result hangs on it: an endless one may become
-        NaN."""
+        """Every number on the way, whether or not the result depends on it: an infinite one may
+        become NaN."""
 
     def _known(self, condition: Value) -> bool | None:
         return condition.of[0] if condition.op == "known" else None
@@ -152,12 +152,12 @@ class ExpressionReading(Execution["Value"]):
         return (*old[:k], self._changed(s, old[k], rest, value), *old[k + 1 :])
 
     def _number(self, e: Node) -> Node:
-        """What is computed, noted."""
+        """Notes `e` in `computed` and returns it."""
         self.computed[e] = None
         return e
 
     def call(self, f: core.Function, arguments: tuple[Value, ...]) -> Value:
-        """The result of a function; NoExpressionError where it is extern."""
+        """The result of a function; `NoExpressionError` where it is extern, or has no form."""
         if is_prelude(f) and f.source_name in FUNCTIONS:
             return self._number(self.make.function(f.source_name, arguments[0]))
         if is_prelude(f) and f.source_name == "clamp":
@@ -199,7 +199,7 @@ class ExpressionReading(Execution["Value"]):
         return self._binary(e.op, *operands)
 
     def constant(self, t: Type, value: object) -> Value:
-        """A constant of any type."""
+        """A constant of any type, its floats as nodes."""
         if isinstance(value, bool):
             return self.make.true if value else self.make.false
         if isinstance(t, FloatType):
@@ -257,9 +257,9 @@ Path = tuple[str, ...]
 
 
 class ModuleExpressions:
-    """Expressions over inputs "x" (states), "u" (controls), "w" (disturbances), "y" (reads).
+    """Expressions over "x" (states), "u" (controls), "w" (disturbances) and "y" (what SC reads).
 
-    Of `safe` also "m" (numbers of maps).
+    Those of `safe` are also over "m" (the numbers of maps).
     """
 
     def __init__(self, problem: TubeProblem) -> None:
@@ -271,16 +271,16 @@ class ModuleExpressions:
             self._numbers.update({key(leaf): (kind, i) for i, leaf in enumerate(every)})
         self.functions = {f.name: f for f in problem.core.functions}
         self.seen: dict[int, tuple[int, int]] = {}
-        """State that SC sees -> the topic and the leaf in which it does."""
+        """For each state that SC sees, the topic and the leaf that show it."""
         self._guards: list[Node] = []
-        """What has to hold so that no plant faults."""
+        """Conditions that all have to hold so that no plant faults."""
         self.rooms = dict(enumerate(problem.states))
-        """Where each state is within C, as topics that equal it have sets."""
+        """The range of each state within C, by the sets of the topics that equal it."""
 
     # ------------------------------------------------------------ flows
 
     def rates(self) -> list[Node]:
-        """The derivative of every state over x, u and w."""
+        """The derivative of every state, in the order of states, over x, u and w."""
         rates: dict[Any, Node] = {}
         for component, step in self._plants():
             call = right_hand_side(step, self.functions)
@@ -300,17 +300,17 @@ class ModuleExpressions:
         return [rates.get(key(s), zero) for s in self.problem.quantities.states]
 
     def still(self, rates: list[Node]) -> list[Node]:
-        """Rates with every disturbance in the middle of its range."""
+        """These rates with every disturbance in the middle of its range."""
         make, every = self.make, enumerate(self.problem.disturbances)
         known = {make.input("w", k): make.number(middle(d)) for k, d in every}
         return [make.replaced(e, known) for e in rates]
 
     def effects(self, rates: list[Node], still: list[Node]) -> list[list[Node]]:
-        """For each disturbance and then each control its factor in every rate.
+        """For each disturbance, then each control: its factor in every rate.
 
-        That of a disturbance may hang on commands, as of a brake that grips more or less; that of a
-        command is the one beside disturbances in the middle. NoExpressionError where a rate is not
-        affine in disturbances, or not in commands.
+        The factor of a disturbance may depend on commands (a brake that grips more or less); that
+        of a command is taken with disturbances in the middle (`still`). `NoExpressionError` where a
+        rate is not affine in disturbances, or not in commands.
         """
         q, make, all_effects = self.problem.quantities, self.make, []
         moved = [("w", i, rates) for i in range(len(q.disturbances))]
@@ -325,7 +325,7 @@ class ModuleExpressions:
         return all_effects
 
     def bends(self, rates: list[Node]) -> list[Node]:
-        """Derivatives of these along "v"."""
+        """The derivatives of these rates along a direction "v" of states."""
         make = self.make
         count = len(self.problem.quantities.states)
         direction = {make.input("x", i): make.input("v", i) for i in range(count)}
@@ -335,7 +335,7 @@ class ModuleExpressions:
     # ------------------------------------------------------------ the law, predicates
 
     def law(self) -> list[Node]:
-        """What SC publishes, over reads y; NoExpressionError with locals or where it may not."""
+        """What SC publishes, over y; `NoExpressionError` if it has locals or may stay silent."""
         step = self.problem.core.nodes[self.problem.module.sc]
         if step.locals or step.takeover:
             raise NoExpressionError("SC has variables, or `on takeover`")
@@ -354,9 +354,9 @@ class ModuleExpressions:
         return [found[leaf.owner, leaf.path] for leaf in self.problem.quantities.controls]
 
     def law_defined(self, law: list[Node]) -> Node:
-        """That SC's step does not fault on reads y, and publishes what its topics may hold.
+        """The condition that SC's step on reads y neither faults nor publishes outside its sets.
 
-        That all numbers on the way have ends says that none is NaN.
+        It also says that every number on the way is finite, so that none becomes NaN.
         """
         held = self.make.true
         for guard in self.law_guards:
@@ -366,9 +366,9 @@ class ModuleExpressions:
         return held
 
     def predicate(self, e: TypedExpr, maps: Maps | None = None) -> Node:
-        """A condition on true states, over x: that it is true, and that nothing faults there.
+        """The condition that `e` is true of the states x, and that its evaluation does not fault.
 
-        `maps`: the numbers of maps, by topic and leaf.
+        `maps`: the input for each number of the maps, by topic and leaf.
         """
         table = FunctionTable(self.problem.system)
         system, module = self.problem.system, self.problem.module
@@ -387,7 +387,7 @@ class ModuleExpressions:
     def _say_where(self, safe: Node) -> None:
         """`NoExpressionError` for a map that no part of `safe` compares with a state.
 
-        Along a tube that part is as it is: it says something of the robot, not of a place.
+        Such a part is the same all along a tube: it speaks of the robot, not of a place.
         """
         of = [topic for topic, _ in self.problem.map_leaves]
         placed: set[int] = set()
@@ -401,11 +401,10 @@ class ModuleExpressions:
             raise NoExpressionError(f"`safe` compares nothing of the map `{name}` with a state")
 
     def constraint(self) -> Node:
-        """C: `safe`, and that plants neither fault nor publish what their topics may not hold.
+        """C: `safe` holds, and plants neither fault nor publish, with errors, outside their sets.
 
-        Errors are counted. After `rates`, whose faults are among these.
-        `NoExpressionError` where what has a set is no float, and where commands or disturbances
-        alone may make a plant fault.
+        To be called after `rates`, whose faults count, too. `NoExpressionError` where something
+        with a set is no float, or a command or disturbance may make a plant fault.
         """
         system, make = self.problem.system, self.make
         maps = {at: make.input("m", k) for k, at in enumerate(self.problem.map_leaves)}
@@ -466,7 +465,7 @@ class ModuleExpressions:
         return self._leaves((cell.owner, cell.name if cell.kind == "state" else ""), t, ())
 
     def _topic(self, index: int, t: Type, kind: str, maps: Maps | None = None) -> Value:
-        """What plants publish, as the states that equal it, and the numbers of maps."""
+        """The value of a topic: for each leaf the state that equals it, or the number of a map."""
 
         def at(t: Type, k: list[int]) -> Value:
             if isinstance(t, (RecordType, ArrayType)):
@@ -483,7 +482,7 @@ class ModuleExpressions:
         return at(t, [0])
 
     def _seen(self, cell: core.Cell, t: Type) -> Value:
-        """What SC reads; of a state that it reads twice the errors differ."""
+        """The value that SC reads of a topic; refuses two reads of one state, with two errors."""
         for leaf, state in self.problem.state_of_leaf.items():
             if leaf[0] == cell.owner and self.seen.setdefault(state, leaf) != leaf:
                 name = self.problem.quantities.states[state].name
@@ -492,7 +491,7 @@ class ModuleExpressions:
 
 
 def parts(t: Type, v: Value, path: Path = ()) -> Iterator[tuple[Path, Type, Value]]:
-    """Leaves of a value."""
+    """The path, type and value of each leaf of a value."""
     if isinstance(t, (RecordType, ArrayType)):
         for n, f, x in zip(names(t), types_of(t), v, strict=True):
             yield from parts(f, x, (*path, n))

@@ -1,8 +1,8 @@
-"""What is to be shown of a module with `rest`: its DM follows SC from each estimate.
+"""The problem of a module with `rest`, whose DM encloses what SC would do from each estimate.
 
-Purpose: `TubeProblem`, and `followed`, which makes one of what every flow has; R007 for what the
-theorem ("Decisions by tubes" in docs/proof-flight.md) does not have.
-Non-goals: the check (`tube_check.py`), what is shown offline (`rest_claims.py`).
+Purpose: `followed` turns the problem of a flow into a `TubeProblem`, and refuses (R007) what the
+theorem ("Decisions by tubes" in docs/proof-flight.md) does not cover.
+Non-goals: the check in flight (`tube_check.py`), what is shown offline (`rest_claims.py`).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 
 FARTHEST = 1e100
-"""No state without a set is taken to be beyond it, and above it a number of a map is none: sums of
-them, and products of two, are what forms hold."""
+"""A state without a set is assumed to be below it, and a map with a larger number is refused: forms
+can hold sums of such numbers, and products of two."""
 AS_EXPRESSIONS = "a tube needs rates, the law, `safe` and `rest` as expressions of reals"
 
 
 @dataclass(frozen=True)
 class Drift:
-    """How far SC moves a state below and above where it was when `rest` held; inf: anywhere."""
+    """How far SC may move a state down and up from where `rest` first held; inf: without end."""
 
     below: float
     above: float
@@ -37,9 +37,10 @@ class Drift:
 
 @dataclass(eq=False, kw_only=True)
 class TubeProblem(Problem):
-    """`rest e moves ... within T;`. `drifts`: state -> what `moves` says of it.
+    """A module that declares `rest e moves ... within T;`.
 
-    `map_leaves`: the numbers of all maps that `safe` reads: topic and leaf of each.
+    `drifts`: what `moves` says of a state, by its number. `map_leaves`: each number of the maps
+    that `safe` reads, as (topic, leaf).
     """
 
     rest: TypedExpr
@@ -49,7 +50,7 @@ class TubeProblem(Problem):
 
     @property
     def first_map(self) -> list[float]:
-        """The numbers of the maps that the start is about: defaults."""
+        """The defaults of all map topics, number by number: the map that the start is judged by."""
         topics = [self.system.topics[t] for t in dict.fromkeys(t for t, _ in self.map_leaves)]
         return [x for t in topics for x in numbers_in(t.default)]
 
@@ -95,12 +96,12 @@ def followed(problem: Problem, rest: RestSymbol, calculator: Calculator) -> Tube
 
 
 def reached(r: Interval) -> Interval:
-    """Where a state with this set may be."""
+    """The set `r` of a state, cut to ±`FARTHEST`."""
     return Interval(max(r.low, -FARTHEST), min(r.high, FARTHEST))
 
 
 def is_far(r: Interval) -> bool:
-    """Whether something with this set may be beyond it."""
+    """Whether the set `r` goes beyond ±`FARTHEST`."""
     return reached(r) != r
 
 
@@ -110,7 +111,7 @@ def read_by(problem: Problem) -> set[int]:
 
 
 def read_by_sc(problem: Problem) -> set[int]:
-    """Those of SC."""
+    """The topics that SC reads."""
     return set(problem.system.components[problem.module.sc].scope.topics.values())
 
 
@@ -143,7 +144,7 @@ def _refuse(problem: Problem, rest: RestSymbol, diagnostics: Diagnostics) -> Non
 
 
 def refused(problem: TubeProblem, why: str, helps: tuple[str, ...] = ()) -> SoterError:
-    """R007 for what is no expression of reals; `helps`: for what is more than is followed."""
+    """The error R007 with `why`; a note on expressions where there are no `helps` to give."""
     diagnostics = Diagnostics()
     diagnostics.error(
         "R007",

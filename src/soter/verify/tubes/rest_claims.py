@@ -1,13 +1,13 @@
 """What is shown of a module with `rest` before anything flies.
 
-Purpose: `shown`: a box around where `rest` holds that SC keeps (rule 1 of "Decisions by tubes" in
-proof-flight.md), what SC answers on all that it may read, what `moves` says, and the start; each by
-the tube of `rest.soter`. `undrifted`: how far SC moves what `moves` names once `rest` holds: rule 2
-with V the sum of c_i |x_i| over states: where z' <= sum x_i p_i and x_i' = x_i q_i, z moves by at
-most V as long as |p_i| + c_i q_i <= 0; V is 0 where they are, and exactly so, as each is taken out
-as a factor and only p_i, q_i and what else is in z' are enclosed.
-Non-goals: verdicts (`verify.py`), the check in flight; other potentials: what is not of this form
-is not shown.
+Purpose: `shown` asks the tube of `rest.soter` four things: that SC answers on all that it may read,
+that it keeps a box around the states where `rest` holds (rule 1 of "Decisions by tubes" in
+proof-flight.md), how far it moves the states that `moves` names (rule 2), and that the start leads
+to rest. `undrifted` shows rule 2 with one form of potential: V is the sum of c_i |x_i| over states.
+Where z' <= sum x_i p_i and x_i' = x_i q_i, z moves by at most V as long as |p_i| + c_i q_i <= 0.
+Each x_i is taken out as a factor, so V is exactly 0 where all x_i are: only p_i, q_i and what else
+is in z' are enclosed.
+Non-goals: verdicts (`verify.py`), the check in flight (`tube_check.py`), other potentials.
 """
 
 from __future__ import annotations
@@ -42,15 +42,15 @@ if TYPE_CHECKING:
 
 
 RANGES = "const SYMBOLS: int = 1;\nconst NONE: float[SYMBOLS] = [0.0];"
-"""Forms that share nothing."""
+"""Constants for forms with one symbol, so that no two of them share an error."""
 
 
 def undrifted(
     check: TubeCheck, caller: Caller, at: Mapping[int, Interval], box: Mapping[int, Interval]
 ) -> str:
-    """The first state of `moves` of which it is not shown; "": all are.
+    """Why the bound of some state that `moves` names is not shown; "": all bounds are.
 
-    `at`: where states are once `rest` holds, Y or a topic's set; `box`: where it holds.
+    `at`: the range of each state once `rest` holds, Y or its topic's set; `box`: where it holds.
     """
     ends = [[at[s].low for s in check.states], [at[s].high for s in check.states]]
     answer = caller.value("answers_at_rest", ends)
@@ -74,14 +74,14 @@ def undrifted(
 def _ranges(
     check: TubeCheck, at: Mapping[int, Interval], answer: Sequence[Interval]
 ) -> dict[tuple[str, int], Interval]:
-    """Of all inputs of rates: states, answers of SC, disturbances."""
+    """The range of every input of the rates: states "x", answers of SC "u", disturbances "w"."""
     ranges = {("x", s): at[s] for s in check.states}
     ranges |= {("u", k): u for k, u in enumerate(answer)}
     return ranges | {("w", k): d for k, d in enumerate(check.problem.disturbances)}
 
 
 def _pushed(check: TubeCheck, state: int) -> str:
-    """By what a state and those that its rate reads are moved, in words."""
+    """What moves a state, and the states that its rate reads: words for the end of a message."""
     found, new = set[int](), {state}
     while new - found:
         found |= new
@@ -103,7 +103,7 @@ def _pushed(check: TubeCheck, state: int) -> str:
 def _farther(
     check: TubeCheck, z: int, e: Node, by: float, ranges: Ranges, box: Mapping[int, Interval]
 ) -> str:
-    """Why what grows at e may grow by more than `by`, by V of the states of `box`; "": not so."""
+    """Why a state z with rate `e` may grow by more than `by`, with V over `box`; "": it may not."""
     make, most = check.make, Fraction(0)
     (e,) = _decided(check, [_at_worst(make, e, ranges)], ranges)
     for state, where in box.items():
@@ -129,7 +129,7 @@ def _farther(
 
 
 def _at_worst(make: Expressions, e: Node, ranges: Ranges) -> Node:
-    """Disturbances that only add to e, at the end at which they add most."""
+    """`e` with each disturbance that is only added set to the end at which it adds most."""
     for w in [x for x in in_order([e]) if x.op == "input" and x.of[0] == "w"]:
         slope = make.along(e, {w: make.number(1.0)}, {})
         if slope.op == "number":
@@ -159,7 +159,7 @@ def _decided(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[No
 
 
 def enclosed(nodes: Sequence[Node], ranges: Ranges) -> list[Interval]:
-    """Where these expressions lie; without ends where nothing is known."""
+    """A range that holds each expression, over `ranges`; endless where nothing is known."""
     return Enclosures([nodes]).of(0, ranges)
 
 
@@ -177,7 +177,7 @@ class Enclosures:
         self._caller = Caller("\n".join(text))
 
     def of(self, k: int, ranges: Ranges) -> list[Interval]:
-        """Where those of one list lie; without ends where nothing is known."""
+        """Ranges of the expressions of list `k`, over `ranges`; endless where nothing is known."""
         value = self._caller.value
         inputs: list[Any] = [
             value("f_range", ranges[e.of].low, ranges[e.of].high) for e in self._used[k]
@@ -193,10 +193,10 @@ HALVINGS = 12
 
 @dataclass
 class RestClaims:
-    """What was found; a text where something is not shown, "" where it is.
+    """What was found: each text says why something is not shown; it is "" where it is shown.
 
-    `ways`: Y, by state, of those that `moves` does not name. `box`: B. `cut`: that of the tubes
-    that show it, and of the check that flies. `astray`: no younger read helps.
+    `box`: B of rule 1, `ways`: Y, the range from then on, of each state that `moves` does not name.
+    `cut`: the place in `CUTS` of what showed it, and flies. `astray`: no younger read would help.
     """
 
     box: dict[int, Interval] = field(default_factory=dict)
@@ -209,12 +209,12 @@ class RestClaims:
     cut: int = PLAIN
 
     def write(self, path: Path) -> None:
-        """As JSON; the ends of ranges as they are."""
+        """Writes it as JSON, with the exact ends of ranges."""
         path.write_text(json.dumps(asdict(self)), encoding="utf-8")
 
     @classmethod
     def read(cls, path: Path) -> RestClaims:
-        """What was written."""
+        """Reads what `write` wrote."""
         told = json.loads(path.read_text(encoding="utf-8"))
         for name in ("box", "ways"):
             told[name] = {int(s): Interval(**r) for s, r in told[name].items()}
@@ -222,7 +222,7 @@ class RestClaims:
 
 
 def shown(check: TubeCheck) -> RestClaims:
-    """All of it, in turn: what is not shown leaves out what rests on it.
+    """Shows one claim after the other; where one fails, those that need it take over its text.
 
     `SoterError` R007 where the check takes more operations than a step may.
     """
@@ -249,9 +249,9 @@ def shown(check: TubeCheck) -> RestClaims:
 
 
 def too_long(check: TubeCheck) -> SoterError:
-    """R007 with what would fit: operations grow by as many with each step of SC that is followed.
+    """R007 with a `within` that would fit: each further step of SC costs as many operations.
 
-    Of three, as there is more in a text of more than one.
+    The growth is measured from two steps to three: the first step costs differently.
     """
     times = check.times
     needs, fits = "", 0
@@ -274,13 +274,13 @@ def _name(check: TubeCheck, state: int) -> str:
 
 
 def _without_set(check: TubeCheck, states: Sequence[int]) -> str:
-    """A state without a set among these; "": all have one."""
+    """The name of the first of `states` without a bounded set; "": all have one."""
     rooms = check.rooms
     return next((_name(check, s) for s in states if not isfinite(rooms[s].high - rooms[s].low)), "")
 
 
 def _answers(check: TubeCheck, caller: Caller) -> str:
-    """SC faults on nothing that it may read, and publishes what its topics may hold."""
+    """Why SC may fault, or publish what its topics may not hold, on some read; "": it does not."""
     sets = {s: reached(check.read_sets[s]) for s in check.read_by_law}
     if caller.holds("answers", ends(check, sets)):
         return ""
@@ -288,7 +288,7 @@ def _answers(check: TubeCheck, caller: Caller) -> str:
 
 
 def _kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
-    """Rule 1."""
+    """Why rule 1, that SC keeps a box around rest, is not shown; "": it is. Fills in `claims`."""
     problem = check.problem
     own = [s for s in check.states if s not in problem.drifts]
     moving = [s for s in check.states if s in problem.drifts]
@@ -320,7 +320,7 @@ def _around_rest(
 
 
 def _nearer(check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int) -> Interval:
-    """A side without a set, moved in by powers of ten as far as that shows."""
+    """Side `s`, where it has no set moved in by powers of ten while `rest` holds nowhere beyond."""
     low, high = box[s].low, box[s].high
     if not is_far(check.rooms[s]):
         return box[s]
@@ -335,7 +335,7 @@ def _nearer(check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int) 
 def _shaved(
     check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int, *, upper: bool
 ) -> Interval:
-    """One end of a side moved in as far as bisection shows."""
+    """The side `s` with one end moved in by bisection: `rest` holds nowhere in what is cut off."""
     low, high = box[s].low, box[s].high
     outer, inner = (high, low) if upper else (low, high)
     for _ in range(HALVINGS):
@@ -349,7 +349,7 @@ def _shaved(
 
 
 def _starts(check: TubeCheck, caller: Caller) -> str:
-    """Condition 6, of all states in which the plants may start."""
+    """Why condition 6, that every start of the plants leads to rest, is not shown; "": it is."""
     initial = {s: check.problem.initial[s] for s in check.states}
     if any(map(is_far, initial.values())):
         return f"it is beyond {FARTHEST:g}"

@@ -1,10 +1,10 @@
-"""The check of a decision module by tubes, as Soter source.
+"""The check of a decision module by tubes, written as Soter source.
 
-Purpose: `TubeCheck`: what a module gives for it as expressions, and program texts: `in_flight` with
-`fun good(estimate: float[n]): bool`, and `offline` with what is shown beforehand (`rest.soter`),
-made of what is the same for all (`forms.soter`, `tube.soter`, `check.soter`) and of the module's
-rates, law and predicates.
-Non-goals: what is shown offline (`rest_claims.py`), the predicates of the DM (`tube_table.py`).
+Purpose: `TubeCheck` reads a module's rates, law and predicates as expressions. Of them and of the
+parts that all modules share (`forms.soter`, `tube.soter`, `check.soter`) it writes two programs:
+`in_flight`, with `fun good(estimate: float[n]): bool`, which the DM calls, and `offline`, with the
+functions of `rest.soter`, which are asked before anything flies.
+Non-goals: asking them (`rest_claims.py`), the predicates of the DM (`tube_table.py`).
 """
 
 from __future__ import annotations
@@ -46,48 +46,49 @@ RANGED = "x: Ranges, u: Orders"
 PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit"})
 """Functions that are not defined everywhere."""
 SYMBOLS_MAX = 2000
-"""How many a form may have, for what `forms.soter` says of sums."""
+"""How many symbols a form may have: the rounding bounds of `forms.soter` count on it."""
 ATTEMPTS, LEVELS, PARTS = 5, 6, 4
 NO_RANGE = "{ lo: 0.0, hi: 0.0 }"
 FREE, STEPS, LONGEST = 2, 1, 8
-"""How finely a tube is cut: steps until SC acts, steps a hold, holds a step of an SC that reads
-nothing."""
+"""How finely a tube is cut: steps until SC acts, steps in a period of SC, periods in one step of an
+SC that reads nothing."""
 CUTS = (6, True), (6, False), (40, True)
-"""How many columns are kept, and whether those that are most as shares of their states, or most."""
+"""Ways to shorten forms: how many columns are kept, and whether the largest as shares of their
+state's width are kept (True) or the largest as they are."""
 PLAIN, MOST = 1, 2
 ENDINGS = 2
-"""Into how many the times are cut at which a judged command may end to act."""
+"""Into how many parts the time is cut in which a judged command may cease to act."""
 
 
 @dataclass(frozen=True)
 class TubeTimes:
-    """Times of a tube in ns (docs/proof-flight.md, "Decisions by tubes")."""
+    """Times of a tube in ns, after the estimate (docs/proof-flight.md, "Decisions by tubes")."""
 
     earliest: int
-    """alpha: an output of SC is complete no earlier after the estimate's instant."""
+    """alpha: no output of SC is complete before."""
     latest: int
-    """H."""
+    """H, the look-ahead: an output of SC is complete by then."""
     start: int
-    """h_0."""
+    """h_0: in a new run an output of SC is complete by then."""
     delay: int
-    """d."""
+    """d: the age of the state behind a command that begins to act, at most."""
     jitter: int
-    """j."""
+    """j: the length of the window in which an output of SC acts."""
     period: int
-    """delta."""
+    """delta: the period of SC."""
     switches: int
-    """N_T: after so many outputs of SC, the first not counted, it has to be at rest."""
+    """N_T: after this many outputs of SC, the first not counted, the plant has to be at rest."""
     any_command: int = 0
-    """W: where commands are judged, for so long any of U may act before SC's output is complete."""
+    """W: where commands are judged, any command may act for this long before SC's output does."""
 
     @property
     def depth(self) -> int:
-        """Holds over which a read may go back: until the last one acts, j more than d."""
+        """How many periods of SC a read may reach back: those in d + j, at least 1."""
         return max(1, -(-(self.delay + self.jitter) // self.period))
 
     @staticmethod
     def of(problem: TubeProblem) -> TubeTimes:
-        """Of a module that comes to rest within its time."""
+        """The times of a module, from its schedule and its `within`."""
         t = problem.times
         h, j, period = t.horizon_ns, t.jitter_sc, t.delta_sc
         earliest = max(t.delta_dm - t.late_dm + t.acts_least, h - period - j, 0)
@@ -98,12 +99,12 @@ class TubeTimes:
 
 
 class TubeCheck:
-    """Of one problem; `SoterError` R007 where something is no expression of reals.
+    """The expressions of one problem; `SoterError` R007 where something is none of reals.
 
-    `states`: those that what is asked hangs on, in the order of estimates; all others are left out
-    (no rate, law or condition of these reads them). `read_sets`: of what SC reads of a state;
-    `rooms`: where states are within C, by the sets of what plants publish; `cut`: which of
-    `CUTS` tubes have: any is sound, and `leading_back.py` looks for one that shows rest.
+    `states`: those that the law or a condition depends on, in the order of estimates; no rate of
+    theirs reads another one. `read_sets`: the set of what SC reads of a state; `rooms`: its range
+    within C, by the sets of what plants publish; `cut`: which of `CUTS` the tubes use: each is
+    sound, and `leading_back.py` looks for one that shows rest.
     """
 
     def __init__(self, problem: TubeProblem) -> None:
@@ -154,9 +155,9 @@ class TubeCheck:
         return Interval(-inf, inf) if bound is None else Interval(bound.low, bound.high)
 
     def _left_out(self) -> None:
-        """States that are not followed have rates, and do not grow without end in finite time.
+        """Refuses a state that is not followed and may grow without end in finite time.
 
-        They grow at most exponentially where rates are affine in them.
+        It cannot where its rate is defined everywhere and affine in the states that are left out.
         """
         names = self.problem.quantities.states
         left = set(range(len(names))) - set(self.states)
@@ -171,7 +172,7 @@ class TubeCheck:
                 )
 
     def _reads_what_sc_reads(self, seen: Mapping[int, tuple[int, int]]) -> None:
-        """Condition 2: of topics that the DM does not read SC may read what is older."""
+        """Refuses an SC that sees plants by a topic the DM does not read: it may be older (2.)."""
         problem, topics = self.problem, self.problem.system.topics
         estimate = {topic for topic, _ in self.estimate}
         other = sorted(topics[i].name for i in {topic for topic, _ in seen.values()} - estimate)
@@ -190,14 +191,14 @@ class TubeCheck:
         return [at[s] for s in self.states]
 
     def in_flight(self, ways: Mapping[int, Interval]) -> str:
-        """`ways`: Y of each state that `moves` does not name and a condition reads."""
+        """The text that flies; `ways`: Y of each state that `moves` does not name, as was shown."""
         judge = (
             [] if self.problem.module.shield is None else [self._judge(self.problem.module.shield)]
         )
         return self._with_maps([*self._parts(ways), self._check(), *judge])
 
     def cost(self) -> Cost:
-        """Of one look, at worst: of `good`, and where commands are judged of that."""
+        """The worst cost of one decision: `good`, and `judged` where commands are judged."""
         known = self.in_flight({s: Interval(-1.0, 1.0) for s in self.states})
         functions = functions_of(known)
         look = cost_of(functions["good"])
@@ -208,14 +209,14 @@ class TubeCheck:
         return look._replace(operations=both, bytes=max(look.bytes, judged.bytes))
 
     def operations(self, switches: int) -> int:
-        """Of the dearest function, if SC rests within so many outputs; `TooLongError`."""
+        """Operations of the dearest function, for `switches` outputs of SC; `TooLongError`."""
         shorter = copy(self)
         shorter.times = replace(self.times, switches=switches)
         functions = functions_of(shorter.offline({}))
         return max(cost_of(f).operations for f in functions.values())
 
     def offline(self, ways: Mapping[int, Interval]) -> str:
-        """The same with what is asked beforehand."""
+        """The text of `in_flight` with the functions that are asked before anything flies."""
         parts = self._parts(ways)
         over = self._over()
         return self._with_maps(
@@ -229,7 +230,7 @@ class TubeCheck:
         )
 
     def _with_maps(self, parts: Sequence[str]) -> str:
-        """A text; functions of a module without maps are not given any."""
+        """The joined text; in that of a module without maps no function has a map parameter."""
         text, first = "\n".join(parts), self.problem.first_map
         if not first:
             for given in (f", {MAP}: Map", f", {MAP}", ", FIRST_MAP"):
@@ -245,12 +246,12 @@ class TubeCheck:
     # ------------------------------------------------------------ parts
 
     def _check(self) -> str:
-        """Where SC leads; of one that reads nothing its answer is always the same."""
+        """The functions that follow SC; an SC that reads nothing has simpler ones."""
         settles = "answer.soter" if self.read_by_law else "constant.soter"
         return "\n".join([part("check.soter"), part(settles)])
 
     def _judge(self, shield: Shield) -> str:
-        """What a command may begin (`judged.soter`)."""
+        """The functions and constants that judge a command (`judged.soter`)."""
         times = self.times
         of_v = times.latest - times.any_command
         numbers = len(self.problem.system.topics[shield.topic].default)
@@ -267,7 +268,7 @@ class TubeCheck:
         return "\n".join([*lines, part("judged.soter")])
 
     def _over(self) -> Inputs:
-        """What stands for each input: states by their place among those that are followed."""
+        """The text for each input; a state is indexed by its place in `states`."""
         places = [(s, k) for k, s in enumerate(self.states)]
         found = {(kind, s): f"{kind}[{k}]" for kind in "xyv" for s, k in places}
         controls = range(len(self.problem.quantities.controls))
@@ -291,12 +292,12 @@ class TubeCheck:
         ]
 
     def _known(self) -> str:
-        """What `safe` asks first: that a map has no NaN, and nothing beyond `FARTHEST`."""
+        """The first lines of `safe`: false for a map with a NaN or a number beyond `FARTHEST`."""
         asked = f"    if !(abs({MAP}[k]) < {number(FARTHEST)}) {{ return false; }}"
         return f"  for k in 0..MAPS {{\n{asked}\n  }}\n" if self.problem.map_leaves else ""
 
     def _faces(self, over: Inputs) -> str:
-        """The rates of single states, for `slopes`."""
+        """`fun faced`, which `tube.soter` calls for the rate of one state by its number."""
         lines, calls = [], "  return EVERYTHING;"
         for k in self._faced:
             of = [(m, e) for i, m, e in self._effects if i == k]
@@ -316,7 +317,7 @@ class TubeCheck:
         return "\n".join([*lines, f"{head} {{\n{calls}\n}}\n"])
 
     def _at_rest(self, ways: Mapping[int, Interval]) -> str:
-        """`rest` holds, and all that SC then moves to is safe."""
+        """`fun at_rest`: `rest` holds, and `safe` holds in all that SC may move to from there."""
         lines = []
         read = _inputs([self._safe])
         for k, s in enumerate(self.states):
@@ -336,7 +337,7 @@ class TubeCheck:
         return f"{head} {{\n{body}\n  return safe(m, {MAP});\n}}\n"
 
     def errors(self) -> list[float]:
-        """How far what is read of each state may be off."""
+        """The error bound of each of `states`, as it is measured."""
         p = self.problem
         found = dict.fromkeys(range(len(p.quantities.states)), 0.0)
         for leaf, bounds in zip(p.quantities.errors, p.errors, strict=True):
@@ -347,7 +348,7 @@ class TubeCheck:
         return [found[s] for s in self.states]
 
     def _constants(self) -> str:
-        """Sizes, times and ranges."""
+        """The constants of the text: sizes, times in seconds, and ranges."""
         q, times = self.problem.quantities, self.times
         n, m, w = len(self.states), len(q.controls), len(q.disturbances)
         moved = m + w
@@ -415,12 +416,12 @@ class TubeCheck:
 
 
 def near(ns: int, parts: int = 1) -> float:
-    """The double next to a time in s, over parts: `flow` allows for that rounding."""
+    """The double nearest to `ns / parts`, in seconds: `flow` allows for that rounding."""
     return float(Fraction(ns, 10**9 * parts))
 
 
 def above(x: Fraction) -> float:
-    """The least double that is not below."""
+    """The least double that is at least `x`."""
     value = float(x)
     return value if Fraction(value) >= x else nextafter(value, inf)
 
@@ -432,17 +433,17 @@ def half_width(r: Interval) -> float:
 
 
 def part(name: str) -> str:
-    """A text that is the same for all modules."""
+    """The file `name` of this package, a text that is the same for all modules."""
     return (files(__package__) / name).read_text(encoding="utf-8")
 
 
 def _inputs(roots: Iterable[Node]) -> set[int]:
-    """States that expressions read, true or seen."""
+    """The numbers of the states that some expressions read, as they are (x) or as SC reads (y)."""
     return {e.of[1] for e in in_order(list(roots)) if e.op == "input" and e.of[0] in "xy"}
 
 
 def _behind(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
-    """States that something asked reads, and those that their rates read, and so on."""
+    """The states that `asked` reads, those that their rates read, and so on, in order."""
     found: set[int] = set()
     new = _inputs(asked)
     while new - found:
@@ -452,7 +453,7 @@ def _behind(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
 
 
 def form(value: float) -> str:
-    """A form of one number."""
+    """The text of a form that is one number without error."""
     v = number(value)
     return f"{{ c: {v}, r: 0.0, lo: {v}, hi: {v}, g: NONE }}"
 

@@ -1,7 +1,8 @@
-"""The predicates of a DM that follows SC: `ttf` where an estimate is not good, `safer` where it is.
+"""The predicates of a DM that decides by tubes: `safer` where an estimate is good, else `ttf`.
 
-Purpose: `TubeLevels`, as a function of the program that interpreter, Core and C see like any other.
-Non-goals: the check (`tube_check.py`), when it is put into a module (`deploy/`).
+Purpose: `TubeLevels` writes them as functions of the program, which the interpreter, Core and C
+treat like any other. "Good" is the verdict of the check in flight (docs/proof-flight.md).
+Non-goals: the check (`tube_check.py`), putting it into a module (`deploy/missing_predicates.py`).
 """
 
 from __future__ import annotations
@@ -37,22 +38,22 @@ class TubeLevels(LevelTable):
     states: tuple[int, ...]
     text: str
     maps: int = 0
-    """How many numbers of maps it is given, after those of an estimate."""
+    """How many numbers of maps the function takes, after those of the estimate."""
     two_levels = True
     ends = ()
-    """Nothing is told apart by single numbers."""
+    """Empty: there are no cells, so no breakpoints."""
     full = None
     samples = None
 
     @classmethod
     def of(cls, check: TubeCheck, claims: RestClaims) -> TubeLevels:
-        """With what is shown offline."""
+        """The predicates of one check; `claims` gives the ways that were shown offline."""
         maps = len(check.problem.map_leaves)
         return cls(tuple(check.states), check.in_flight(claims.ways), maps)
 
     @cached_property
     def functions(self) -> Mapping[str, FunSymbol]:
-        """Of the check."""
+        """The functions of the check in flight, by name."""
         return functions_of(self.text)
 
     def share(self, group: Group) -> float:
@@ -71,14 +72,14 @@ class TubeLevels(LevelTable):
         return w.function(name, tuple(x for of in inputs for x in of), [w.give(answer)])
 
     def more(self, w: Writer, problem: Problem) -> list[t.TypedExpr]:
-        """The numbers of maps."""
+        """An expression for each number of the maps that `safe` reads."""
         assert isinstance(problem, TubeProblem)
         at = {index: symbol for symbol, index in problem.module.scope.topics.items()}
         paths = {i: [p for p, _ in leaves(at[i].type)] for i, _ in problem.map_leaves}
         return [w.leaf(at[i], paths[i][k]) for i, k in problem.map_leaves]
 
     def judged(self, w: ShieldWriter) -> t.TypedExpr:
-        """Whether the commands that may act at an estimate are ones that SC brings to rest."""
+        """An expression: SC brings the plant to rest from every command that may act then."""
         own = _numbers(w, [w.command(k) for k in range(len(w.problem.controls))])
         at = _numbers(w, estimate(w, w.problem, self))
         maps = self.more(w, w.problem)
@@ -86,10 +87,10 @@ class TubeLevels(LevelTable):
         return w.call(self.functions["judged"], at, own, w.times(), w.since(), *given)
 
     def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
-        """It is made anew from the program, and is no part of a certificate."""
+        """Not implemented: the check is made from the program and is no part of a certificate."""
         raise NotImplementedError
 
 
 def _numbers(w: Writer, values: Sequence[t.TypedExpr]) -> t.TypedExpr:
-    """An array of these."""
+    """An expression: the array of these values."""
     return t.Aggregate(ArrayType(FLOAT, len(values)), w.span, tuple(values))

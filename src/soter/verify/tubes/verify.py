@@ -1,9 +1,9 @@
-"""The verdicts on a module whose DM follows SC, and its entry in a certificate.
+"""The verdicts on a module whose DM decides by tubes, and its entry in a certificate.
 
-Purpose: what was shown offline as findings, property by property. What the DM decides in flight is
-never called proved: it is *assumed* that its compiled check is sound (proof-flight.md, "Decisions
-by tubes", condition 5). `entry`: what is claimed of the module, what of rest, and every constant
-that its check is made of.
+Purpose: `verify_by_tubes` turns what was shown offline into findings, property by property. What DM
+decides in flight is never called proved: it is *assumed* that its compiled check is sound
+(docs/proof-flight.md, "Decisions by tubes", condition 5). `entry` writes what is claimed of the
+module, and the constants of its check.
 Non-goals: showing it (`rest_claims.py`), checking a certificate (`certificate/tubes/`).
 """
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 def entry(result: TubeResult, system: str, stem: str, files: dict[str, bytes]) -> dict[str, object]:
-    """The module in a manifest; it has no files."""
+    """The module's entry in the manifest of a certificate; it adds no files."""
     del stem, files
     problem, claims, check = result.problem, result.claims, result.check
     said = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
@@ -84,7 +84,7 @@ def entry(result: TubeResult, system: str, stem: str, files: dict[str, bytes]) -
 
 
 def _shield(result: TubeResult) -> dict[str, object]:
-    """How commands are judged, where they are."""
+    """The entry's part about judged commands; empty where the module has no `shield`."""
     problem, shield = result.problem, result.problem.module.shield
     if shield is None:
         return {}
@@ -98,7 +98,7 @@ def _ends(names: list[str], ranges: Mapping[int, Interval]) -> dict[str, list[st
 
 
 def _hex(length: float) -> str | None:
-    """None: without end."""
+    """A bound as a hexadecimal double; None for an infinite one."""
     return length.hex() if isfinite(length) else None
 
 
@@ -119,7 +119,7 @@ KEPT = (
     "larger one, a lower gain of SC, {}or an SC that holds a place (`soter explain anchor`)"
 )
 CASCADE = 3
-"""So many states and more are mostly led by loops within loops."""
+"""An SC that reads this many states or more mostly has control loops within control loops."""
 MOVES = (
     "a larger bound; where something pushes for ever none is true, so name a place that SC holds "
     "in `rest`, and not in `moves` (`soter explain anchor`)"
@@ -127,7 +127,7 @@ MOVES = (
 
 
 class TubeResult(ModuleResult):
-    """A module that is followed by tubes: `claims` is what was shown."""
+    """The result for a module that decides by tubes: `claims` is what was shown offline."""
 
     problem: TubeProblem
     check: TubeCheck
@@ -141,7 +141,7 @@ class TubeResult(ModuleResult):
 
     @property
     def whilst(self) -> str:
-        """What is proved, and that it is not the decisions."""
+        """The note beside the verdict that decisions are made in flight; "" where there is none."""
         return DECIDED if self.verdict == ASSUMED else ""
 
 
@@ -153,10 +153,10 @@ def verify_by_tubes(
     search: object = None,
     compiled: object = None,
 ) -> TubeResult:
-    """Everything about one module. `SoterError` R007 where something cannot be followed.
+    """Verifies one module; `SoterError` R007 where the theorem or the check does not cover it.
 
-    The arguments are those that every method takes; nobody looks for a run that refutes yet.
-    `refute`, `explain`: try younger reads where rest is not shown.
+    `refute` or `explain`: where rest is not shown, younger reads are tried. `search` and `compiled`
+    are there because every method takes them: no refuting run is looked for.
     """
     del search, compiled
     began = time.perf_counter()
@@ -202,7 +202,7 @@ def _helps(
     *,
     ask: bool,
 ) -> str:
-    """What helps where rest is not shown; `ask`: younger reads are tried."""
+    """Advice where rest is not shown; `ask`: younger reads are tried for it."""
     endless = _endless(check, claims)
     asked = ask and not (endless or claims.astray)
     tried = _with_younger_reads(check.problem) if asked else ""
@@ -213,7 +213,7 @@ def _helps(
 
 
 def _with_younger_reads(problem: TubeProblem) -> str:
-    """What rest needs of `max_age`, or that the least is no help; "": there is nothing to try."""
+    """The younger `max_age` that was tried, and whether rest is shown with it; "": none to try."""
     changed = younger_reads(problem)
     if changed is None or not isinstance(changed[0], TubeProblem):
         return ""
@@ -223,7 +223,7 @@ def _with_younger_reads(problem: TubeProblem) -> str:
 
 
 def _quicker(check: TubeCheck, tried: str) -> Iterator[str]:
-    """What else may lead back: less of what makes SC late, and loops that are not in its way."""
+    """Advice on what makes SC late: the age of its reads, its delay, inner loops that are slow."""
     times = check.problem.times
     if tried or (check.read_by_law and times.age_sc > times.delta_sc):
         yield tried or f"reads that are younger (`max_age`, now up to {show_ns(times.age_sc)})"
@@ -234,14 +234,14 @@ def _quicker(check: TubeCheck, tried: str) -> Iterator[str]:
 
 
 def _sets_of(check: TubeCheck) -> str:
-    """The sets that are missing of what SC reads, as they are written; "": none."""
+    """Advice to write the sets that topics of SC's reads lack; "" where none is missing."""
     far = [check.problem.leaf(s) for s in sorted(check.read_by_law) if is_far(check.read_sets[s])]
     sets = ", ".join(f"`{leaf} in [-l, l]`" for leaf in far)
     return f"sets of what SC reads, as {sets} in its topic; or " if far else ""
 
 
 def _endless(check: TubeCheck, claims: RestClaims) -> str:
-    """What bounds are missing where `rest` holds of states however far out; "": none."""
+    """Advice on bounds that `rest` lacks, as it holds of states however far out; "": it has all."""
     names = check.problem.quantities.states
     ways = [
         (s, end)
@@ -260,7 +260,7 @@ def _endless(check: TubeCheck, claims: RestClaims) -> str:
 
 
 def _far(check: TubeCheck) -> list[Assumption]:
-    """Of states that SC reads, or that rest hangs on, and whose topics have no sets."""
+    """The assumption that states without a set in their topic stay below `FARTHEST`, if any."""
     own = [s for s in check.states if s not in check.problem.drifts]
     far = {s for s in own if is_far(check.rooms[s])}
     far |= {s for s in check.read_by_law if is_far(check.read_sets[s])}
@@ -271,7 +271,7 @@ def _far(check: TubeCheck) -> list[Assumption]:
 
 
 def _kept(check: TubeCheck, claims: RestClaims) -> str:
-    """What is proved of rest."""
+    """The text of the finding that rest is kept."""
     names = check.problem.quantities.states
     ways = [f"{names[s].name} in [{r.low:.3g}, {r.high:.3g}]" for s, r in claims.ways.items()]
     where = f", within {', '.join(ways)}" if ways else ""
@@ -283,7 +283,7 @@ def _start(check: TubeCheck) -> str:
 
 
 def _returns(problem: TubeProblem) -> Finding:
-    """That AC gets control back is not asked of maps and estimates that nobody knows offline."""
+    """P2b is assumed: whether the check is good then depends on estimates and maps in flight."""
     stays = problem.module.symbol.stays
     if stays:
         return Finding(ASSUMED, text=STAYS.format(stays))
