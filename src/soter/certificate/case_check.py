@@ -1,4 +1,4 @@
-"""The claims about one combination of parameter values, and which claims there may be.
+"""The claims of one case, a combination of parameter values, asked of its groups in order.
 
 Purpose: the names of the properties, and which verdicts count; what is asked of which groups, in
 which order. `TaskProcesses` has it shown on all processors: some processes, among which tasks are
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe")
 ELSEWHERE = ("DM",)
-"""Said in a certificate, not confirmed here: what was compiled is not our matter."""
+"""Claims of a certificate that are not confirmed here: the re-checker looks at no compiled code."""
 PROVED = "proved"
 VERDICTS = ("proved", "assumed", "undecided", "refuted")
 
@@ -90,7 +90,7 @@ def of_the_module(system: System, module: Module, given: dict[str, str]) -> None
 
 
 def static_claims(facts: Facts, given: dict[str, str]) -> None:
-    """P1a, P1b and P1c are seen to once more; `RejectedError` where they overstate."""
+    """Compare P1a, P1b and P1c with the program; `RejectedError` where they overstate."""
     of_the_module(facts.flying, facts.flying_module, given)
     if given.get("failsafe") == PROVED and len(facts.tower) > 1:
         raise RejectedError("failsafe: other modules of a tower command the same actuators")
@@ -115,7 +115,7 @@ def can_fork() -> bool:
 
 
 class TaskProcesses:
-    """Processes at work on the tasks 0, 1, ..., of which `answer` tells what came of it."""
+    """Processes that call `answer` on the tasks 0, 1, ..., dealt out among `workers` of them."""
 
     def __init__(self, tasks: int, answer: Callable[[int], str], workers: int) -> None:
         fork = multiprocessing.get_context("fork")
@@ -155,7 +155,7 @@ class TaskProcesses:
             self.end()
 
     def end(self) -> None:
-        """What still works is not waited for."""
+        """End all processes; what still works is not waited for."""
         for process in self._processes:
             process.kill()
             process.join()
@@ -178,7 +178,7 @@ def _work(tasks: range, answer: Callable[[int], str], to: Connection, parent: in
 
 @dataclass(eq=False)
 class CaseCheck:
-    """The claims about one combination of parameter values."""
+    """Shows the claims about one combination of parameter values, of all groups."""
 
     model: CaseModel
     groups: Sequence[Group]
@@ -190,7 +190,7 @@ class CaseCheck:
     checks: list[GroupCheck] = field(default_factory=list)
     tasks: list[Task] = field(default_factory=list)
     done: float = 0.0
-    """Of the work of all tasks."""
+    """The work of the tasks that are done, in the unit of `Task`."""
 
     def check(self) -> None:
         """Collect what is to be shown, and show it; RejectedError where it does not hold."""
@@ -231,7 +231,7 @@ class CaseCheck:
         return certain(model, parts, expr, errors=errors)
 
     def _kernel(self) -> None:
-        """K: SC keeps `safe` from it, all that is published in its set, and leads back."""
+        """Ask for K: SC keeps `safe` from it, and what is published in its set, and leads back."""
         facts = self.model.facts
         shown = self._certain(facts.symbol.safe, errors=False)
         for check, cells in zip(self.checks, shown, strict=True):
@@ -245,7 +245,7 @@ class CaseCheck:
         self._ask(c.core() for c in self.checks)
 
     def _predicates(self) -> None:
-        """Where `ttf` may be false or `safer` true, on an estimate, the state is in R(H)."""
+        """Ask P3: where `ttf` may be false or `safer` true on an estimate, the state is in R(H)."""
         symbol = self.model.facts.symbol
         predicates = ("ttf", self.model.facts.ttf, False), ("safer", symbol.safer, True)
         for name, expr, admits in predicates:
@@ -256,14 +256,14 @@ class CaseCheck:
             self._ask(c.admits(name, expr, admits=admits) for c in self.checks)
 
     def _return(self) -> None:
-        """P2b: Q is kept within `safer`, and W leads there from all of K."""
+        """Ask for P2b: SC keeps Q, within `safer`, and leads there from all of K by way of W."""
         self._recover()
         safer, count = self.model.facts.symbol.safer, len(self.checks)
         calm = [None] * count if safer is None else self._certain(safer, errors=True)
         self._ask(c.home(cells) for c, cells in zip(self.checks, calm, strict=True))
 
     def _recover(self) -> None:
-        """The time to return, bounded by the longest way of any group."""
+        """RejectedError where SC may take longer to return than declared, by any group."""
         facts, wanted = self.model.facts, self.entry["recover_ns"]
         declared = facts.symbol.verify.recover
         if declared is None:
@@ -279,7 +279,7 @@ class CaseCheck:
             raise RejectedError("SC may take longer to return than the program allows")
 
     def _start(self) -> None:
-        """The declared initial states stay in K until SC acts, whatever acts before."""
+        """Ask that the declared initial states stay in K until SC acts, whatever acts before."""
         facts = self.model.facts
         if facts.above is not None:
             require_entered(self.model, self.groups, self.claims)
@@ -338,11 +338,11 @@ def survives_the_start(facts: Facts) -> None:
 
 
 def _harmless_before(facts: Facts) -> None:
-    """What SC reads is the default of each topic only while none of them shows a state.
+    """NotRecheckedError unless SC surely answers all that it may read before there are states.
 
-    That is so of what one publisher says, each time all of it, and never before it has read a
-    state itself. Otherwise a state of one topic may be read beside the default of another, and so
-    each is anything of its set.
+    SC reads only defaults while no topic shows a state, where one publisher says all of them each
+    time, and never before it has read a state itself. Otherwise a state of one topic may be read
+    beside the default of another, and so each is anything of its set.
     """
     setting = facts.setting
     sc = facts.sc

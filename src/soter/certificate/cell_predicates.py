@@ -1,6 +1,7 @@
-"""Where predicates certainly hold on cells, by the re-checker's own evaluation.
+"""On which cells predicates certainly hold, by the re-checker's own evaluation.
 
-Purpose: cells on which `safe` or `safer` holds; that `ttf` and `safer` let AC only where R(H) is.
+Purpose: `certain` finds cells on which `safe` or `safer` holds, `published` those on which what
+plants publish is in its set; `admitted` shows that `ttf` and `safer` let AC only where R(H) is.
 Non-goals: computed predicates (`grid/estimates_and_shield.py`), which claims there are
 (`case_check.py`).
 """
@@ -49,13 +50,13 @@ if TYPE_CHECKING:
 
 
 HOLDS, NEITHER = 2, 3
-"""What is known of a proposition on a box, as bits: it may fail (1), it may hold (2)."""
+"""The bits of an answer about a proposition on a box: it may fail (1), it may hold (2)."""
 ENDLESS = arb("inf")
 """A bound for states whose axis has no ends: rounding is one of the size of what is rounded."""
 SPLITS_OF_PREDICATES = 10
 """How often a cell is halved where a predicate is evaluated: errors are halved, too."""
 SPLITS_OF_SETS = 4
-"""The same where it is only asked which cells to use: a failure costs cells, no proof."""
+"""How often it is halved where only cells to use are sought: a failure costs cells, no proof."""
 CERTAIN_CELLS_MAX = 2**26
 """Cells of the sets that are remembered, a byte each."""
 
@@ -80,9 +81,9 @@ def certain(
 
 
 def published(model: CaseModel, groups: Sequence[Axes], topic: int) -> list[Cells]:
-    """The same of what a plant publishes on a topic: on every estimate it is in its declared set.
+    """For each group the cells on which what plants publish on a topic is in its declared set.
 
-    Outside of it the plant stops. NotRecheckedError as `certain`.
+    That of every estimate: outside of its set the plant stops. Shared out as by `certain`.
     """
     terms, states = model.new_terms(ENDLESS)
     return _shared_out(model, groups, terms, states, model.in_set(terms, states, topic))
@@ -147,7 +148,7 @@ class Decision:
 
     @property
     def content(self) -> object:
-        """Equal for decisions only that say the same of every box."""
+        """A key, equal only for decisions that say the same of every box."""
         return self._written.content, content_of(tuple(self.ranges)), self.reads
 
     def of(self, box: list[tuple[arb, arb]]) -> int:
@@ -156,7 +157,7 @@ class Decision:
         return bits
 
     def of_cell(self, grid: Grid, block: Block) -> int:
-        """The same on a block, with all that lies beyond."""
+        """Its bits on a block of cells, with all that lies beyond axes without ends."""
         boxes = grid.whole_boxes(block, self.reads)
         return reduce(or_, (self.of([*box, *self.ranges]) for box in boxes))
 
@@ -165,7 +166,7 @@ class Decision:
         return finer([*box, *self.ranges], lambda part: self.of(part) == HOLDS, splits)
 
     def holds_in(self, grid: Grid, block: Block, splits: int) -> bool:
-        """The same of a block, with all that lies beyond."""
+        """Whether it certainly holds on a block, with all that lies beyond axes without ends."""
         return all(self.holds(box, splits) for box in grid.whole_boxes(block, self.reads))
 
 
@@ -185,11 +186,11 @@ def _certain_cells(
 
 
 _CERTAIN_CELLS: dict[object, NDArray[np.bool_]] = {}
-"""By what is asked and the grid: parameters and modules often differ in neither."""
+"""(what is asked, the grid) -> the cells; parameters and modules often differ in neither."""
 
 
 def _decided_cells(decision: Decision, grid: Grid) -> NDArray[np.bool_]:
-    """The same of one decision and grid."""
+    """A table of the grid's shape: the cells on which a decision certainly holds."""
     members = np.zeros(grid.shape, dtype=np.bool_)
     waiting = [grid.whole]
     while waiting:
@@ -203,9 +204,9 @@ def _decided_cells(decision: Decision, grid: Grid) -> NDArray[np.bool_]:
 
 
 class AdmitCheck:
-    """Whether `safe` fails or, on every estimate, `expr` is not `admits`.
+    """Asks whether `safe` fails or `expr` is, on every estimate, not `admits`: AC has no control.
 
-    Of `enters` with `anywhere`: then nothing helps that `safe` may fail.
+    With `anywhere` (as of `enters`) it does not help that `safe` may fail.
     """
 
     def __init__(
@@ -233,7 +234,7 @@ class AdmitCheck:
 
 
 def admitted(check: AdmitCheck, free: NDArray[np.bool_], block: Block) -> Iterator[Block]:
-    """Cells outside R where `safe` may hold and, on an estimate, the predicate lets AC.
+    """Cells outside R where `safe` may hold and, on an estimate, the predicate gives AC control.
 
     `free`: shaped as the grid.
     """

@@ -1,8 +1,8 @@
-"""Tables of a certificate, as the re-checker reads them: sets of cells, and what lies in one.
+"""Sets of cells of a grid, and what lies in one.
 
-Purpose: `Grid` (breakpoints per axis), `Cells` (a set of its cells, counted fast), and the walk
-over blocks of cells that tries large ones first.
-Non-goals: arithmetic other than counting; where tables come from (`folder.py`).
+Purpose: a `Grid` has breakpoints on each axis; `Cells` is a set of its cells, and says whether a
+box lies in it. `unshown` and `uncovered` walk over blocks of cells, and try large ones first.
+Non-goals: what is tried on a block; where tables come from (`folder.py`).
 
 Cells are closed boxes: a box that ends exactly at an edge needs only the cells on its own side.
 
@@ -44,22 +44,22 @@ for rounding, so that these two cells meet."""
 BACK = 2.0**-45
 """More than what is lost where a number is brought back by whole turns."""
 FAR = 2.0**14
-"""So far from 0 a state of such an axis is assumed to be at most."""
+"""The farthest from 0 that a state on an axis which wraps around is assumed to be, in rad."""
 FARTHEST_TURNED = 32.0
 """Farther numbers are not brought back."""
 WIDER = 256
-"""How much wider each box is than the one before, on the way there."""
+"""The factor by which each box is wider than the one before, on the way there."""
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Breakpoints of each axis, strictly increasing and finite."""
+    """A grid over some states; `edges`: each axis' breakpoints, strictly increasing and finite."""
 
     edges: tuple[tuple[float, ...], ...]
     unbounded: tuple[bool, ...] = ()
-    """Of each axis whether it has no ends; none of them where this is empty."""
+    """Whether each axis has no ends; empty: none of them."""
     wraps: tuple[bool, ...] = ()
-    """Of each axis whether it is a full turn that wraps around; none of them where empty."""
+    """Whether each axis is a full turn that wraps around; empty: none of them."""
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -214,7 +214,7 @@ def brought_back(edges: Sequence[float], low: float, high: float) -> tuple[float
 
 
 def _width(edges: Sequence[float], cell: int) -> arb:
-    """Of one cell of an axis; the last one is -2."""
+    """The width of one cell of an axis; the last cell is -2."""
     return exact(edges[cell + 1]) - exact(edges[cell])
 
 
@@ -266,13 +266,13 @@ class Cells:
         return block is not None and self.count(block) == volume(block)
 
     def contains_all(self, boxes: Sequence[float]) -> bool:
-        """The same of several boxes, one after the other."""
+        """Whether several boxes, one after the other, all lie in the union of the cells."""
         width = 2 * len(self.grid.edges)
         return all(self.contains(boxes, k) for k in range(0, len(boxes), width))
 
 
 def volume(block: Block) -> int:
-    """How many cells a block has."""
+    """The number of cells of a block."""
     count = 1
     for low, high in block:
         count *= high - low

@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     Box = list[tuple[arb, arb]]
     Groups = Sequence[Sequence[Group]]
     Jumps = Mapping[str, Sequence["Jump"]]
-    """By the name of what abstracts; nothing where a module has no `enters`."""
+    """Name of an abstracting plant -> its jumps; nothing where a module has no `enters`."""
 
 
 TRIES_BEYOND = 2_000
@@ -90,7 +90,7 @@ class Jump:
 
 
 def jumps_of(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, list[Jump]]:
-    """By the name of what abstracts; `groups`: of every case, when their claims were confirmed.
+    """The jumps of each abstracting plant; `groups`: of every case, their claims confirmed.
 
     Nothing where a module has no views, or no `enters`.
     """
@@ -110,7 +110,7 @@ def jumps_of(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, list[J
 
 
 def _published(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol) -> Jump:
-    """The node part of one topic."""
+    """The jump of one topic, by what the node that publishes it is shown to do (z3)."""
     if find_spec("z3") is None:
         return Jump(topic.name, "", "`z3-solver` is not installed")
     from soter.certificate.induction.handover_jumps import why_not  # noqa: PLC0415 - an extra
@@ -149,7 +149,7 @@ def _said(error: Exception) -> str:
 
 
 def assumed(facts: Facts, jumps: Jumps) -> Said:
-    """That what the state of a view rests on changes only as the proof has it."""
+    """The assumptions that what a view's state rests on changes only as the proof has it."""
     for link in facts.symbol.verify.abstracts:
         tried = jumps.get(link.name, ())
         kept = {j.topic for j in tried if not j.why}
@@ -165,7 +165,7 @@ def assumed(facts: Facts, jumps: Jumps) -> Said:
 
 
 def confirmed(facts: Facts, jumps: Jumps) -> Said:
-    """The same, where it is confirmed."""
+    """The jumps of which that is confirmed, and is no assumption any more."""
     assert facts.whole is not None
     assert facts.whole.verify.enters is not None
     text = " ".join(facts.whole.verify.enters.span.text.split())
@@ -193,7 +193,7 @@ def require_entered(model: CaseModel, groups: Sequence[Group], claims: set[str])
 
 
 def not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr) -> str:
-    """Why it is not shown of one combination of parameter values; "" where it is.
+    """Why it is not shown that `expr` holds only in R(H), in one case; "" where it is.
 
     `groups` hold every state once; their R(H) was shown to lead nowhere but into K. `expr` reads
     nothing but what the plants of the view drive. NotRecheckedError for what is not understood.
@@ -219,7 +219,7 @@ def not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr
 
 
 def _reach(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, float] | None]:
-    """What each state can be where `expr` is judged; None where nothing that it reads says so.
+    """The range of each state where `expr` is judged; None where nothing that it reads bounds it.
 
     What is published lies in its declared set, and shows the state up to its error and rounding.
     """
@@ -256,7 +256,7 @@ def _beyond(
     expr: typed.TypedExpr,
     reach: Sequence[tuple[float, float]],
 ) -> str:
-    """Where it may hold outside the grid, in words; "" where it cannot."""
+    """Where `expr` may hold outside the grid, in words; "" where it cannot."""
     parts = _parts(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
     for axes in (g.part(errors=False) for g in groups):
         for state, edges in zip(axes.states, axes.grid.edges, strict=True):
@@ -271,7 +271,7 @@ def _beyond(
 
 
 def _parts(anywhere: CaseModel, expr: typed.TypedExpr) -> list[_Part]:
-    """What must hold beside each other for `expr` to hold, and be judged without a fault."""
+    """The conjuncts of `expr`, each with what must be true so that it is judged without a fault."""
     terms, states = anywhere.new_terms()
     told = anywhere.predicate(terms, states, expr, errors=True)
     sound = both_all(terms.obligations)
@@ -358,7 +358,7 @@ def slowest_below(system: System, module: Module) -> int:
 
 
 def handed_back(setting: TimingSetting, own: DerivedTimes, above: Clock, age: int) -> int:
-    """In ns, the greatest over all schedules.
+    """The longest time in ns from a hand-back's state until all that acts is SC's (file head).
 
     `above`: the DM of the module above; `age`: A of it, in ns. NotRecheckedError where there are
     too many releases to go through.
@@ -413,7 +413,7 @@ def read_above(facts: Facts) -> None:
 
 
 def assumed_of_above(above: ModuleAbove) -> Said:
-    """What a claim of a module below another one is about, and what it rests on."""
+    """The times that claims of a module below another one speak of, and what these rest on."""
     name = above.name
     text = f"`safe` is kept while {name} is in AC, from each time on at which it gives control back"
     yield f"while {name}", f"{text}; not before the first, and not while it is in SC"
@@ -424,13 +424,13 @@ def assumed_of_above(above: ModuleAbove) -> Said:
 
 
 def _seen_by_both(facts: Facts, above: Mapping[typed.TopicSymbol, int]) -> set[typed.TopicSymbol]:
-    """The topics that the module reads, and that are the same where they run."""
+    """The topics that the module reads, and that are the same topics for the module above."""
     known, topics = {i for of in read_by(facts) for i in of}, facts.module.scope.topics
     same = {t for t, i in topics.items() if above.get(t) == facts.running.get(i, -1)}
     return {t for t in same if topics[t] in known}
 
 
 def _problems(facts: Facts, module: Module) -> list[Facts]:
-    """Of the module above, in each of its views: its times are the longest of them."""
+    """The problem of the module above in each of its views: the longest times of these count."""
     views = [v.name for v in module.symbol.verify.views] or [""]
     return [read_facts(facts.flying, module.name, view) for view in views]

@@ -1,8 +1,8 @@
 """The fail-safe law of a module in the place of its SC, checked again: an extra.
 
-Purpose: `law_of`: the problem of the law, of which K_fs is a core (docs/proof.md, "When the trusted
-part stops"): the same module, plants and times, with constants for what SC computes; `law_in`,
-`kept_by_law`: what a certificate says of it, and that the law keeps it: SC has to stay in it.
+Purpose: `law_of` makes the problem of the law, of which K_fs is a core ("When the trusted part
+stops"): the same module, plants and times, with constants for what SC computes. `law_in` reads what
+a certificate says of it; `kept_by_law` shows that the law keeps K_fs, in which SC has to stay.
 Non-goals: sharing code with the prover's `verify/problem/verification_system.py`.
 """
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     """The problem of the fail-safe law, and the groups with their K_fs, for every case."""
 
 BEGINS = ("P1c", "P2a", "P3", "start")
-"""What says that the fail-safe law begins in K; P1c may rest on assumed times, as it may for SC."""
+"""The claims by which the law begins in K; P1c may rest on assumed times, as it may for SC."""
 
 
 def law_in(
@@ -42,7 +42,7 @@ def law_in(
     claims: set[str],
     read: Callable[[dict[str, Any]], list[Group]],
 ) -> Law:
-    """What a certificate says of the law, in the entry of a module; `read`: the groups of a case.
+    """The law and its groups, from the entry of a module; `read` gives the groups of a case.
 
     RejectedError where nothing says that the law begins in K, or its cells are others than SC's.
     """
@@ -104,7 +104,7 @@ def law_of(facts: Facts) -> Facts:
 def _under_law(
     flying: System, module: Module, law: Mapping[typed.TopicSymbol, typed.TypedExpr]
 ) -> tuple[System, str]:
-    """The system in which SC publishes what the law does, and reads nothing; its module."""
+    """(the system with an SC that publishes the law and reads nothing, the module's name)."""
     sc = flying.components[module.sc]
     assert sc.node is not None
     node = replace(

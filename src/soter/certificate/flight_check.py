@@ -1,9 +1,9 @@
 """Every verdict in the log of a flight, checked again.
 
-Purpose: `Flights`: logs of flights of the program in a certificate; each verdict "AC" of a module
-whose decision module follows SC is confirmed from the estimate that it read, or named.
-`read_flight`: from an MCAP of `soter run --log` to every verdict of every such module, with what it
-says that it read, and all in which the log contradicts itself or the program.
+Purpose: `Flights` confirms, or names, each verdict "AC" in logs of the program of a certificate, of
+modules whose decision module follows SC (`rest`), from the estimate that it read. `read_flight`
+reads an MCAP of `soter run --log`: every verdict of these modules, what it says that it read, and
+all in which the log contradicts itself or the program.
 Non-goals: logs of somebody else, tubes (`tubes/`), the claims of the certificate.
 
 The argument: a verdict is one about what was published. So each read has to be the value that the
@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 
 
 AGAINST = ("ttf", "stale")
-"""Predicates of which none is true in a verdict "AC"."""
+"""Predicates that are false in every verdict "AC"."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def read_flight(path: Path, system: System, modules: Sequence[Module]) -> Flight
 
 
 class _Verdicts:
-    """The verdicts of one module, as they come."""
+    """Follows the verdicts of one module, in the order of the log."""
 
     def __init__(self, module: Module) -> None:
         self.name, self.period, self.late = module.name, module.period_ns, module.late_ns
@@ -129,12 +129,12 @@ class _Verdicts:
         """Whether AC has control, and whether it had since the last verdict."""
 
     def changed(self, in_ac: bool) -> None:
-        """The log says who has control from here on."""
+        """Note who has control from here on, as the log says."""
         self.in_ac = in_ac
         self.flew |= in_ac
 
     def doubts_of(self, time_ns: int, said: dict[str, Any]) -> Iterator[str]:
-        """What is wrong with a verdict for its place among the others, and with its own words."""
+        """Doubts where a verdict contradicts those before it, the mode, or its own predicates."""
         before, after = (said[f"mode_{at}"] == "AC" for at in ("before", "after"))
         release = time_ns // self.period * self.period
         if release < self.next:
@@ -156,7 +156,7 @@ class _Verdicts:
         self.next, self.said, self.flew = release + self.period, after, self.in_ac
 
     def _late(self, began: int, ended: int) -> Iterator[str]:
-        """That it comes, or is there, too many ns after its release."""
+        """A doubt where it began, or was in force, too many ns after its release."""
         most = self.late + self.response
         if began > self.late:
             yield f"it came {began} ns after its release, and may {self.late} ns"
@@ -164,7 +164,7 @@ class _Verdicts:
             yield f"it was there {ended} ns after its release, and may {most} ns"
 
     def missing(self, before_ns: int, *, in_ac: bool = False) -> str:
-        """What is missing of the releases before a time, if AC had control; `in_ac`: just then."""
+        """Words for missing verdicts before a time, if AC had control; `in_ac`: at that time."""
         count = -((self.next - before_ns) // self.period) if before_ns > self.next else 0
         if not count or not (self.flew or in_ac):
             return ""
@@ -172,7 +172,7 @@ class _Verdicts:
 
 
 def _response_ns(module: Module) -> int:
-    """How long the step of a decision module may take."""
+    """The longest time, in ns, that the step of a decision module may take."""
     said = module.symbol.verify.response_dm
     given = Calculator(Diagnostics(), module.scope.params).value(said, "a time") if said else 0
     return given if isinstance(given, int) else 0
@@ -183,7 +183,7 @@ def _mode(in_ac: bool) -> str:
 
 
 class _Reader:
-    """What is known while a log goes by."""
+    """Reads a log, instant by instant, into a `FlightLog`."""
 
     def __init__(
         self, path: Path, system: System, modules: Sequence[Module], log: FlightLog
@@ -193,7 +193,7 @@ class _Reader:
         self.topics = {t.name: t for t in system.topics}
         self.outside = {e.topic for e in system.externals}
         self.published: dict[str, list[tuple[int, Value]]] = {}
-        """Of each topic of which the log has messages: the last two, the newest one first."""
+        """Topic that the log has messages of -> its last two (time, value), the newest first."""
         self.begun = False
 
     def instant(self, time_ns: int, due: Sequence[tuple[str, dict[str, Any]]]) -> None:
@@ -247,7 +247,7 @@ class _Reader:
     def _read(
         self, time_ns: int, name: str, read: dict[str, Any], estimate: dict[str, float]
     ) -> Iterator[str]:
-        """Adds the leaves of what was read; what speaks against it."""
+        """Add the leaves of what was read to `estimate`, and yield what contradicts that read."""
         topic, age = self.topics[name], read["age_ns"]
         value = from_json(topic.type, read["value"], name)
         if not has_list(topic.type):
@@ -289,11 +289,11 @@ REST = "rest"
 OF_LOGS = ("D006", "D007", "D023")
 ANY_COMMAND = "with any command, and the log has not what was judged of commands: "
 PARAMETER = "param "
-"""What a log calls a parameter that is not at its default begins so."""
+"""The beginning, in a log, of the name of a parameter that is not at its default."""
 
 
 def flights_of(folder: Path, logs: Sequence[str]) -> Flights | None:
-    """Logs, and the certificate in a folder; None where a re-check does not get far with that.
+    """Make `Flights` of logs and the certificate in a folder; None where that cannot be read.
 
     SoterError D006 of what is no log, D007 where `mcap` is not installed, D023 of a log that the
     certificate is not about; `NotACertificateError`.
@@ -313,7 +313,7 @@ class Flights:
     """Logs of flights of the program of a certificate, whose seal is `seal`."""
 
     def __init__(self, certificate: Certificate, logs: Sequence[str]) -> None:
-        """All logs are looked at, and none is read."""
+        """Find the system of each log; the verdicts in it are not read yet."""
         self.seal = certificate.seal
         self._checked, self._overrides = program_of(certificate)
         assert self._checked.program is not None
@@ -325,19 +325,19 @@ class Flights:
             raise SoterError((Diagnostic("D023", text),))
         self._flats: dict[str, System] = {}
         self._proved: dict[str, str] = {}
-        """Of a system that flew: the one of the certificate, which it is or deploys."""
+        """System that flew -> the one of the certificate that it is, or that it deploys."""
         self._followers: dict[tuple[str, str], ModuleTube | str] = {}
         self._logs = [(log, self._system_of(log)) for log in logs]
 
     def add_to(self, report: Report) -> None:
-        """What is found of the logs, to the report on the certificate, if that is not rejected."""
+        """Add the findings on the logs to the report on the certificate, if it is not rejected."""
         if report.verdict != REJECTED and report.seal != self.seal:
             report.verdict, report.reason = REJECTED, "it was changed while it was being read"
         if report.verdict != REJECTED:
             report.flights += self.check()
 
     def check(self, workers: int | None = None) -> Iterator[FlightReport]:
-        """Log by log: of each the share of its verdicts that are done.
+        """Judge log after log, telling the share of its verdicts that are done.
 
         Ctrl-C ends it with what was asked until then of the log that it was at.
         """
@@ -407,7 +407,7 @@ class Flights:
             return in_words(error)
 
     def _follower(self, system: str, module: str) -> ModuleTube | str:
-        """What follows a module, read once; why there is none, where nothing is known of it."""
+        """The tube of a module, made once; or why there is none."""
         key = system, module
         if key not in self._followers:
             proved = self._proved[system], module

@@ -1,8 +1,8 @@
 """The folder of a certificate: every byte covered, nothing besides; and the program in it.
 
-Purpose: read and check what docs/verification.md (section 4) lays down: names, hashes, the
-canonical manifest, sizes of tables. `program_of`: from the files below `program/` and the
-parameters of the manifest to a checked program; nothing is read that is not part of it.
+Purpose: `read_certificate` reads a folder and checks what docs/verification.md (section 4) lays
+down: names, hashes, the canonical manifest, sizes of tables. `program_of` makes a checked program
+of the files below `program/` and the manifest's parameters, and reads nothing else.
 `unclaimed`: which parts of a group rest on which claims, one list for whoever writes a certificate
 and whoever reads it: a part on which nothing that is claimed rests does not stand there, and K is
 empty where nothing is claimed of it.
@@ -49,18 +49,18 @@ if TYPE_CHECKING:
 
 MANIFEST, SEAL = "manifest.json", "SEAL"
 FORMAT = 2
-"""Of certificates: 1 had texts that nobody read."""
+"""The version of the format of certificates: 1 had texts that nobody read."""
 MANIFEST_KEYS = "schema files main params modules program_sha256"
 CELLS_MAX = 200_000_000
-"""Of all grids of a certificate together."""
+"""Cells of all grids of a certificate together, at most."""
 ENTRIES_MAX = 100_000
-"""Files and folders."""
+"""Files and folders of a certificate, at most."""
 MANIFEST_MAX = 64 << 20
 PROGRAM_MAX = 32 << 20
 FILE_MAX = 2 * CELLS_MAX
-"""In bytes: a table of ranks over the largest grid."""
+"""Bytes of any other file, at most: a table of ranks over the largest grid."""
 BYTES_MAX = 2 << 30
-"""Of all files together."""
+"""Bytes of all files together, at most."""
 
 
 class NotACertificateError(Exception):
@@ -76,7 +76,7 @@ class Certificate:
     contents: dict[str, bytes]
     used: set[str]
     cells: int = 0
-    """Of the grids that were asked for so far."""
+    """How many cells the grids have that were asked for so far."""
 
     @property
     def seal(self) -> str:
@@ -214,7 +214,7 @@ def _sizes(folder: Path) -> dict[str, int]:
 
 
 def _entries(at: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """What lies in a folder, links not followed; NotRecheckedError where the system refuses."""
+    """The entries of a folder, links not followed; NotRecheckedError where the system refuses."""
     try:
         with os.scandir(at) as entries:
             for entry in entries:
@@ -277,7 +277,7 @@ def program_of(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]:
 
 
 def _as_sealed(certificate: Certificate, checked: CheckResult) -> None:
-    """What was checked was read anew: every file still has the bytes that the seal is of."""
+    """RejectedError where a file that the front end read anew has other bytes than were sealed."""
     assert checked.loaded is not None
     root = certificate.folder.resolve()
     for path, digest in checked.loaded.contents.items():
@@ -301,7 +301,7 @@ def files_of(path: str) -> list[Path]:
 
 
 def _only_own_files(certificate: Certificate, path: str) -> None:
-    """Imports and data lie in the folder, and nothing else below `program/`.
+    """RejectedError unless imports and data lie in the folder, and nothing else below `program/`.
 
     What lies elsewhere is not sealed; what nobody reads is not part of what is checked.
     """
@@ -374,11 +374,11 @@ RESTS: dict[str, dict[str, frozenset[str]]] = {
         "rates.Q": RETURN,
     },
 }
-"""By the kind of a group and the name of a part: the claims that rest on it."""
+"""Kind of a group -> name of a part -> the claims that rest on it."""
 NESTED = ("multipliers", "instants", "rates")
-"""What is made of parts, on each of which some claim rests."""
+"""Entries of a group that are made of parts; claims rest on each part by itself."""
 OF_LEVELS = {"grid": ("S",), "polytope": ("multipliers.S", "instants.window")}
-"""What is there where predicates are computed alone, so that levels S are deployed."""
+"""Parts that are only there where predicates are computed, so that levels S are deployed."""
 
 
 def unclaimed(group: Mapping[str, Any], claims: set[str], *, computed: bool) -> list[str]:

@@ -1,7 +1,8 @@
-"""What is asked of a method of proof: of a group of states, and of its claims.
+"""The interface of a method of proof by sets: a group of states, and the claims about it.
 
-Purpose: `Group`: one group with its sets as a certificate has them; `GroupCheck`: its claims under
-one combination of parameter values.
+Purpose: the states of a module fall into groups. A `Group` holds the sets of one group that stand
+in a certificate; its `GroupCheck` shows the claims about them for one combination of parameter
+values, as `case_check.py` asks for them. `grid/` and `polytope/` implement both.
 Non-goals: which methods there are (`proof_methods.py`), which claims are made (`case_check.py`).
 """
 
@@ -31,19 +32,19 @@ if TYPE_CHECKING:
     """A part of a manifest."""
     Extents = tuple[tuple[float, float], ...]
     Task = tuple[Callable[[], str], float]
-    """What shows a part of a claim: "", or what went wrong. And what that is likely to cost, in
-    holds of one cell: for the progress alone."""
+    """A function that shows a part of a claim, and gives "", or what went wrong; and what that is
+    likely to cost, in holds of one cell, for the progress alone."""
 
 P = ParamSpec("P")
 LOOK = 0.05
-"""What looking at a cell costs, beside following it for one hold."""
+"""The cost of looking at a cell, where following it for one hold costs 1."""
 
 
 class Group(ABC):
-    """One group of states; RejectedError, NotRecheckedError where its sets cannot be."""
+    """One group of states and its sets; RejectedError, NotRecheckedError where these are wrong."""
 
     kind: ClassVar[str]
-    """What a manifest calls such a group."""
+    """The name of such a group in a manifest."""
     required: ClassVar[tuple[str, ...]]
     optional: ClassVar[tuple[str, ...]]
     states: tuple[int, ...]
@@ -55,7 +56,7 @@ class Group(ABC):
 
     @property
     def cells(self) -> list[NDArray[np.uint8]]:
-        """Tables of K, where it is a set of cells, shaped as the grid."""
+        """The tables of K, shaped as the grid; none where K is no set of cells."""
         return []
 
     @abstractmethod
@@ -64,19 +65,19 @@ class Group(ABC):
 
     @abstractmethod
     def check(self, model: CaseModel, lawful: Cells | None) -> GroupCheck:
-        """What shows its claims; `lawful`: what `kept_by` gave."""
+        """The check of its claims; `lawful`: the cells that the fail-safe law keeps (`kept_by`)."""
 
     @abstractmethod
     def compare(
         self, certificate: Certificate, facts: Facts, same: Sequence[Any], entry: Entry
     ) -> None:
-        """RejectedError where what the DM holds (`entry`) lets AC keep or get control otherwise.
+        """Compare the DM's table (`entry`) with this group's sets; RejectedError where it differs.
 
         `same`: this group in all cases.
         """
 
     def kept_by(self, law: Sequence[Group]) -> Cells:
-        """K_fs on the cells of this group; `law`: the groups of the law."""
+        """K_fs, which the fail-safe law keeps, on this group's cells; `law`: the law's groups."""
         del law
         raise NotRecheckedError(f"a fail-safe law on {self.kind}s is not rechecked")
 
@@ -87,7 +88,7 @@ class Group(ABC):
     @property
     @abstractmethod
     def unentered(self) -> str:
-        """Why hand-overs into its R(H) are not looked at; "": they are."""
+        """Why `entered` cannot be asked of its R(H); "": it can."""
 
     def entered(self, model: CaseModel, expr: typed.TypedExpr) -> str:
         """Where `expr` may hold of an estimate of a state outside R(H); "": nowhere."""
@@ -95,14 +96,14 @@ class Group(ABC):
 
     @abstractmethod
     def never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
-        """Why AC has, or keeps, no control by what the DM holds; why that was not looked at; or "".
+        """(why the DM's table never gives or leaves AC control, why that was not looked at), or "".
 
-        `drawn`: numbers, one a state, in K as for this group; none where none is known.
+        `drawn`: points of this group's K, one number a state; none where none is known.
         """
 
     @abstractmethod
     def drawn(self, facts: Facts, chance: np.random.Generator) -> Iterator[Any]:
-        """Numbers, its part of states of K, without end; none where none is known."""
+        """Random points of its K, one number a state, without end; none where none is known."""
 
 
 class GroupCheck(ABC):
@@ -114,62 +115,62 @@ class GroupCheck(ABC):
 
     @property
     def sees_rates(self) -> bool:
-        """Whether its tasks show that rates are defined, as far as they hang on its states."""
+        """Whether its tasks show what makes rates defined, where that is about its states."""
         return False
 
     @abstractmethod
     def tried(self, claims: set[str]) -> None:
-        """Make ready what these claims need, and look at a few cells: for what is not understood.
+        """Make ready what these claims need, and look at a few cells for what is not understood.
 
         Nothing is shown by it.
         """
 
     @abstractmethod
     def safe(self, cells: Cells) -> None:
-        """`safe` is certain on those cells of `Group.part`: SC has to keep K there."""
+        """Take note that `safe` is certain on these cells of `Group.part`: SC must stay in them."""
 
     @abstractmethod
     def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
-        """Whether all that is published of states that SC keeps is surely in the declared set.
+        """Whether what plants publish, of all states that SC keeps, is surely in the declared set.
 
-        It is so of those cells of `Group.part`. `checks`: of all groups.
+        It is so on these `cells` of `Group.part`. `checks`: those of all groups.
         """
 
     @abstractmethod
     def core(self) -> Iterable[Task]:
-        """K: SC keeps `safe` from it, and leads back to it."""
+        """Tasks for P2a: from each state of K SC keeps `safe`, and leads back to K."""
 
     @abstractmethod
     def free(self, horizon_ns: int) -> Iterable[Task]:
-        """R(H): nothing leads out of K within H."""
+        """Tasks for R(H): no command leads from it out of K within H."""
 
     @abstractmethod
     def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
-        """Where a predicate may be `admits` on an estimate, the state is in R(H)."""
+        """Tasks for P3 of a predicate: where it may be `admits` on an estimate, R has the state."""
 
     @abstractmethod
     def levels(self, between_ns: int) -> Iterable[Task]:
-        """Computed predicates: ttf is not S_0, safer is S_(m-2)."""
+        """Tasks for the sets S of computed predicates: `ttf` outside S_0, `safer` in S_(m-2)."""
 
     @property
     @abstractmethod
     def holds(self) -> int:
-        """For how many holds of SC it may take to come back."""
+        """The number of holds of SC that suffices to come to Q."""
 
     @abstractmethod
     def home(self, calm: Cells | None) -> Iterable[Task]:
-        """P2b: Q is kept where `safer` holds, and SC leads there from all of K.
+        """Tasks for P2b: Q is kept where `safer` holds, and SC leads there from all of K.
 
         `calm`: the cells of `part` for it; None: what the DM holds says so.
         """
 
     @abstractmethod
     def start(self, until_ns: int) -> Iterable[Task]:
-        """The declared initial states stay in K until then, whatever acts."""
+        """Tasks for `start`: declared initial states stay in K until then, whatever acts."""
 
 
 def whole(show: Callable[P, None]) -> Callable[P, list[Task]]:
-    """A claim that one task shows as a whole, or raises."""
+    """A decorator: what `show` shows at once, or raises, becomes a claim of one task."""
 
     @wraps(show)
     def claim(*given: P.args, **named: P.kwargs) -> list[Task]:

@@ -1,7 +1,7 @@
 """The methods of proof, in two tables: of groups of states, and of whole modules.
 
-Purpose: which `Group` reads an entry of which kind, in the order in which groups are asked; and
-what checks a module that is proved without sets of states, by what stands in its entry for it.
+Purpose: `GROUPS`: by its kind, the `Group` that reads a group of a manifest, in the order in which
+groups are asked. `MODULES`: by the key in a module's entry, what checks a module as a whole.
 Non-goals: what a method is asked (`groups.py`).
 """
 
@@ -27,16 +27,16 @@ if TYPE_CHECKING:
 
 
 class ModuleMethod(NamedTuple):
-    """What checks the entry of a module."""
+    """The functions that check the entry of a module that is proved as a whole."""
 
     check: Callable[[System, dict[str, Any]], tuple[Covered, RecheckedModule]]
     """RejectedError, NotRecheckedError where the entry is not confirmed."""
     read: Callable[[System, dict[str, Any]], object]
-    """The same where not everything of it is understood."""
+    """Reads the entry and shows nothing; raises the same where not all of it is understood."""
 
 
 def _inductions() -> ModuleType:
-    """What checks inductions; SoterError D007 where the solver is not installed."""
+    """The file that checks inductions; SoterError D007 where the solver is not installed."""
     if find_spec("z3") is None:
         what = "inductions are checked with `z3-solver`, which is not installed"
         helps = (f"install it: {pip_install('prove')}",)

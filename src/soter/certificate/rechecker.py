@@ -96,7 +96,7 @@ if TYPE_CHECKING:
 
 
 CASES_MAX, LEVELS_MIN = 4096, 2
-"""Combinations of parameter values; levels of computed predicates."""
+"""Combinations of parameter values at most; levels of computed predicates at least."""
 MODULE_KEYS = "system module plants parameters times inputs cases claims recover_ns"
 
 
@@ -128,13 +128,13 @@ def recheck(folder: Path, workers: int | None = None) -> Report:
 
 
 def _conclude(report: Report) -> None:
-    """Where nothing was found to be false: what follows from what was said of the modules."""
+    """Set the verdict, where nothing was found to be false, by what was found of the modules."""
     left = [f"{m.name}: {m.not_rechecked}" for m in report.modules if m.not_rechecked]
     report.verdict, report.reason = (NOT_RECHECKED if left else ACCEPTED), "; ".join(left)
 
 
 def in_words(error: Exception) -> str:
-    """Why something was not re-checked."""
+    """The reason why something was not re-checked, in words, from what was raised."""
     if isinstance(error, NotRecheckedError):
         return str(error)
     if isinstance(error, StepFault):
@@ -189,7 +189,7 @@ def _entry(
     entry: dict[str, Any],
     workers: int,
 ) -> RecheckedModule:
-    """What is confirmed of the module of an entry, which is added to what is covered."""
+    """Check one module's entry, and add its facts to `covered`."""
     facts: Covered
     whole = [of for key, of in MODULES.items() if isinstance(entry, dict) and key in entry]
     if whole:
@@ -216,7 +216,7 @@ def _key(facts: Covered) -> tuple[str, str, str]:
 
 
 def _in_all_views(facts: Covered, covered: list[Covered]) -> None:
-    """A module that is proved in views is proved in all of them, or not at all."""
+    """RejectedError where a module is proved in some of its views, but not in all."""
     if isinstance(facts, Facts) and facts.view:
         same = [f for f in covered if isinstance(f, Facts) and _key(f)[:2] == _key(facts)[:2]]
         assert facts.whole is not None
@@ -226,7 +226,7 @@ def _in_all_views(facts: Covered, covered: list[Covered]) -> None:
 
 @contextmanager
 def _understood(what: str) -> Iterator[None]:
-    """What is no list, text or number where one belongs is the fault of the manifest."""
+    """In this block a value of the wrong kind in the manifest becomes a RejectedError."""
     try:
         yield
     except (KeyError, TypeError, AttributeError, IndexError) as error:
@@ -259,7 +259,7 @@ def facts_of(flat: System, entry: dict[str, Any]) -> Facts:
 
 
 def _read_levels(facts: Facts, said: object) -> None:
-    """Any number of levels will do where the program has none: what is claimed is shown of it."""
+    """Enter the manifest's number of levels; RejectedError where the program has another one."""
     if not isinstance(said, int) or isinstance(said, bool) or said < LEVELS_MIN:
         raise RejectedError("`levels` is not as it should be")
     if said != facts.levels and (facts.symbol.verify.levels is not None or not facts.computed):
@@ -269,11 +269,11 @@ def _read_levels(facts: Facts, said: object) -> None:
 
 @dataclass(eq=False)
 class Claimed:
-    """What an entry claims of its module, and with which sets."""
+    """The claims of a module's entry, and the sets with which they are made."""
 
     claims: set[str]
     groups: list[list[Group]]
-    """Of every combination of parameter values."""
+    """The groups of each combination of parameter values."""
     law: Law | None
 
 
@@ -320,7 +320,7 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
 def _module(
     certificate: Certificate, facts: Facts, entry: dict[str, Any], workers: int
 ) -> RecheckedModule:
-    """Every claim is shown; then it is said what that is about."""
+    """Show every claim of a module, and make the report of what that is about."""
     claimed = read_claimed(certificate, facts, entry)
     groups, name = claimed.groups, f"{entry['module']}{f' as {facts.view}' * bool(facts.view)}"
     asked = partial(_cases, facts, claimed, entry, workers)
@@ -346,7 +346,7 @@ def _module(
 
 
 def _cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers: int) -> None:
-    """Every claim, for every combination of parameter values; of the law that it keeps K_fs."""
+    """Show every claim for every combination of parameter values; and that the law keeps K_fs."""
     cases = list(facts.cases())
     for k, (values, own) in enumerate(zip(cases, claimed.groups, strict=True)):
         model = CaseModel(
@@ -366,7 +366,7 @@ def _cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers: int) 
 def compare_tables(
     certificate: Certificate, facts: Facts, cases: list[list[Group]], entries: list[dict[str, Any]]
 ) -> None:
-    """What the DM holds of each group against the sets of all cases, or RejectedError."""
+    """Compare the DM's table of each group with the sets of all cases, or RejectedError."""
     if len(entries) != len(cases[0]):
         raise RejectedError("the tables of the DM are not one for each group")
     if any([g.kind for g in case] != [g.kind for g in cases[0]] for case in cases):
@@ -376,7 +376,7 @@ def compare_tables(
 
 
 def compare(facts: Facts, entry: dict[str, Any]) -> None:
-    """Every figure of the manifest against the program, or RejectedError; extents are entered."""
+    """Compare each figure of the manifest with the program, or RejectedError; enter the extents."""
     parameters = [{"name": p.name, "values": list(p.values)} for p in facts.parameters]
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
@@ -397,7 +397,7 @@ def compare(facts: Facts, entry: dict[str, Any]) -> None:
 
 
 def _extents(facts: Facts, pairs: Iterable[tuple[Any, Input]]) -> Iterator[tuple[float, float]]:
-    """The ranges of the states; all others are those of the program."""
+    """The ranges of the states by the manifest; RejectedError where another range differs."""
     for i, (given, known) in enumerate(pairs):
         only_keys(given, "name kind low high", "an input")
         if (given["name"], given["kind"]) != (known.name, known.kind):
@@ -478,7 +478,7 @@ def _over_sets(flat: System, entry: dict[str, Any], certificate: Certificate) ->
 
 
 def _predicates(model: CaseModel) -> None:
-    """Everything that is asked of estimates or states is read."""
+    """Read every predicate and declared set that a claim asks of states or estimates."""
     facts: Facts = model.facts
     symbol = facts.symbol
     for expr in (symbol.safe, facts.ttf, symbol.safer):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     Said = Iterator[tuple[str, str]]
-    """Key and text of one thing that is said after the other."""
+    """(key, text) of one statement of the report after the other."""
 
 
 ACCEPTED, REJECTED, NOT_RECHECKED = VERDICTS = "accepted", "rejected", "not re-checked"
@@ -54,7 +54,7 @@ class Doubt:
 
 @dataclass
 class FlightReport:
-    """Of one log: how many verdicts said "AC", and of how many of these that was confirmed.
+    """One log: how many verdicts said "AC", and how many of these were confirmed.
 
     `modules`: whose verdicts; `others` said "SC", which needs no confirmation. `to_ns`: up to where
     the log was read; `cut`: why not to its end, "" where it was. `asked`: so many of the verdicts,
@@ -88,11 +88,11 @@ SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
 """Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
 
 IN_FLIGHT = ("P3", "ttf", "safer")
-"""What a DM with `rest` decides by its own check: no certificate proves it."""
+"""The claims that a DM with `rest` decides by its own check: no certificate proves them."""
 
 
 def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
-    """What safety needs and a certificate does not establish; P1c may be assumed.
+    """The properties that safety needs and a certificate does not establish; P1c may be assumed.
 
     An assumed P1c is H >= H* with delays taken for zero: `static_claims` compares them.
     """
@@ -102,7 +102,7 @@ def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
 
 @dataclass(frozen=True)
 class RecheckAssumption:
-    """`key`: what it is about, the same for the same thing in every verdict."""
+    """An assumption; `key`: its subject, the same for the same subject in every verdict."""
 
     key: str
     text: str
@@ -110,7 +110,7 @@ class RecheckAssumption:
 
 @dataclass
 class RecheckedModule:
-    """What was confirmed about a module of a system, for these values of the parameters.
+    """The findings on one module of a system, for these values of the parameters.
 
     `not_rechecked`: why its claims were not checked, none of which is confirmed then; `vacuous`:
     why that says next to nothing, as AC never has, or keeps, control; `unseen`: why that was not
@@ -150,7 +150,7 @@ class RecheckedModule:
 
     @property
     def whilst(self) -> str:
-        """When `safe` is kept, of a module below another one, in words; "": at all times."""
+        """The times, in words, at which a module below another keeps `safe`; "": at all times."""
         return f" while {self.above} is in AC" if self.above else ""
 
     @property
@@ -165,7 +165,7 @@ class RecheckedModule:
 
     @property
     def missing(self) -> list[str]:
-        """What safety needs and is not established; empty: the module is safe."""
+        """The properties that safety needs and that are not established; empty: it is safe."""
         return missing_of(self.claims, self.confirmed)
 
     @property
@@ -200,7 +200,7 @@ class Report:
     """SHA-256 of the manifest that was checked, in hexadecimal."""
     seconds: float = 0.0
     flights: list[FlightReport] = field(default_factory=list)
-    """What was found of the logs of flights, where some were given."""
+    """The findings on the logs of flights, where some were given."""
 
     @property
     def accepted(self) -> bool:
@@ -214,7 +214,7 @@ class Report:
 
     @property
     def assumptions(self) -> list[str]:
-        """The same in words."""
+        """The assumptions of all modules in words, each once."""
         return [a.text for a in self.said]
 
     @property
@@ -244,5 +244,5 @@ class Report:
 
     @property
     def returns(self) -> bool:
-        """Whether P2b is, too, wherever the program asks for it."""
+        """Whether P2b is confirmed wherever the program asks for it."""
         return self.accepted and all(m.returns or m.stays for m in self.modules)

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 class Covered(Protocol):
-    """What is read of a module by whatever method it is proved."""
+    """The attributes that each covered module's facts have, whatever method proves the module."""
 
     flying: System
     flying_module: Module
@@ -49,7 +49,7 @@ class Covered(Protocol):
 
     @property
     def symbol(self) -> ModuleSymbol:
-        """Its declaration."""
+        """The declaration of the module."""
 
 
 def parameters_of(system: System) -> dict[str, str]:
@@ -65,9 +65,9 @@ def _said(program: TypedProgram, name: str, value: Value) -> str:
 
 
 def otherwise_in_program(checked: CheckResult, system: System) -> tuple[dict[str, str], bool]:
-    """Parameters that the program by itself gives another value in a system, with that value.
+    """(parameters with another value in the program alone, by name; whether a `set` gives one).
 
-    Whether for one of them the system, or a part of it, says so (`set`): then it is no default.
+    The values checked are those of `system`; a value that a `set` gives is no default.
     """
     try:
         own = system_to_prove(checked, system.name, {}, exact=False)
@@ -123,7 +123,7 @@ def _modelled_of(system: System, covered: Sequence[Covered]) -> set[str]:
 
 
 def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
-    """Plants that a value outside of a declared set stops, and that no claim is about."""
+    """Plants that no claim is about, and that stop where a value leaves its declared set."""
     for system in dict.fromkeys(f.flying for f in covered):
         modelled = _modelled_of(system, covered)
         for c in system.components:
@@ -138,7 +138,7 @@ def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
 
 
 def _modelled(facts: Covered) -> set[str]:
-    """Names in the system that flies of plants that claims, or abstractions of them, are about."""
+    """Names, in the system that flies, of the plants that claims are about, abstracted or not."""
     around = holder_of(facts.flying, facts.flying_module)
     names = {link.instance for link in facts.symbol.verify.abstracts}
     if isinstance(facts, Facts):
@@ -147,7 +147,7 @@ def _modelled(facts: Covered) -> set[str]:
 
 
 def _of(facts: Covered) -> Said:
-    """What is left open about a module that is covered."""
+    """Each question that is left open about a covered module: its key, and it in words."""
     name, system, symbol = facts.flying_module.name, facts.flying, facts.symbol
     for link in symbol.verify.abstracts:
         text = f"whether {link.instance} of system {system.name} conforms to {link.plant.name}"
@@ -174,7 +174,7 @@ UNDECLARED = "undeclared times are zero:"
 
 
 def p1c_of(facts: Facts) -> str:
-    """P1c rests on declared times or on assumed ones; H >= H* itself is checked elsewhere."""
+    """Say "proved" if P1c rests on declared times, else "assumed"; H >= H* is checked elsewhere."""
     verify = facts.symbol.verify
     declared = all(getattr(verify, name) is not None for _, name in DELAYS.values())
     declared = declared and (facts.above is None or facts.above.declared)
@@ -203,7 +203,7 @@ def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssu
 
 
 def confirmed_of(facts: Facts, jumps: Jumps) -> list[RecheckAssumption]:
-    """What is confirmed beside the claims, and no assumption any more."""
+    """The facts that are confirmed beside the claims, and no assumptions any more."""
     entries = []
     for index, inside in facts.in_sets.items():
         if inside and not facts.symbol.verify.abstracts:
@@ -361,7 +361,7 @@ def _timing(facts: Facts) -> Said:
 
 
 def acknowledged(symbol: typed.ModuleSymbol) -> Said:
-    """Of a DM that does not give control back by itself."""
+    """The assumption about a DM that gives control back only after a press."""
     if symbol.latch is not None and symbol.latch.topic is not None:
         name = symbol.latch.topic.name
         text = f"P2b: a press of {name} is in force as `safer` holds: an operator acknowledges"
@@ -369,7 +369,7 @@ def acknowledged(symbol: typed.ModuleSymbol) -> Said:
 
 
 def _machine(facts: Facts) -> Said:
-    """Of prelude functions that SC, a predicate or a plant calls, directly or through others."""
+    """The assumptions about the machine, and prelude functions that SC, predicates, plants call."""
     assert facts.sc.node is not None
     code: list[object] = [*facts.sc.node.step, *facts.symbol.predicates]
     code += [e for c in facts.plants if c.plant is not None for e in equations(c.plant)]

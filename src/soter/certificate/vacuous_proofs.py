@@ -1,9 +1,9 @@
-"""Whether what was re-checked says anything: how often AC can have control at all.
+"""Claims that hold and say next to nothing, as AC never, or hardly ever, can have control.
 
-Purpose: by states drawn from the sets of a certificate, and by the tables of the DM; nothing that
-the prover says about it is read. A share of what was drawn is a measurement and is called so.
-Non-goals: verdicts: a proof about an AC that never flies is a proof. Inductions are asked in
-`induction/check_claims.py`.
+Purpose: `vacuous` asks this of a module for the report, of the tables of its DM, or of its
+predicates on states drawn from K. It reads nothing that the prover says about it. A share of drawn
+states is a measurement, and is called so.
+Non-goals: verdicts, as such a proof is a proof; inductions (`induction/check_claims.py`).
 """
 
 from __future__ import annotations
@@ -37,21 +37,21 @@ if TYPE_CHECKING:
     from soter.language.model import typed
 
     Groups = Sequence[Sequence[Group]]
-    """Of every combination of parameter values."""
+    """The groups of each combination of parameter values."""
 
 READS_NOTHING = "`safe` reads no topic: it says nothing of the plant"
 HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says nothing"
 DRAWN = 2000
 HARDLY = 0.01
-"""Below this share of what was drawn from K it is said."""
+"""The share of states drawn from K: where AC has control on less, the report says so."""
 FAILS, HOLDS = 1, 2
-"""The bits that say: a proposition may be false, and may hold."""
+"""The bits of a proposition on a box: it may be false, it may hold."""
 GETS = "AC never has control"
 KEEPS = "AC never keeps control"
 
 
 def vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
-    """Why the claims about a module say next to nothing, and why that was not looked at; or ""."""
+    """(why the claims about a module say next to nothing, why that was not looked at), or ""."""
     safe, scope = facts.symbol.safe, facts.module.scope
     if not topic_reads(safe):
         return READS_NOTHING, ""
@@ -76,7 +76,7 @@ def vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
 
 
 def _of_tables(facts: Facts, groups: Sequence[Group]) -> tuple[str, str]:
-    """S_0 leaves AC in control, S_(m-2) gives it back."""
+    """`vacuous` of computed predicates: S_0 leaves AC in control, S_(m-2) gives control back."""
     for g in groups:
         found, unseen = g.never(_states(facts, np.random.default_rng(0), [g]))
         if found or unseen:
@@ -85,7 +85,7 @@ def _of_tables(facts: Facts, groups: Sequence[Group]) -> tuple[str, str]:
 
 
 def _never_given(facts: Facts, values: tuple[int, ...]) -> str:
-    """Where SC has control at the start, and no claim is asked that says that it gives it."""
+    """Why AC may never get control: SC has it at the start, and no claim says that it gives it."""
     if not facts.symbol.stays or facts.symbol.safer is None:
         return ""
     safer = _asked(facts, values, facts.symbol.safer, admits=True)
@@ -99,14 +99,14 @@ def _never_given(facts: Facts, values: tuple[int, ...]) -> str:
 def _asked(
     facts: Facts, values: tuple[int, ...], expr: typed.TypedExpr, *, admits: bool
 ) -> AdmitCheck:
-    """Whether a predicate refuses AC, of states anywhere."""
+    """The check whether this predicate keeps AC from control, for states anywhere."""
     box = Axes(tuple(range(len(facts.extents))), Grid(facts.extents))
     model = CaseModel(facts, values, facts.extents)
     return AdmitCheck(model, box, expr, admits=admits, anywhere=True)
 
 
 def _taken_by_age(facts: Facts) -> bool:
-    """Whether `ttf`, with what it asks of ages, holds of all that is fresh, at every state."""
+    """Whether `ttf`, with what it asks of ages, is true at every state for all fresh reads."""
     ttf = facts.symbol.ttf
     if ttf is None or not any(isinstance(n, AgeRead) for n in nodes([ttf])):
         return False
@@ -125,7 +125,7 @@ def _taken_by_age(facts: Facts) -> bool:
 def _of_predicates(
     facts: Facts, values: tuple[int, ...], groups: Sequence[Group]
 ) -> tuple[str, str]:
-    """`ttf` and `safer` of estimates of states drawn from K, all groups together."""
+    """`vacuous` of `ttf` and `safer`, on estimates of states drawn from K, all groups together."""
     ttf, safer = facts.ttf, facts.symbol.safer
     if ttf is None or safer is None:
         return "", "predicates that are not there are not looked at"
@@ -153,7 +153,7 @@ def _of_predicates(
 
 
 def of_those_above(modules: Sequence[RecheckedModule]) -> None:
-    """Where a module above is never in AC, what is claimed while it is says nothing either."""
+    """Enter as `vacuous` a module whose claims are about times when one above is hardly in AC."""
     by_name = {(m.system, m.name): m for m in modules}
 
     def enter(m: RecheckedModule) -> str:
@@ -168,19 +168,19 @@ def of_those_above(modules: Sequence[RecheckedModule]) -> None:
 
 
 def seldom(count: int) -> str:
-    """How often, in words, in less than `HARDLY` of what was drawn."""
+    """Words for "AC hardly ever" or "never", for a `count` below `HARDLY` of the drawn states."""
     return "AC hardly ever" if count else "as far as was seen AC never"
 
 
 def on(count: int, drawn: int) -> str:
-    """On how many states, in words."""
+    """On how many of the drawn states, in words."""
     return f"on {count or 'none'} of {drawn:,} states drawn from K"
 
 
 def _states(
     facts: Facts, chance: np.random.Generator, groups: Sequence[Group]
 ) -> Iterator[NDArray[np.float64]]:
-    """States of the product of all K, others anywhere in their ranges."""
+    """Random states, of each group's K together; a state without a group anywhere in its range."""
     parts = [g.drawn(facts, chance) for g in groups]
     for _ in range(DRAWN):
         x = np.array([chance.uniform(*ends) for ends in facts.extents])
@@ -193,7 +193,7 @@ def _states(
 
 
 def _lets(check: AdmitCheck, x: NDArray[np.float64], chance: np.random.Generator) -> bool:
-    """Whether an estimate of a state certainly lets AC have control, all else at some value."""
+    """Whether one estimate of a state, with random errors, certainly lets AC have control."""
     box: list[tuple[arb, arb]] = [(exact(v), exact(v)) for v in x.tolist()]
     for low, high in check.decision.ranges:
         end = (low, high)[int(chance.integers(2))]

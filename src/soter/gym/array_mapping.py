@@ -1,7 +1,7 @@
-"""Between Gymnasium's arrays and a program's values.
+"""From Gymnasium's arrays to a program's values, and back.
 
-Purpose: the default mappings: an observation is the plant's states, an action is the advanced
-controller's outputs, a command is what the plant reads; leaf by leaf, in declared order.
+Purpose: the mappings where a user gives none: an observation is the plant's states, an action the
+advanced controller's outputs, a command what the plant reads, by leaf; and the spaces of these.
 Non-goals: units, frames, images: whatever is not leaf by leaf is a function of the user's.
 """
 
@@ -95,7 +95,7 @@ def assembled(shapes: Shapes, flat: object, what: str) -> list[Value]:
 
 
 def wrong_count(shapes: Shapes, count: int, what: str) -> SoterError:
-    """U001: so many numbers where shapes have others."""
+    """SoterError U001: an array has `count` numbers, and the shapes have another count."""
     names = ", ".join(f"`{n}`" for n, _ in shapes)
     needed = sum(1 for _, t in shapes for _ in leaves(t))
     message = f"{what} has {count} numbers, but {names} {needed}"
@@ -192,7 +192,7 @@ def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
 
 
 def _box(bounds: Sequence[Bound], names: str) -> spaces.Box:
-    """What float32 has between bounds; SoterError U001, with the topics' names, for nothing."""
+    """The float32 numbers between bounds; SoterError U001 where there are none, with `names`."""
     low, high = np.array([b.low for b in bounds]), np.array([b.high for b in bounds])
     least, most = _inward(low, high), _inward(high, low)
     if (least < low).any() or (most > high).any() or (least > most).any():
@@ -247,7 +247,7 @@ def _inward(
 
 
 def taker(space: spaces.Space[Any], count: int) -> Callable[[npt.NDArray[np.float64]], Any]:
-    """What makes elements of an environment's action space of arrays (count,).
+    """A function that makes an element of an environment's action space of an array (count,).
 
     SoterError U001 for a space without a default, or one with another number of numbers; the
     function raises it for a fraction where whole numbers are wanted.
@@ -288,7 +288,7 @@ def _of_size(space: spaces.Space[Any], wanted: int, count: int) -> None:
 def _whole_numbers(
     space: spaces.Space[Any], numbers: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """The same numbers (n,), all of them whole."""
+    """The same numbers (n,); SoterError U001 where one of them is not whole."""
     if not (np.isfinite(numbers).all() and (np.floor(numbers) == numbers).all()):
         first = next(x for x in numbers.tolist() if not math.isfinite(x) or x != int(x))
         raise wrong_choice(
@@ -299,7 +299,7 @@ def _whole_numbers(
 
 
 def _member(space: spaces.Space[Any], action: Any) -> Any:  # noqa: ANN401 - an int or an array
-    """The same action, which is one of the space."""
+    """The same action; SoterError U001 where it is none of the space."""
     if not space.contains(action):
         raise wrong_choice(
             f"{action} is no action of the environment's `{space}`", "give command=..."

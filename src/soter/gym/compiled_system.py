@@ -1,7 +1,7 @@
 """A system with somebody outside, compiled once for all environments that step it.
 
-Purpose: `CompiledEnvironment`: the library, the C driver of `c/` on it, and where numbers lie;
-`compiled` keeps those of a loaded program, so that the next environment only needs a state.
+Purpose: a `CompiledEnvironment` has the library of a system, the C driver of `c/` on it, and where
+numbers lie in a state; `compiled` keeps it, so that the next environment only needs a state.
 Non-goals: states (`session.py`, `vector.py`), what numbers mean to Gymnasium (`array_mapping.py`).
 """
 
@@ -55,7 +55,7 @@ NOBODY = 2**32 - 1
 
 @dataclass(frozen=True)
 class Roles:
-    """Who is outside: the agent, the module whose AC it is, and perhaps a plant (indices)."""
+    """The indices of the agent outside, the module whose AC it is, and perhaps a plant outside."""
 
     agent: int
     module: int | None = None
@@ -128,7 +128,7 @@ class CompiledEnvironment:
         )
 
     def _buffers(self, agent: Component, plant: Component | None) -> dict[str, LeafBuffer]:
-        """What the driver reads and writes as arrays of numbers, by its names in C."""
+        """Name of the driver in C -> the leaves that it reads or writes as an array of numbers."""
         sizes = {i: x.size for i, x in self.answers.items()}
         action, given = self._answer(agent) if self.acts_numbers else ([], [])
         moved: list[MemoryLeaf] = []
@@ -156,7 +156,7 @@ class CompiledEnvironment:
         }
 
     def _moved(self) -> tuple[list[MemoryLeaf], list[MemoryLeaf]]:
-        """What a module publishes whose shield moves that, and what its AC would have."""
+        """Of a module whose shield moves commands: what it publishes, and what its AC proposed."""
         if self.roles.module is None:
             return [], []
         module = self.system.modules[self.roles.module]
@@ -228,7 +228,7 @@ def built(unit: Unit) -> Path:
 
 
 def driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:
-    """What calls a library that was built with `ENGINE`: cffi, its functions, its program."""
+    """(cffi, functions, program) of a library that was built with `ENGINE`."""
     ffi = interface(declarations(RUNTIME / "soter.h"), declarations(FOLDER / "soter_gym.h"))
     program = address(ffi, path, f"{prefix}_program", "const soter_program *")
     return ffi, opened(ffi, path), program
@@ -237,13 +237,13 @@ def driver(path: Path, prefix: str) -> tuple[Any, Any, Any]:
 def answered_around(
     system: System, outside: Sequence[int], bound: Mapping[str, object]
 ) -> dict[str, object]:
-    """Who answers the externs of a system; of components outside nobody is asked, nor any file."""
+    """Extern -> what answers it; a component outside is never called, nor is a file of it read."""
     externs = [x for x in (system.components[i] for i in outside) if x.extern]
     return {**bound, **{x.name: refuse_call for x in externs}}
 
 
 def refuse_call(*_: object) -> None:
-    """What stands for somebody outside where externs are bound."""
+    """Stands for a component outside where externs are bound; it is never called."""
     raise AssertionError("an environment answers for its plant and its agent itself")
 
 
@@ -252,13 +252,13 @@ def refuse_call(*_: object) -> None:
 _KEPT: OrderedDict[tuple[object, ...], Any] = OrderedDict()
 _LOCK = threading.RLock()
 KEPT_MAX = 16
-"""So many choices are kept; the one that was asked for longest ago goes first."""
+"""How many compiled choices are kept; the one that was asked for longest ago goes first."""
 
 
 def compiled(
     program: soter.api.Program, key: tuple[object, ...], make: Callable[[], CompiledEnvironment]
 ) -> CompiledEnvironment:
-    """What `make` gives, or gave before for this program and key, with what is bound as it was.
+    """The result of `make`, kept for this program and key while its bindings stay as they were.
 
     C files of externs are looked at again. Python objects that are bound do not matter: `make` is
     given those of the first call, and nobody calls them there.
@@ -281,7 +281,7 @@ def kept(
     *,
     again: bool = False,
 ) -> T:
-    """What `make` gives, or gave before for this key and a program of the same path and content."""
+    """The result of `make`, kept for this key and a program of the same path and content."""
     whole = (Path(program.path).resolve(), program.sha256, key)
     with _LOCK:
         entry: T | None = None if again else _KEPT.get(whole)

@@ -1,7 +1,8 @@
-"""A module between an agent and an environment, whatever class of Gymnasium asks for it.
+"""A module between an agent and an environment, for both classes of Gymnasium that have one.
 
-Purpose: `EnvironmentGuard`: what `Protected` and `SafetyWrapper` have in common: choices, mappings,
-steps, `info`, copies. Numbers go straight to C where nobody gave a function for them.
+Purpose: `Protected` and `SafetyWrapper` hand each `reset` and `step` to an `EnvironmentGuard`. It
+carries actions, commands and observations between agent, compiled module and environment, and makes
+`info`. Arrays that no function of the user's maps go straight to C.
 Non-goals: classes of Gymnasium (`protected.py`), many worlds in one call (`vector.py`).
 """
 
@@ -49,9 +50,9 @@ if TYPE_CHECKING:
 
 SEED_END = 2**63
 CAUSES = (None, "gate", "stale", "ttf", "recovering", "forced", "toward sc")
-"""Why the agent's action did not count, or not as it was, by `soter_cause`."""
+"""Why the agent's action did not count, or was changed; the index is `soter_cause` of C."""
 AS_TOLD = -2
-"""`SOTER_AS_TOLD`: the agent is due, and all but the margin is as it was told the last time."""
+"""`SOTER_AS_TOLD`: the agent is due, and of `info` only the margin differs from the last step's."""
 NO_STATES = -1
 """`SOTER_NO_STATES`: what was given is no state of the plant."""
 
@@ -69,7 +70,7 @@ NOT_COPIED = (
 
 
 class EnvironmentGuard:
-    """One module, one agent, one environment. Parameters as of `Protected`."""
+    """Steps one environment behind one module for one agent. Parameters as of `Protected`."""
 
     def __init__(
         self,
@@ -122,7 +123,7 @@ class EnvironmentGuard:
         self._masks = isinstance(self.action_space, spaces.Discrete)
 
     def _begin(self, space: spaces.Space[Any]) -> None:
-        """Everything that is made of the choices; `space`: the environment's actions."""
+        """Make all that follows from the choices; `space`: the environment's actions."""
         self._space = space
         made = prepared(self.program, *self.choice)
         session = self.session = Session(made, self.program.bound)
@@ -143,7 +144,7 @@ class EnvironmentGuard:
             self._taker = self._takes(space)
 
     def _takes(self, space: spaces.Space[Any]) -> Callable[[], Any]:
-        """What gives the environment's next action; SoterError U001 as `taker`."""
+        """A function that gives the environment's next action; SoterError U001 as `taker`."""
         session = self.session
         taker = array_mapping.taker(space, len(session.command))
         if isinstance(space, spaces.Box) and space.shape == session.command.shape:
@@ -155,7 +156,7 @@ class EnvironmentGuard:
         return partial(taker, session.command)
 
     def _asks(self, made: CompiledEnvironment) -> SessionPlant | None:
-        """The model of the program's plant, in front of this session; SoterError U001."""
+        """The model that judges each step of the environment, if there is one; SoterError U001."""
         system, _, plant, params, _ = self.choice
         model = None
         if self._alarm is not False and made.moves_numbers:
@@ -254,7 +255,7 @@ class EnvironmentGuard:
         return self._last, reward, ended, cut, self._asked_for(info, given)
 
     def _note(self, info: dict[str, Any]) -> None:
-        """Keep of a step what the next one is compared with; warn once of what is off the model."""
+        """Keep what C compares the next step with; warn of the first step that is off the model."""
         session = self.session
         self._violations = info["violations"]
         if info["off_model"] and not self._off_model:
@@ -267,7 +268,7 @@ class EnvironmentGuard:
     # ------------------------------------------------------------ the agent's answer
 
     def _answered(self, action: Any) -> int:  # noqa: ANN401 - any action
-        """The agent's action goes in; who is due then."""
+        """Give the agent's action to the module; returns the component that is due then."""
         session = self.session
         if self._act is None and getattr(action, "shape", ()) != session.action.shape:
             array_mapping.require_no_batch(self.action_space, action)
@@ -280,7 +281,7 @@ class EnvironmentGuard:
         return session.act_numbers()
 
     def _values_of(self, action: Any) -> list[Value | None] | None:  # noqa: ANN401 - any action
-        """What the agent publishes; None where its action is no value of the topics."""
+        """The values of the agent's topics for an action; None where it is no value of them."""
         try:
             if self._act is None:
                 return list(array_mapping.assembled(self._outputs, action, "an action"))
@@ -295,7 +296,7 @@ class EnvironmentGuard:
     # ------------------------------------------------------------ the environment's
 
     def _moved(self, observation: Any) -> int:  # noqa: ANN401 - any observation
-        """The environment's observation goes in; who is due then."""
+        """Give an observation to the module; returns the component that is due then."""
         session = self.session
         if not self._moves_numbers:
             states = self._values = self._states_of(observation)
@@ -318,7 +319,7 @@ class EnvironmentGuard:
         return [n for (n, _), value in named if not array_mapping.is_finite(value)]
 
     def _tell(self, observation: Any, due: int) -> None:  # noqa: ANN401 - any observation
-        """Of a step that the model judged, and led to who is `due`; SoterError U001 for nobody."""
+        """Pass the judged step to `judged`; SoterError U001 if the observation was no state."""
         if due == NO_STATES:
             raise self._no_states(observation)
         if self.judged is not None and self.asked is not None:
@@ -396,21 +397,21 @@ class EnvironmentGuard:
         return info
 
     def _asked_for(self, info: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
-        """Of `info` what the caller wants, beside all that is `given` by the environment."""
+        """The keys of `info` that the caller wants, and all that the environment gave (`given`)."""
         keys = self._info_keys
         if keys is None:
             return info
         return {**given, **{key: info[key] for key in keys if key in info}}
 
     def _quiet(self, violations: int) -> dict[str, Any]:
-        """What is told of a step that changes nothing but the margin; C compares, from now on."""
+        """`info` of a step that changes only the margin; from now on C says whether one does so."""
         outside = self.session.outside
         self.session.compiled.lib.soter_outside_tell(outside)
         known = self._info_by_flags[outside.flags]
         return {**known, "violations": violations, "cost": 0.0}
 
     def _of_flags(self, before: int) -> dict[str, Any]:
-        """What is known of the module by flags alone; `before`: the mode until now."""
+        """The part of `info` that follows from flags; `before`: the mode until now."""
         seen = self.session.seen
         mode, stepped, gate_fault = seen.mode, seen.steps > 0, bool(seen.gate_fault)
         counted = bool(seen.taken_by) and not gate_fault and not seen.moved
@@ -441,7 +442,7 @@ class EnvironmentGuard:
         return np.array([self.session.publishes(self._values_of(a)) for a in actions])
 
     def _refused(self) -> str:
-        """What the gate refused the last action for: a shield does not permit it, or its set."""
+        """The cause of the last refusal: "shield" where a shield forbade it, else "gate"."""
         if self.session.module.shield is None:
             return "gate"
         agent = self.session.record["components"][self.session.agent.index]
@@ -450,7 +451,7 @@ class EnvironmentGuard:
     # ------------------------------------------------------------ copies
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the compiled program, which is found again."""
+        """Everything but the compiled program, which is loaded again."""
         if not self.session.alone:
             raise wrong_choice(
                 "an environment with externs in Python has no copy",

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 ABSOLUTE = 1e-9
 SINGLE = 2.0 * float(np.finfo(np.float32).eps)
 DOUBLE = 1e-12
-"""What a state may be off by: at least; relative to it, where float32 rounded it; else relative."""
+"""The tolerances of a state: absolute; relative, if rounded to float32; relative otherwise."""
 
 
 class PlantModel:
@@ -203,7 +203,7 @@ CHANGED = {
 }
 """Wrappers inside of which the plant has other numbers than outside."""
 LEVEL = 4
-"""Frames between a warning and the line of the caller's own."""
+"""Frames between a warning and the user's line that caused it."""
 
 
 class SafetyWarning(UserWarning):

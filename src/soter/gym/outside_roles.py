@@ -1,8 +1,8 @@
 """Which module, plant and topics an environment is about, and where their numbers lie in memory.
 
-Purpose: the module and the plant that a caller names, or the only ones; what an agent observes;
-leaves of values in declared order as `soter_leaf` of `c/soter_gym.h`; the keys of `info` that a
-caller chooses, read once, and wrong ones told.
+Purpose: `chosen_module` and `chosen_plant` find what a caller names, or the only one;
+`observed_parts` what an agent observes; `places` the leaves of a value, as `soter_leaf` of
+`c/soter_gym.h`; `known_keys` the keys of `info` that a caller chooses. Wrong choices are U001.
 Non-goals: the system that is left (`language/elaborate/derived_systems.py`); stepping
 (`session.py`); spaces (`array_mapping.py`), what the keys say (`guard.py`).
 """
@@ -139,7 +139,7 @@ def observed_parts(
 
 
 def _observable(system: System, plants: Sequence[Component]) -> dict[str, ObservedPart]:
-    """By name every topic that nodes publish, and the truth of each plant."""
+    """Name -> topic that nodes publish, or truth of a plant."""
     topics = [t for t in system.topics if t.queue_of is None and not t.held]
     truths = {f"{c.name}.truth": ObservedPart(c.index, truth=True) for c in plants}
     return {t.name: ObservedPart(t.index) for t in topics} | truths
@@ -178,7 +178,7 @@ def require_compiled(system: System, agent: int) -> None:
 
 
 def measured_by(system: System, plant: Component, errors: bool | Sequence[str]) -> System:
-    """With errors of measurement of the program on these topics that a plant drives, or all.
+    """The system with the program's measurement errors on these topics that a plant drives, or all.
 
     An environment has sensors of its own; SoterError U001 for a topic that has no such errors.
     """
@@ -200,7 +200,7 @@ INFO_KEYS = (
     *("action_requested", "action_taken", "gate_fault", "intervened", "cause", "cost"),
     *("off_model", "action_mask", "not_finite"),
 )
-"""All that `info` may say of the module."""
+"""All keys that `info` may have on the module."""
 
 
 def known_keys(keys: Collection[str]) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
-"""Whether an environment does what the plant of a proof can do, measured.
+"""Measures whether an environment does what the plant of a proof can do.
 
-Purpose: `conformance`: drive a protected environment and ask of each of its steps which declared
-disturbances explain it; what none explains is outside of the proof.
+Purpose: `conformance` drives a protected environment, and asks of each of its steps which declared
+disturbances explain it; a step that none explains is outside of the proof.
 Non-goals: proofs that it always will; logs of robots (`soter monitor`).
 """
 
@@ -80,7 +80,7 @@ class Conformance:
 
 
 class _Tally:
-    """What the model said of every step so far."""
+    """Sums up what the model said of each step."""
 
     def __init__(self, asked: SessionPlant) -> None:
         model = asked.model
@@ -94,7 +94,7 @@ class _Tally:
         self.observed = np.zeros(len(model.names), dtype=bool)
 
     def see(self, asked: SessionPlant, session: Session) -> None:
-        """One more step, which ended at the numbers that `session` was given."""
+        """Count a step, which ended at the numbers that `session` was given."""
         left = np.abs(asked.residual)
         self.steps += 1
         self.observed |= asked.observed

@@ -145,7 +145,7 @@ def make_protected(
 
 
 MODES = {"mode": ("SC", "AC"), "taken_by": ("SC", "AC"), "cause": CAUSES, "next_cause": CAUSES}
-"""Of numbers in the `info` of many worlds the words that one world has."""
+"""Key of `info` -> the words that one world has for the numbers of many worlds."""
 
 
 def make_sb3_vec(
@@ -180,13 +180,13 @@ def _class() -> Any:  # noqa: ANN401 - a class over one of the library's
         raise ImportError(message) from error
 
     class Sb3Worlds(_Worlds, VecEnv):  # type: ignore[misc] # it may be Any
-        """Of worlds that are stepped in one call."""
+        """A `VecEnv` whose worlds are stepped in one call."""
 
     return Sb3Worlds
 
 
 class _Worlds:
-    """What a `VecEnv` is asked for, answered by a `ProtectedVector`."""
+    """Answers what a `VecEnv` is asked, by a `ProtectedVector`."""
 
     def __init__(self, worlds: ProtectedVector, info_keys: tuple[str, ...]) -> None:
         self.worlds, self._info_keys = worlds, info_keys
@@ -223,10 +223,10 @@ class _Worlds:
         return seen, rewards.astype(np.float32), over, told
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: no world has anything open."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:  # noqa: ANN401 - theirs
-        """The same for all worlds."""
+        """An attribute of the worlds, the same for each of them."""
         return [getattr(self.worlds, attr_name)] * len(self._which(indices))
 
     def set_attr(self, attr_name: str, *_: Any, **__: Any) -> None:  # noqa: ANN401
@@ -238,7 +238,7 @@ class _Worlds:
         raise wrong_choice(f"`{method_name}` of one world cannot be called: there is no object")
 
     def env_is_wrapped(self, _wrapper_class: Any, indices: Any = None) -> list[bool]:  # noqa: ANN401
-        """No world is."""
+        """No world is wrapped."""
         return [False] * len(self._which(indices))
 
     def _which(self, indices: Any) -> list[int]:  # noqa: ANN401 - None, a number or several
@@ -247,7 +247,7 @@ class _Worlds:
         return [indices] if isinstance(indices, int) else list(indices)
 
     def _infos(self, info: dict[str, Any], which: Sequence[int] | None = None) -> list[Any]:
-        """What each world is told."""
+        """The `info` of each world, with the chosen keys."""
         worlds = range(self.num_envs) if which is None else which
         keys = [key for key in self._info_keys if key in info]
         columns = [info[key].tolist() for key in keys]

@@ -1,12 +1,11 @@
 """A compiled system that stops where somebody outside has to answer.
 
-Purpose: step the very C of a program instant by instant: the state of one plant and the output
-of one advanced controller come from the caller, everything else is the program's. Numbers go
-straight into arrays that the C reads (`..._numbers`), values of any type through Python.
-`step_calls`: functions of an array that answer for the agent and for the plant of one
-`soter_outside`, without a foreign-function interface (`c/soter_gym_python.c`). C reads the array
-where it lies: of the two calls of a step, each takes a third of a microsecond less than a copy by
-NumPy and a call by cffi.
+Purpose: a `Session` steps the very C of a program instant by instant: the states of one plant and
+the output of one advanced controller come from the caller, everything else is the program's.
+Numbers go straight into arrays that the C reads (`..._numbers`), values of any type through Python.
+`step_calls` makes functions of an array that answer for the agent and for the plant without a
+foreign-function interface (`c/soter_gym_python.c`): C reads the array where it lies, which takes a
+third of a microsecond less a call than a copy by NumPy and a call by cffi.
 Non-goals: Gymnasium (`guard.py`); several sessions share one compiled program, not a state.
 """
 
@@ -53,7 +52,7 @@ if TYPE_CHECKING:
 
 
 ONE_ARGUMENT = 0x0008
-"""METH_O."""
+"""METH_O of Python's C interface: a function of one argument."""
 NO_NUMBERS = -3
 """`SOTER_NO_NUMBERS`: what was given is no array that C reads as it is; nothing was done."""
 NEEDED = {
@@ -78,11 +77,11 @@ class _Method(ctypes.Structure):
 
 
 _METHODS: dict[int, _Method] = {}
-"""By the address of the C function: Python reads it as long as there is a function of it."""
+"""Address of a C function -> its method record, which Python reads as long as it is used."""
 
 
 def step_calls(ffi: Any, lib: Any, outside: Any) -> tuple[Call, Call]:  # noqa: ANN401 - cffi
-    """What answers for the agent, and for the plant; `outside` has to live as long as they do.
+    """(answer for the agent, answer for the plant); `outside` has to live as long as they do.
 
     Each takes an array with one axis, of float32 or float64, and gives who is due, or a negative
     number as `soter_gym.h` has them: NO_NUMBERS for anything else, which then has no effect.
@@ -120,7 +119,7 @@ def _method(name: str, address: int, own: int) -> Call:
 
 
 TOWARD_SC = 6
-"""The last of `soter_cause`."""
+"""The last value of `soter_cause`: a shield moved the action toward SC's."""
 FAR_NS = 2**62
 """No run gets there: the session ends before its clock does."""
 
@@ -155,11 +154,11 @@ class Session:
         self._go = lib.soter_outside_go
         self._room = np.zeros(-(-self.compiled.room // 8), dtype=np.int64)
         self.action = np.zeros(int(view.action.count))
-        """What the agent answers, in numbers."""
+        """The agent's answer, in numbers."""
         self.moved = np.zeros(int(view.moved.count))
         """The plant's states, in numbers."""
         self.command = np.zeros(int(view.apply.count))
-        """What the plant reads, in numbers, as of when it was last due."""
+        """The values that the plant read when it was last due, in numbers."""
         self.seen = ffi.new("soter_facts *")
         """`soter_facts`, as of when the plant or the agent was last due."""
         self.seen_bytes = ffi.buffer(self.seen)
@@ -182,12 +181,12 @@ class Session:
     # ------------------------------------------------------------ stepping
 
     def reset(self, seed: int, states: Sequence[Value]) -> None:
-        """Start; the plant publishes `states` at its first release."""
+        """Start a run; the plant publishes `states` at its first release."""
         self.start(seed)
         self.place(states)
 
     def start(self, seed: int) -> None:
-        """Start, with the plant's states as the program has them."""
+        """Start a run, with the plant's states as the program has them."""
         for name, extern in self._bound.items():
             reset(name, extern, seed)
         self._begin(seed)
@@ -216,7 +215,7 @@ class Session:
         return due
 
     def rounded_command(self) -> npt.NDArray[np.float32]:
-        """What `command` is in single precision (n,), from now on."""
+        """An array (n,) that from now on has `command` in single precision."""
         self._rounded = np.zeros(len(self.command), dtype=np.float32)
         self.outside.single = self.compiled.ffi.cast("float *", self._rounded.ctypes.data)
         return self._rounded
@@ -240,7 +239,7 @@ class Session:
             self._answers.answer(self.state, due)
 
     def move(self, states: Sequence[Value]) -> None:
-        """Answer for the plant."""
+        """Answer for the plant, with values of its states."""
         names = [v.name for v in self.plant.plant.states]  # type: ignore[union-attr]
         self._give(self.state, self.plant, dict(zip(names, states, strict=True)))
 
@@ -272,7 +271,7 @@ class Session:
         return not refused and not self._moved(copy, values)
 
     def _answer(self, state: Bytes, values: Sequence[Value | None] | None) -> None:
-        """The agent's step."""
+        """Give the agent's answer to C, on this state; None in place of all is a step fault."""
         if values is None:
             answer = (int(FaultKind.EXTERN), None)
             self.compiled.library.answer(state, self.agent.index, *answer)
@@ -349,7 +348,7 @@ class Session:
         return self.state.tobytes(), bytes(self.seen_bytes)
 
     def restore(self, saved: tuple[bytes, bytes]) -> None:
-        """Go on from there."""
+        """Go on from what `saved` gave."""
         self.state[:] = np.frombuffer(saved[0], dtype=np.uint8)
         self.seen_bytes[:] = saved[1]
 

@@ -1,8 +1,8 @@
 """Thousands of worlds of a program with a module in front, stepped in one call.
 
-Purpose: `ProtectedVector` and `make_vec`: the plant of the program is the environment, the agent
-answers for the advanced controller of all worlds with one array (docs/gym.md). `BatchedStates`: the
-memory of the worlds, and the Python face of `soter_worlds`, which steps them.
+Purpose: in a `ProtectedVector` (`make_vec`) the plant of the program is the environment, and the
+agent answers for the advanced controller of all worlds with one array (docs/gym.md).
+`BatchedStates` is the memory of the worlds, and calls `soter_worlds` of C, which steps them.
 Non-goals: plants that live in Python (`protected.py`); learning.
 """
 
@@ -55,7 +55,7 @@ FACTS = tuple(n for n in FACTS_DTYPE.names or () if n not in ("reserved", "off_m
 
 
 class BatchedStates:
-    """States of `count` worlds and everything that comes out of a step."""
+    """The states of `count` worlds, and everything that comes out of a step of all of them."""
 
     def __init__(self, made: CompiledEnvironment, count: int) -> None:
         self.compiled, self.count = made, count
@@ -381,7 +381,7 @@ def _end_ns(made: CompiledEnvironment) -> int | None:
 
 
 def _mask(options: dict[str, Any] | None, count: int) -> npt.NDArray[np.bool_]:
-    """Which worlds to reset, (count,)."""
+    """The mask of the worlds to reset, (count,); by default all."""
     if options is None or "reset_mask" not in options:
         return np.ones(count, dtype=bool)
     mask = np.asarray(options["reset_mask"])

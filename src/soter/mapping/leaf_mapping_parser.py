@@ -1,9 +1,9 @@
-"""Where the leaves of a topic come from, as a mapping says.
+"""Reads where the leaves of a topic come from, as a mapping says.
 
-Purpose: a source a leaf. Vectors, frames and units end here: what is made of them is a name, a
-scale and an offset. `{ nearest = "distance", most = 0.45, unseen = 2 }`: a leaf that is what is
-nearest in a scan, the one reduction of a mapping, because no topic can hold what a LaserScan is:
-rays in any number, of which NaN, infinity and 0 each mean something.
+Purpose: a `LeafReader` makes a source of each leaf. Vectors, frames and units end here: it makes a
+name, a scale and an offset of them. `{ nearest = "distance", most = 0.45, unseen = 2 }` is a leaf
+that is what is nearest in a scan, the one reduction of a mapping, because no topic can hold what a
+LaserScan is: rays in any number, of which NaN, infinity and 0 each mean something.
 Non-goals: the messages of the topic (`topic_mapping_parser.py`); the reduction itself
 (`runtime/bridge/soter_scan.hpp`).
 """
@@ -52,7 +52,7 @@ def nearest_source(
     message: MessageType | None,
     problems: MappingProblems,
 ) -> NearestSource | None:
-    """The leaf `name`; None, and told, where it is none."""
+    """The source of the leaf `name`; None where something is wrong, which is noted."""
     before = len(problems.told)
     problems.only(what, NEAREST_KEYS, f"`{name}`")
     kind, most, unseen = what["nearest"], what.get("most", 0), what.get("unseen", 0)
@@ -76,11 +76,11 @@ def nearest_source(
 LEAF_KEYS = ("from", "scale", "offset", "unit", "constant", "slope", "window", *NEAREST_KEYS)
 VECTOR_KEYS = ("from", "scale", "unit")
 VALUE = "value"
-"""What the one field of a topic without fields is called."""
+"""The key of the one field of a topic without fields."""
 SCALE_MIN = 1e-60
-"""What is scaled by less, or by more than one over it, may come out as 0 or as infinity."""
+"""A number scaled by less, or by more than one over it, may come out as 0 or as infinity."""
 SMALL = ("bool", "byte", "char", "int8", "uint8")
-"""What messages hold truths in."""
+"""Types of fields in which messages hold truths."""
 
 
 def _three_names(given: object) -> TypeGuard[list[str]]:
@@ -105,7 +105,7 @@ class LeafReader:
         self.prefixes = _prefixes(self.types, self.keys)
 
     def read(self, given: Mapping[str, Any]) -> dict[LeafPath, Leaf]:
-        """A leaf each, in declared order."""
+        """The source of each leaf, in declared order."""
         name = self.topic.name
         if any("[]" in path for path in self.types) or isinstance(self.topic.type, ListType):
             self.problems.add(f"`{name}` is or has a list, which no mapping can fill")
@@ -127,7 +127,7 @@ class LeafReader:
         return {path: leaf_by_path[path] for path in self.types if path in leaf_by_path}
 
     def _row(self, key: str, what: object) -> dict[LeafPath, Leaf | None]:
-        """The leaves that a row is about; None of what is wrong."""
+        """The leaves that a row is about, each with its source; None where it is wrong."""
         if key in self.keys:
             path = self.keys[key]
             return {path: self._leaf(f"{self.topic.name}.{key}", self.types[path], what)}
@@ -229,7 +229,7 @@ class LeafReader:
         return SignalSource(field, scale, float(what.get("offset", 0)), assumed)
 
     def _check_row(self, name: str, t: Type, what: Mapping[str, Any]) -> str | None:
-        """Say what is wrong in a row; its unit."""
+        """Note what is wrong in a row, and give its unit."""
         problems, unit = self.problems, what.get("unit")
         if unit is not None and (not isinstance(unit, str) or unit not in UNITS):
             problems.add(f"`{name}` is in `{unit}`: there are {', '.join(UNITS)}")
@@ -264,7 +264,7 @@ class LeafReader:
     def _factor(
         self, name: str, t: Type, field: str, unit: str | None, standard: str | None
     ) -> float:
-        """What turns the field's unit into the program's; 1 where nobody says a unit."""
+        """The factor from the field's unit to the program's; 1 where nobody says a unit."""
         if unit is not None and standard is not None and unit != standard:
             assert self.message is not None
             text = f"`{field}` of {self.message.ros1} is in `{standard}`"

@@ -1,7 +1,7 @@
-"""The mistakes of a mapping, collected, so that all of them are told at once.
+"""Collects the mistakes of a mapping, so that all of them are told at once.
 
-Purpose: small questions to tables that people wrote; what is wrong is noted and a value given back
-that reading can go on with.
+Purpose: `MappingProblems` asks small questions of tables that people wrote; it notes what is wrong,
+and gives back a value with which reading can go on.
 Non-goals: what the answers mean (`read_mapping.py`, `topic_mapping_parser.py`).
 """
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 NUMBER_MAX = 1e30
-"""Scales and offsets beyond are none."""
+"""Larger scales and offsets are taken for slips."""
 
 
 def wrong_mapping(problems: Iterable[str], file: Path | None = None) -> SoterError:
-    """D015, one diagnostic a mistake, each with the file that it is in."""
+    """SoterError D015, with a diagnostic for each mistake that names its file."""
     notes = () if file is None else (f"in the mapping `{file}`",)
     return SoterError(tuple(Diagnostic("D015", p, notes=notes) for p in problems))
 
@@ -34,14 +34,14 @@ def unknown(what: str, name: str, known: Iterable[str]) -> str:
 
 
 def is_number(given: object) -> bool:
-    """Whether it is a finite number, and none that nobody means."""
+    """Whether `given` is a finite number of at most 1e30: larger ones are slips."""
     if not isinstance(given, (int, float)) or isinstance(given, bool):
         return False
     return -NUMBER_MAX <= given <= NUMBER_MAX  # NaN, too, is none
 
 
 class MappingProblems:
-    """What is wrong so far, in `told`."""
+    """Notes what is wrong so far, in `told`."""
 
     def __init__(self) -> None:
         self.told: list[str] = []
@@ -59,7 +59,7 @@ class MappingProblems:
         return table
 
     def texts(self, given: Mapping[str, Any], key: str, where: str) -> dict[str, str]:
-        """The same, of texts: a number is what it is written as."""
+        """The table under a key, its values as texts: a number is what it is written as."""
         return {k: str(v) for k, v in self.table(given, key, where).items()}
 
     def name(self, given: Mapping[str, Any], key: str, where: str) -> str | None:
@@ -71,13 +71,13 @@ class MappingProblems:
         return text
 
     def only(self, given: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
-        """Note what is said and means nothing."""
+        """Note every key that is not a known one."""
         for key in given:
             if key not in known:
                 self.add(f"{where} says `{key}`: there are {', '.join(known)}")
 
     def duration(self, given: Mapping[str, Any], key: str, name: str) -> int:
-        """A length of time in ns, above 0."""
+        """The length of time under a key in ns, above 0."""
         if key not in given:
             self.add(f'`{name}` needs a `{key}`, such as "0.5s"')
             return 1

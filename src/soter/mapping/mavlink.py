@@ -1,11 +1,11 @@
 """MAVLink in a mapping: the messages of a dialect, and the table `[mavlink]`.
 
-Purpose: the dialects that the package `pymavlink` brings, and a file of one's own, as types like
-those of ROS, with what MAVLink says besides: units, and which number means "not known".
-`read_link`: where messages come from and go to, whose they are, how long they take, and what the
-autopilot does when they end. `dialect_xml`: pymavlink evaluates values that stand in a dialect, and
-writes C with its words; what it is given here is one document of our own: messages and fields whose
-names are names, whose numbers are numbers and whose words cannot end a comment; nothing of enums.
+Purpose: `read_dialect` reads a dialect that the package `pymavlink` brings, or a file of one's own,
+as types like those of ROS, with what MAVLink says besides: units, and which number means "not
+known". `read_link`: where messages come from and go to, whose they are, how long they take, and
+what the autopilot does when they end. `dialect_xml` makes one document of a dialect, as pymavlink
+evaluates values in it and writes C with its words: messages and fields whose names are names, whose
+numbers are numbers and whose words cannot end a comment; nothing of enums.
 Non-goals: which topic is which message (`topic_mapping_parser.py`); C (target `mavlink`);
 speaking MAVLink (`runtime/mavlink/`).
 """
@@ -48,9 +48,9 @@ FIELD = {
     "multiplier": re.compile(r"[\w/.+-]*", re.ASCII),
     "invalid": re.compile(r"[\w.,:+\[\] -]*", re.ASCII),
 }
-"""What is taken of a field; everything else that a file says of it is left out."""
+"""Attribute of a field that is taken over -> the form it must have; all others are left out."""
 NOT_IN_COMMENTS = re.compile(r"[^\w .,;:()+=<>%'\"/&|!-]+")
-"""What a comment of C or the templates of the generator could read as theirs: `*`, `$`, `?`."""
+"""Letters that a comment of C or the generator's templates could read as theirs: `*`, `$`, `?`."""
 
 
 def dialect_xml(path: Path) -> bytes:
@@ -165,7 +165,7 @@ MAVLINK = 3
 PACKAGE = "mavlink"
 NAME = re.compile(r"mavlink/([A-Z][A-Z0-9_]*)", re.ASCII)
 UNITS = {"m/s/s": "m/s^2", "mG": "mg", "g": "gram"}
-"""Where MAVLink writes a unit in another way, or with letters that mean something else here."""
+"""Unit of MAVLink -> the same here, where it is written otherwise or would mean another."""
 QUATERNION = re.compile(r"(?:\w+_)?q(?:[1-4]|uaternion)?", re.ASCII)
 """Fields whose numbers are those of an orientation: MAVLink gives them no unit."""
 STAMPS = {("time_boot_ms", "uint32"): 10**6, ("time_usec", "uint64"): 10**3}
@@ -187,7 +187,7 @@ class MavlinkMessage(MessageType):
     extensions: frozenset[str] = frozenset()
 
     def unit(self, path: str) -> str | None:
-        """What a field is in, as MAVLink says."""
+        """The unit of a field, as MAVLink says it."""
         name = path.partition(".")[0]
         return self.units.get(name, "1" if QUATERNION.fullmatch(name) else None)
 
@@ -202,7 +202,7 @@ class MavlinkMessage(MessageType):
 
 @dataclass(frozen=True)
 class ChecksumEntry:
-    """What a parser has to know of any message: of its length and its checksum."""
+    """What a parser has to know of a message's length and checksum."""
 
     id: int
     extra: int
@@ -254,7 +254,7 @@ def standard_dialects() -> list[str]:
 
 
 def dialect_path(name: str, folder: Path) -> Path:
-    """Of a dialect by its name, or of a file of one's own, beside the mapping."""
+    """The path of a dialect by its name, or of a file of one's own, beside the mapping."""
     return folder / name if name.endswith(".xml") else _folder() / f"{name}.xml"
 
 
@@ -302,7 +302,7 @@ def _parsed(document: bytes) -> list[Any]:
 
 
 def _unit(f: Any) -> str:  # noqa: ANN401 - of a package without types
-    """What a field is in; "" where MAVLink does not say. `deg*360/255` is no unit of ours."""
+    """The unit of a field; "" where MAVLink does not say. `deg*360/255` is no unit of ours."""
     unit = str(f.units or "").strip("[]")
     return f"{unit or '1'}*{f.multiplier}" if f.multiplier else UNITS.get(unit, unit)
 
@@ -347,7 +347,7 @@ SOURCE = re.compile(r"(\d{1,3})/(\d{1,3})", re.ASCII)
 
 @dataclass(frozen=True)
 class MavlinkLink:
-    """The table, with what it does not say filled in.
+    """The table `[mavlink]` of a mapping, with what it does not say filled in.
 
     `delay_ns`: how old a message may be when it comes, None: nobody says. `resend_ns`: what does
     not change is sent so often. `offboard_loss_ns`: COM_OF_LOSS_T of PX4.
@@ -370,7 +370,7 @@ class MavlinkLink:
 
 
 def read_link(given: Mapping[str, Any], folder: Path, problems: MappingProblems) -> MavlinkLink:
-    """The table; SoterError D007 without pymavlink. Of no use where problems were added."""
+    """Read the table; SoterError D007 without pymavlink. Of no use where problems were added."""
     require_mavlink_package()
     problems.only(given, KEYS, "`mavlink`")
     urls = _urls(given.get("url"), problems)

@@ -1,10 +1,10 @@
 """The types of ROS messages: what a path such as `pose.pose.position.x` is.
 
-Purpose: the standard types of ROS 1 (noetic) and ROS 2, and those that a mapping brings along as
-`.msg` files, from the package `rosbags`. `steps_of`: the steps of a path, for languages that write
-a member, an element of an array and one of a sequence differently; `text_bound`: a text with room
-for so many bytes, unlike one without a bound. `StampSource`: which field of a message says when it
-was measured.
+Purpose: `MessageTypes` knows the standard types of ROS 1 (noetic) and ROS 2, by the package
+`rosbags`, and those that a mapping brings along as `.msg` files. `steps_of`: the steps of a path,
+for languages that write a member, an element of an array and one of a sequence differently;
+`text_bound`: how many bytes a text has room for. `StampSource`: which field of a message says when
+it was measured.
 Non-goals: messages themselves (`monitor/`), code for them (targets); clocks.
 """
 
@@ -39,7 +39,7 @@ class StampSource:
 
 
 BASE, NAMED, ARRAY, SEQUENCE = 1, 2, 3, 4
-"""How rosbags says what a field is."""
+"""The kinds of fields, as rosbags numbers them."""
 TIMES = {"builtin_interfaces/msg/Time": "time", "builtin_interfaces/msg/Duration": "duration"}
 """Types that are primitive in ROS 1 and records in ROS 2."""
 INTEGERS: dict[str, tuple[int, int]] = {
@@ -56,7 +56,7 @@ EMPTY_MEMBER = "structure_needs_at_least_one_member"
 NAME = re.compile(r"([A-Za-z]\w*)/(?:msg/)?([A-Za-z]\w*)", re.ASCII)
 
 Definitions = dict[str, tuple[list[Any], list[tuple[str, Any]]]]
-"""By name as ROS 2 writes it: constants, and the fields in declared order."""
+"""Name as ROS 2 writes it -> (constants, fields in declared order)."""
 
 
 class UnknownMessageError(Exception):
@@ -103,7 +103,7 @@ class MessageType:
         return self.ros2 in self.definitions.get(ros, {})
 
     def field(self, path: str, ros: int | None = None) -> MessageField:
-        """What stands at `a.b.0` of it, in ROS 1, in ROS 2 or in any; raises NoSuchFieldError."""
+        """The field at a path such as `a.b.0`, of ROS 1, 2 or any; raises NoSuchFieldError."""
         families = [ros] if ros else sorted(self.definitions, reverse=True)
         versions = [v for v in families if self.known_in(v)]
         if not versions:
@@ -154,7 +154,7 @@ class MessageType:
         return StampSource(HEADER_STAMP) if self.has_header else None
 
     def unit(self, _path: str) -> str | None:
-        """What a field is in, where the definition itself says it, which none of ROS does."""
+        """The unit of a field, where the definition itself says it, which none of ROS does."""
         return None
 
     @property
@@ -235,14 +235,14 @@ def _members(definitions: Definitions, name: str) -> dict[str, Any]:
 
 
 class KnownTypes(Protocol):
-    """Whoever knows types of messages by their names."""
+    """Something that knows types of messages by their names."""
 
     def named(self, name: str) -> MessageType:
         """The type; raises UnknownMessageError."""
 
 
 class MessageTypes:
-    """All that are known: the standard ones, and those that are added."""
+    """Knows the standard types, and those that are added."""
 
     def __init__(self) -> None:
         """SoterError D007 without rosbags."""
@@ -285,7 +285,7 @@ def _standard() -> dict[int, Definitions]:
 
 
 def _parsed(name: str, text: str) -> Definitions:
-    """What a `.msg` file defines, under the name that the mapping gives it."""
+    """The definitions in a `.msg` file, under the name that the mapping gives it."""
     from rosbags.typesys import TypesysError, get_types_from_msg  # noqa: PLC0415 - an extra
 
     match = NAME.fullmatch(name)

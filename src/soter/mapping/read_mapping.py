@@ -1,6 +1,6 @@
-"""From a mapping, TOML or JSON, to records that fit a system.
+"""Reads a mapping, TOML or JSON, to records that fit a system.
 
-Purpose: read the file and what it says of the whole; every mistake is D015, all of them at once.
+Purpose: `read_mapping` reads the file, `mapping_of` what it says; D015 has all mistakes at once.
 Non-goals: what it says of a topic (`topic_mapping_parser.py`), messages and logs.
 """
 
@@ -39,7 +39,7 @@ TIME_KEYS = ("from", "unit", "scale", "since", "until")
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """What a file of TOML or JSON says; SoterError D015."""
+    """The table that a file of TOML or JSON holds; SoterError D015."""
     try:
         text = read_json_text(path)
     except (OSError, UnicodeDecodeError) as error:
@@ -91,14 +91,14 @@ def _type_names(topics: Mapping[str, Any]) -> list[object]:
 
 
 def _delayed(m: TopicMap, link: MavlinkLink | None) -> TopicMap:
-    """A message of MAVLink without a stamp is late as the mapping says of its link."""
+    """A topic with the delay of the MAVLink link, if its messages are MAVLink without a stamp."""
     if link is None or m.stamp is not None or not isinstance(m.message, MavlinkMessage):
         return m
     return replace(m, delay_ns=link.delay_ns or 0)
 
 
 class _Families:
-    """Types of ROS and of MAVLink, each as far as a mapping needs it."""
+    """Finds types of messages of ROS and MAVLink, as far as a mapping needs them."""
 
     def __init__(self, ros: MessageTypes | None, link: MavlinkLink | None) -> None:
         self.ros, self.link = ros, link
@@ -113,12 +113,12 @@ class _Families:
 
 
 class _MappingReader:
-    """Reads on after a mistake, so that all of them are told."""
+    """Reads a mapping, and reads on after a mistake, so that all of them are told."""
 
     def __init__(self, system: System, folder: Path) -> None:
         self.known = {t.name: t for t in system.topics if t.queue_of is None and not t.held}
         self.unused = set(system.program.topics) - set(self.known)
-        """Topics of the program that the system has not: what a mapping says of them is unasked."""
+        """Topics of the program that the system does not have: what is said of them is left out."""
         self.delays_ns = {system.topics[e.topic].name: e.delay_ns or 0 for e in system.externals}
         self.folder = folder
         self.problems = MappingProblems()

@@ -1,9 +1,9 @@
 """What a mapping says of the topics of a program: one file, read by `monitor` and by targets.
 
-Purpose: the records behind `--map`. Whoever reads them knows only leaves: units, frames and vectors
-are factors and signs here. Of a topic with several sources: what each promises, how old the topic
-may get, and the rule by which one of them is read, which is that of
-`runtime/bridge/soter_sources.hpp`.
+Purpose: `LogMap` and `TopicMap`, the records behind `--map`. Who reads them knows only leaves:
+units, frames and vectors are factors and signs here. For a topic with several sources,
+`SourcePromise` is what each promises, and `SourceTurns` the rule by which one of them is read,
+which is that of `runtime/bridge/soter_sources.hpp`.
 Non-goals: reading the file (`read_mapping.py`), the values of a log (`monitor/`); what a
 deploying system declares, and whether promises of sources fit (`targets/`).
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 PROMISE_KEYS = ("every", "delayed", "measured", "after")
 SOURCES_MAX = 8
 WHOLE = "value"
-"""What `measured` calls all of a topic."""
+"""The key of `measured` that means all of a topic."""
 
 
 @dataclass(frozen=True)
@@ -66,15 +66,15 @@ class SourcePromise:
 
 
 class SourceTurns:
-    """Which samples of several sources are taken; `after_ns`: of each source, by rank."""
+    """Decides which samples of several sources are taken; `after_ns`: of each source, by rank."""
 
     def __init__(self, after_ns: Sequence[int]) -> None:
         self.after_ns = tuple(after_ns)
         self.newest: list[int | None] = [None] * len(self.after_ns)
-        """By source the stamp of the newest sample whose turn it was."""
+        """For each source the stamp of its newest sample whose turn it was."""
 
     def judge(self, rank: int, stamp_ns: int) -> Literal["taken", "waits", "older"]:
-        """What becomes of a sample of the source `rank` that was measured at `stamp_ns`.
+        """Judge a sample of the source `rank` that was measured at `stamp_ns`.
 
         `waits`: it is not its turn; `older`: it is, and something as new was taken before.
         """
@@ -90,7 +90,7 @@ class SourceTurns:
 def read_promise(
     table: Mapping[str, Any], rank: int, topic: Topic, problems: MappingProblems, name: str
 ) -> SourcePromise:
-    """What a source says of itself; of no use where problems were added."""
+    """The promise that a table of a source makes; of no use where problems were added."""
     delayed = problems.duration(table, "delayed", name) if "delayed" in table else 0
     after = 0
     if rank > 0:
@@ -104,7 +104,7 @@ def read_promise(
 def _errors(
     measured: Mapping[str, Any], topic: Topic, problems: MappingProblems, name: str
 ) -> dict[tuple[str, ...], float]:
-    """The errors of float leaves; a name of a part that has several is of each of them."""
+    """Float leaf -> its error; the name of a part with several leaves stands for each of them."""
     floats = [path for path, t in leaves(topic.type) if isinstance(t, FloatType)]
     errors: dict[tuple[str, ...], float] = {}
     for key, error in measured.items():
@@ -121,7 +121,7 @@ def _errors(
 
 
 def early_turns(name: str, promises: Sequence[SourcePromise]) -> Iterator[str]:
-    """Problems: sources that take over from others that keep what they promise.
+    """Yields a problem for each source that takes over from others which keep their promises.
 
     What those before it have had in their turn may be as old as the topic is with one of them that
     keeps its promise: its own sample is newer, but may have waited for its turn in vain.
@@ -176,7 +176,7 @@ class SlopeSource:
 
 @dataclass(frozen=True)
 class NearestSource:
-    """Of a sensor_msgs/LaserScan: how far away what is nearest is, or in which direction.
+    """How far away the nearest thing in a sensor_msgs/LaserScan is, or in which direction.
 
     `most`: what is farther counts as so far. `unseen`: so many rays in a row may have measured
     nothing; a message with more is not taken.
@@ -192,7 +192,7 @@ Leaf = SignalSource | ConstantSource | SlopeSource | NearestSource
 
 @dataclass(frozen=True)
 class QualityOfService:
-    """What a mapping says of how messages go; None is what the middleware's convention is.
+    """How messages of a topic go, as a mapping says; None: by the middleware's convention.
 
     `depth`: of the history, 0 for all of it.
     """
@@ -279,6 +279,6 @@ class LogMap:
     until_ns: int | None = None
 
     def counts(self, time_ns: int) -> bool:
-        """Whether what was logged at a time is a part of what was chosen."""
+        """Whether a value that was logged at a time lies in the chosen part of the log."""
         early = self.since_ns is not None and time_ns < self.since_ns
         return not early and (self.until_ns is None or time_ns <= self.until_ns)

@@ -1,8 +1,8 @@
-"""What a mapping says of one topic.
+"""Reads what a mapping says of one topic.
 
-Purpose: the channel and the messages: their type, when they were measured, whose they are, and what
-of them is constant; the key `qos`: three policies that decide whether a reader and a writer of DDS
-meet, and what is kept; then the leaves (`leaf_mapping_parser.py`).
+Purpose: a `TopicReader` reads the channel and the messages: their type, when they were measured,
+whose they are, and what of them is constant; `read_qos` the three policies of DDS that decide
+whether a reader and a writer meet, and what is kept; then come leaves (`leaf_mapping_parser.py`).
 Non-goals: whether a log or a middleware has such messages; what the policies mean to it
 (`targets/dds_package.py`), and the other policies of DDS.
 """
@@ -97,7 +97,7 @@ SOURCE_KEYS = (
 STAMP_KEYS = ("from", "unit")
 ARRIVAL = "arrival"
 GREATEST = {"float32": 3.4028234663852886e38, "float64": sys.float_info.max}
-"""What a field can hold: beyond, infinity would go out."""
+"""The largest number of a field: beyond it infinity would go out."""
 
 
 class TopicReader:
@@ -153,7 +153,7 @@ class TopicReader:
         return replace(made, promise=promise)
 
     def _fit_together(self, maps: tuple[TopicMap, ...]) -> None:
-        """What each source may be, and several of them may not."""
+        """Note where sources do not fit together, each of which is right by itself."""
         self.name = self.topic.name
         channels = [m.channel for m in maps if m.channel is not None]
         if len(set(channels)) != len(channels):

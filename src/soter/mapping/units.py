@@ -1,11 +1,11 @@
-"""Units and frames: what numbers are turned from one convention into another by.
+"""Units and frames, and how numbers are turned from one convention into another.
 
-Purpose: the units that a mapping or a program may say: a factor that makes SI of each, and the
-dimension, so that no length is taken for a speed. `standard_unit`: which unit a field of a standard
-ROS message is in, as REP 103 and the comments of the message definitions say it, so that a mapping
-that takes another unit is refused. `turn_between`: from one frame of axes into another, which
-component becomes which, and its sign: north-east-down and east-north-up of the world,
-forward-right-down and forward-left-up of a body (REP 103), for vectors.
+Purpose: `UNITS` has the units that a mapping or a program may say, each with a factor that makes SI
+of it, `DIMENSIONS` what they measure, so that no length is taken for a speed. `standard_unit`: the
+unit of a field of a standard ROS message, as REP 103 and the message definitions say it, so that a
+mapping that takes another unit is refused. `turn_between`: which component becomes which, and its
+sign, between north-east-down and east-north-up of the world, and between forward-right-down and
+forward-left-up of a body (REP 103), for vectors.
 Non-goals: messages of one's own, unless made of standard ones; fields whose unit depends on
 something else (`JointState.position`), or on nothing (`LaserScan.intensities`), which are in none;
 turning quaternions and covariances; transforms between places.
@@ -62,15 +62,15 @@ _BY_DIMENSION = {
     "a field strength": {"T": 1.0},
 }
 UNITS = {unit: factor for units in _BY_DIMENSION.values() for unit, factor in units.items()}
-"""What a column may be in, and what makes SI of it."""
+"""Unit -> the factor that makes SI of a number in it."""
 DIMENSIONS = {unit: name for name, units in _BY_DIMENSION.items() for unit in units}
-"""What is measured in a unit, in words."""
+"""Unit -> what is measured in it, in words."""
 RATES = {LENGTH: SPEED, SPEED: ACCELERATION, ANGLE: TURN, TURN: "an angular acceleration"}
-"""How fast something changes, as far as it has a unit here."""
+"""Dimension -> that of its rate of change, as far as it has a unit here."""
 
 
 def factor_between(given: str, declared: str) -> float | None:
-    """What turns a number in the unit `given` into one in `declared`; None where nothing does.
+    """The factor that turns a number in the unit `given` into `declared`; None: there is none.
 
     A program without a unit ("") counts in SI. What is not in UNITS (`m^2`, `Ah`) is not turned: it
     goes into the same unit, or, as it is, into none.
@@ -90,7 +90,7 @@ BODY_OF = {"ENU": "FLU", "NED": "FRD"}
 """The frame of a body that goes with one of the world."""
 
 Turn = tuple[tuple[int, float], tuple[int, float], tuple[int, float]]
-"""Of each axis: which component of the other frame it is, and its sign."""
+"""For each axis: which component of the other frame it is, and its sign."""
 
 SAME: Turn = ((0, 1.0), (1, 1.0), (2, 1.0))
 _WORLD_TURN: Turn = ((1, 1.0), (0, 1.0), (2, -1.0))
@@ -98,7 +98,7 @@ _BODY_TURN: Turn = ((0, 1.0), (1, -1.0), (2, -1.0))
 
 
 def turn_between(given: str, program: str) -> Turn:
-    """From a frame of FRAMES into the program's, one of WORLD; both ways it is the same."""
+    """The turn from a frame of FRAMES into the program's, one of WORLD; it is its own inverse."""
     if given in WORLD:
         return SAME if given == program else _WORLD_TURN
     return SAME if given == BODY_OF[program] else _BODY_TURN
@@ -172,7 +172,7 @@ STANDARD_UNITS = {
     "sensor_msgs/LaserScan": _SCAN,
     "sensor_msgs/MultiEchoLaserScan": _SCAN,
 }
-"""By type, of which a field may be a part: fields as patterns, and their unit."""
+"""Type, of which a field may be a part -> patterns of its fields -> their unit."""
 
 
 def standard_unit(message: MessageType, path: str) -> str | None:

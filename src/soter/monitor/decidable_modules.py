@@ -1,11 +1,11 @@
-"""What can be said of a module by a log: topics that are unknown, silent or in doubt.
+"""Which modules a log can decide, which of its topics fell silent, and which are in doubt.
 
-Purpose: `decidable`: which nodes of the program can be run on the topics of a log, which modules
-then have all that their decision modules read, and what the others miss and why. `Hearing`: which
-topics fell silent: how old a read may be that counts as judged (`max_age`; of what is measured
-without one some of its own periods), asked of what a DM reads and of what the nodes read that ran
-for it. `doubts`: measured topics that repeat one value to their end, and samples so much more often
-or more rarely than the program's that the unit of their time is in doubt: told, and no error.
+Purpose: `decidable` finds the nodes of the program that can be run on the topics of a log, the
+modules that then have all that their decision modules read, and what the others miss and why.
+`Hearing` says whether a read is young enough to be judged (`max_age`; without one some periods of
+what is measured), of what a DM reads and of what nodes read that ran for it. `doubts` names
+measured topics that repeat one value to their end, and samples at a pace so unlike the program's
+that the unit of their time is in doubt; neither is an error.
 Non-goals: running anything (`log_replay.py`); what a DM decides on old reads
 (`semantics/rules.py`); stamps against the log's clock (`typed_samples.py`).
 """
@@ -60,7 +60,7 @@ class Decidable:
 
 
 def decidable(system: System, mapped: Iterable[int]) -> Decidable:
-    """What follows from the topics of these indices: the largest set that hangs together."""
+    """The modules that can be judged from these topics (indices), and what the others lack."""
     search = _Search(system, frozenset(mapped))
     search.settle()
     modules = tuple(m.index for m in system.modules if m.index in search.modules)
@@ -75,7 +75,7 @@ def decidable(system: System, mapped: Iterable[int]) -> Decidable:
 
 
 def topics_of_safe(module: Module) -> set[int]:
-    """What `safe` reads."""
+    """The topics that `safe` reads."""
     return {module.scope.topics[topic] for topic in topic_reads(module.symbol.safe)}
 
 
@@ -102,7 +102,7 @@ class _Search:
         self.nodes = {c.index for c in system.components if c.role == "node" and not self._never(c)}
 
     def settle(self) -> None:
-        """Take away until nothing changes."""
+        """Take away nodes and modules that miss something, until nothing changes."""
         while True:
             have = self._have()
             nodes = {n for n in self.nodes if self.reads[n] <= have and self._modes_of_node(n)}
@@ -137,7 +137,7 @@ class _Search:
         return tuple(missing_by_name.values())
 
     def missing_of(self, topics: set[int]) -> tuple[Missing, ...]:
-        """The same of some topics, which a decided module reads beside the inputs of its DM."""
+        """The roots of why these topics are not known, which a decided module reads beside."""
         missing_by_name: dict[str, Missing] = {}
         self._roots(topics - self._have(), missing_by_name, set())
         return tuple(missing_by_name.values())
@@ -211,18 +211,18 @@ def _inputs(system: System, module: Module) -> set[int]:
 
 
 def _reads_of_dm(system: System, module: Module) -> set[int]:
-    """Its inputs, and the topic after a press on which it gives control back."""
+    """The topics that a DM reads: its inputs, and that of a press after which it gives back."""
     return {_source(system, i) for i in module.reads}
 
 
 def reads_of_node(system: System, c: Component) -> frozenset[int]:
-    """What a node subscribes to; behind a queue its topic."""
+    """The topics that a node subscribes to; behind a queue its topic."""
     assert c.node is not None
     return frozenset(_source(system, i) for i in c.reads)
 
 
 def written_by_node(c: Component) -> frozenset[int]:
-    """What a node publishes."""
+    """The topics that a node publishes."""
     assert c.node is not None
     return frozenset(c.scope.topics[topic] for topic in c.node.publishes)
 
@@ -250,7 +250,7 @@ def _externs(code: object) -> list[str]:
 
 @dataclass
 class Rest:
-    """What a step rests on: topics of the log that it reads, and nodes that ran for it."""
+    """The topics of the log and the nodes on which a step rests."""
 
     topics: set[int]
     nodes: set[int]
@@ -273,7 +273,7 @@ class Hearing:
 
     @classmethod
     def of(cls, system: System, samples: Iterable[TopicSamples], plan: Decidable) -> Hearing:
-        """Nothing was heard yet."""
+        """A record of a log of which nothing was heard yet."""
         made = cls(system, plan)
         looked_at = _ages_read(system)
         alone_ns = min((system.modules[m].period_ns for m in plan.modules), default=0)
@@ -291,7 +291,7 @@ class Hearing:
         return made
 
     def rest_of(self, topics: Iterable[int]) -> Rest:
-        """What lies behind the reads of a DM, or of its `safe`."""
+        """The logged topics and the run nodes on which these reads of a DM or `safe` rest."""
         topics = set(topics)
         behind = topics_behind(self.system, self.plan.nodes, topics)
         ran = {n for n in self.plan.nodes if written_by_node(self.system.components[n]) & behind}
@@ -303,11 +303,11 @@ class Hearing:
         self.sound[node] = self._young(c, reads & self.most_ns.keys())
 
     def rests(self, c: Configuration, on: Rest) -> bool:
-        """Whether all is young enough now; of nodes it counts what they read when they stepped."""
+        """Whether all that a step rests on is young enough; nodes count by what they last read."""
         return self._young(c, on.topics) and all(self.sound.get(n, False) for n in on.nodes)
 
     def fell_silent(self, c: Configuration, on: Rest) -> dict[str, int]:
-        """By topic behind a step that is silent now, its last stamp (ns)."""
+        """Topic behind a step that is silent now -> its last stamp in ns."""
         read = on.topics.union(*(self._reads(n) for n in on.nodes))
         return {
             self.system.topics[i].name: c.stamps[i]
@@ -334,13 +334,13 @@ def _ages_read(system: System) -> set[int]:
 
 
 STUCK, STUCK_SHARE = 20, 0.1
-"""So many samples, and such a share of all, are one value before it is told."""
+"""So many last samples, and such a share of all, have to be one value before a doubt is told."""
 ANOTHER_PACE = 300.0
 """A pace that differs so many times: units of time differ 1,000 times, rates of logs do not."""
 
 
 def doubts(system: System, samples: Iterable[TopicSamples]) -> list[str]:
-    """What people are told, topic by topic."""
+    """Notes for people on topics that are in doubt, a sentence each."""
     told = []
     for s in samples:
         if not s.always and is_measured(system, s.topic.index):

@@ -1,7 +1,7 @@
-"""What a log does not hold, from what it does: slopes, and values after the last sample.
+"""Signals that a log does not hold, made of its own: slopes, and values after the last sample.
 
-Purpose: both from samples up to then, as a monitor in flight would have them, with a measure of
-their error that comes from the same samples.
+Purpose: `slopes`, and the errors of slopes and of lines through the last two samples, all from
+samples up to then, as a monitor in flight would have them.
 Non-goals: filters; anything that has seen samples that came later.
 """
 

@@ -1,12 +1,11 @@
-"""Model monitors as trusted Soter nodes in files: written, and whether one is still of its model.
+"""Writes a model monitor as a trusted Soter node, and says when such a file is of an old model.
 
-Purpose: `write_monitor`: from the problem of a module to the source of its monitor, beside the
-program it imports. `monitor_source`: the membership recursion of `model_membership.py` on estimates
-as source text: one interval per state, bounded work, no heap; it publishes whether an alarm was
-raised at its last step. It is to be the last instance of a system, so that the command it sees is
-the one that acts until its next step. A line of it says what the file was made of; D022 for each
-file of a program of which the same command would now write another one, a warning for each system
-whose `set` gives its module another model.
+Purpose: `write_monitor` (`soter monitor --emit`) writes, beside a program that it imports, a node
+that checks in flight what `model_membership.py` checks in a log: one interval per state, bounded
+work, no heap. It publishes whether its last step raised an alarm, and is to be the last instance of
+a system, so that the command it sees acts until its next step. A line of the file says what it was
+made of. `stale_monitors` (`soter check`) gives D022 for each such file of a program that the same
+command would now write otherwise, and warns of systems whose `set` gives the module another model.
 Non-goals: plants that are not affine; lateness (a step is one period after the last one); composing
 it into a system, which the user does, who lets `ttf` read the alarm; edits of the emitted node.
 """
@@ -54,10 +53,10 @@ if TYPE_CHECKING:
 
 
 EMITTED = "made by `soter monitor --emit`"
-"""What an emitted file says of itself."""
+"""Words at the head of an emitted file, by which it is known as one."""
 RECORD = "// made of "
 FORM = 2
-"""Of the node that is written; another one makes all earlier files stale."""
+"""The version of the text that is written: a new one makes all earlier files stale."""
 
 
 def record_of(
@@ -194,7 +193,7 @@ def _fingerprint_now(
     module: str,
     params: Mapping[str, object],
 ) -> str:
-    """Of the module as it stands in the program that a monitor watches; SoterError."""
+    """The fingerprint of a module as the watched program has it now; SoterError if it has none."""
     program = checked.program
     assert program is not None
     named = {n: s for n, s in program.systems.items() if n == watched.prefix + system}
@@ -209,7 +208,7 @@ def _fingerprint_now(
 
 
 def _full_name(file: LoadedFile, name: str) -> str:
-    """What a name of a file's own is called in the whole program."""
+    """The name in the whole program of what a file calls `name`."""
     first, _, rest = name.partition(".")
     inner = file.imports.get(first) if rest else None
     return file.prefix + name if inner is None else _full_name(inner, rest)
@@ -231,7 +230,7 @@ NODE = "ModelMonitor"
 def monitor_source(
     problem: Problem, imported: str, names: dict[int, str], alarm: str | None, record: str
 ) -> str:
-    """The text of a file with the node.
+    """The text of a file with the monitor's node.
 
     `imported`: path of the program, for the `import`; `names`: topic index -> its name with the
     alias `watched.`; `alarm`: a bool topic of the program to publish, or None for one of its own;
@@ -265,7 +264,7 @@ def _head(problem: Problem, imported: str, alarm: str | None, record: str) -> li
 
 
 def _told_within(problem: Problem) -> list[str]:
-    """Comments: how long a constant disturbance beyond its bound stays untold at most.
+    """Comments that say how long a constant disturbance beyond its bound is not told, at most.
 
     Of a state x' = -k x + known + w, |w| <= W, seen within E, a disturbance W + d moves the true x
     from the end of the box, which is at most 2 E away, to where an estimate must lie beyond it:
@@ -371,12 +370,12 @@ def _case(problem: Problem, parameter: Sequence[int], k: int, names: dict[int, s
 
 
 def _kept(predicted: str, seen: str, meet: str) -> str:
-    """An end of the interval after a step: met with what is seen, or begun anew."""
+    """The code of an interval's end after a step: met with what is seen, or begun anew."""
     return f"!seen ? {predicted} : known && !alarmed ? {meet}({predicted}, {seen}) : {seen}"
 
 
 def _state(i: int, phi: Floats, gamma: Floats, c: float, reach: float) -> list[str]:
-    """from, to: the interval one period later."""
+    """The code of `from` and `to`: the ends of a state's interval one period later."""
 
     def end(upper: bool) -> str:
         terms = []

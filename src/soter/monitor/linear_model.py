@@ -1,7 +1,7 @@
-"""Verification plants as matrices, read off by evaluating them.
+"""Verification plants as matrices, found by evaluating them.
 
-Purpose: x' (flows) or the next x (maps) = A x + B u + c + W d, the driven topics y = M x + m, for
-one combination of parameter values; for monitoring.
+Purpose: `linear_model` gives, for monitors, x' (flows) or the next x (maps) = A x + B u + c + W d,
+and the driven topics y = M x + m, for one combination of parameter values.
 Non-goals: proofs: entries are binary64 as the interpreter computes them, nothing rounds outward
 (`verify/grid/group_model.py` does that from enclosures).
 """
@@ -43,7 +43,7 @@ QUADRATURE = 64
 
 @dataclass(frozen=True, kw_only=True)
 class LinearModel:
-    """`kind` "flow": rates; "map": the next state. `d_max` (m): the largest |d|."""
+    """The matrices of rates (`kind` "flow") or of the next state ("map"); `d_max`: largest |d|."""
 
     kind: str
     a: Floats
@@ -228,7 +228,7 @@ def linear_model(problem: Problem, parameter: Sequence[int]) -> LinearModel:
 
 
 def not_affine(problem: Problem) -> SoterError:
-    """What is said about plants that are not monitored."""
+    """SoterError U001 about plants that are not affine, which no monitor follows."""
     message = f"the plants of module `{problem.name}` are not affine"
     notes = ("the monitor follows x' = A x + B u + c + W d, and maps of that form",)
     return SoterError((Diagnostic("U001", message, notes=notes),))

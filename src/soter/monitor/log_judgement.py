@@ -1,6 +1,7 @@
-"""What the decision modules of a program would have said to a log.
+"""The results of judging a log: what a program's decision modules would have decided.
 
-Purpose: results as plain records, and the list of what such a result takes for granted.
+Purpose: `LogJudgement` and `ModuleOfLog`, plain records for printing and JSON, with the list of
+what such a result takes for granted.
 Non-goals: finding them (`log_replay.py`), printing.
 """
 
@@ -59,7 +60,7 @@ class NearestMargin:
 
 @dataclass
 class ModuleOfLog:
-    """A module's DM on the reads of a log.
+    """What one module's DM would have decided on the reads of a log.
 
     `missing`: topics without which nothing can be said; everything else is then empty. `unheard`:
     what tells its DM to give control back, where the log has not. `steps` of the DM; `waiting` of
@@ -113,12 +114,12 @@ class ModuleOfLog:
 
     @property
     def judged(self) -> bool:
-        """Whether any step was: its reads were young enough, and `safe` was asked of them."""
+        """Whether any step was judged: its reads were young enough, and `safe` asked of them."""
         return self.judged_steps > 0
 
     @property
     def judged_share(self) -> float:
-        """In how much of the log, by steps of its DM, that was so."""
+        """The share of the log, by steps of its DM, in which a step was judged (`judged`)."""
         return self.judged_steps / max(1, self.steps + self.waiting)
 
     @property
@@ -155,7 +156,7 @@ class ModuleOfLog:
 
     @property
     def first_switch_s(self) -> float | None:
-        """When AC would have lost control for the first time."""
+        """The time at which AC would first have lost control; None: it would have kept it."""
         return self.switches[0].time_s if self.switches else None
 
     @property
@@ -165,7 +166,7 @@ class ModuleOfLog:
 
 
 def units_taken(assumed_units: Sequence[str]) -> list[str]:
-    """What is taken for granted of leaves whose unit nobody says, as `TopicMap` has them."""
+    """The assumption on leaves whose unit nobody says, as `TopicMap` has them."""
     told = "neither the mapping nor a message says a unit, the program's is taken: "
     return [told + ", ".join(assumed_units)] if assumed_units else []
 
@@ -210,7 +211,7 @@ class LogJudgement:
 
     @property
     def assumptions(self) -> list[str]:
-        """What the judgement takes for granted."""
+        """The assumptions of the judgement, a sentence each."""
         assumptions = list(ASSUMED)
         if self.nodes:
             names = ", ".join(f"`{n}`" for n in self.nodes)

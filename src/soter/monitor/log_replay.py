@@ -1,8 +1,8 @@
-"""The decision modules of a program on the reads of a log.
+"""Runs the decision modules of a program on the reads of a log.
 
-Purpose: step the DMs, and the trusted nodes before them, at their periods, as the reference
-interpreter does (`semantics/rules.py`), with topics from a log in place of plants, controllers and
-inputs; keep modes, counts and distances.
+Purpose: `replay` steps the DMs, and the trusted nodes before them, at their periods, as the
+reference interpreter does (`semantics/rules.py`), with topics of a log in place of plants,
+controllers and inputs; it keeps modes, counts and distances.
 Non-goals: SC and AC (somebody else flew), C, what a judgement means (`log_judgement.py`).
 
 A mapped topic is published where its driver stands in the order of an instant: a plant's before the
@@ -96,7 +96,7 @@ def replay(
 def _unjudged(
     system: System, samples: list[TopicSamples], plan: Decidable, log: str
 ) -> LogJudgement:
-    """What a log has of each topic, and its modules before anything of them is judged."""
+    """The judgement of a log before any step: the facts on its samples, and empty modules."""
 
     def by_topic(fact: Callable[[TopicSamples], Any]) -> dict[str, Any]:
         return {s.topic.name: told for s in samples if (told := fact(s))}
@@ -128,7 +128,7 @@ def _unjudged(
 
 
 def _unused(system: System) -> dict[str, object]:
-    """Something bound to every extern: none of them is ever asked."""
+    """Extern -> a function that is never called."""
 
     def nobody(*_: object) -> object:
         raise AssertionError("a replay of a log asks no extern")
@@ -138,7 +138,7 @@ def _unused(system: System) -> dict[str, object]:
 
 
 def _instants(system: System, plan: Decidable, length_ns: int) -> Iterator[int]:
-    """When something of the plan is released, from 0 to the end of the log."""
+    """The times at which something of the plan is released, from 0 to the end of the log."""
     parts = [system.components[n] for n in plan.nodes]
     parts += [system.components[system.modules[m].dm] for m in plan.modules]
     released = sorted({(c.phase_ns, c.period_ns) for c in parts})
@@ -187,7 +187,7 @@ class _LogState:
         mapped = {s.topic.index for s in samples}
         given = mapped.union(*(written_by_node(system.components[n]) for n in plan.nodes))
         self.needs: dict[int, set[int]] = {}
-        """By component what has to be there before it steps: a node may feed itself."""
+        """Component -> the topics that have to be there before it steps; a node may feed itself."""
         for n in plan.nodes:
             self.needs[n] = (
                 topics_behind(system, plan.nodes, written_by_node(system.components[n])) & mapped
@@ -221,7 +221,7 @@ class _LogState:
                 self._step(n, watches)
 
     def rest(self, ct: int, watches: dict[int, _Watch]) -> None:
-        """What came after the last step of anybody: refused, or too late for a DM."""
+        """Take in what came after the last step of anybody: refused, or too late for a DM."""
         self.c = replace(self.c, ct=ct)
         for feeds in self.at.values():
             for feed in feeds:
@@ -325,7 +325,7 @@ def _is_due(n: Component, ct: int) -> bool:
 
 
 class _Feed:
-    """What of a topic's samples is still to come; times count from where judging begins.
+    """Hands out a topic's samples one after the other; times count from where judging begins.
 
     A sample comes when it arrived, with the time at which it was measured.
     """
@@ -357,7 +357,7 @@ class _Feed:
 
 
 class _Watch:
-    """The steps of one DM, counted and measured."""
+    """Counts and measures the steps of one DM."""
 
     def __init__(self, module: Module, module_log: ModuleOfLog) -> None:
         self.module, self.found = module, module_log
@@ -368,7 +368,7 @@ class _Watch:
         self.of_safe = PredicateMargins(evaluator)
         self.safe = None if module_log.blind else self.of_safe.of(symbol.safe)
         self.asked_of: list[object] = []
-        """What `safe` was last asked of."""
+        """The stamps and values of which `safe` was last asked."""
         self.first_s: float | None = None
 
     def note(self, verdict: DecisionVerdict, env: Environment, time_s: float) -> None:

@@ -1,7 +1,7 @@
-"""What a log holds: channels, how often they speak, how old they get, and what stands in them.
+"""Surveys a log: its channels, how often they speak, how old they get, and what stands in them.
 
-Purpose: a mapping and the head of a program for a log of somebody else, to begin with
-(`soter new --from`): every number of every channel, in one pass, with little memory for each.
+Purpose: for `soter new --from`, `surveyed` reads every number of every channel in one pass, with
+little memory; `program_of` and `mapping_of_log` make a program's head and a mapping of that.
 Non-goals: what a topic is called in somebody's program, units; a judgement: what is said of rates
 and ages is of this log and no promise of the robot's.
 """
@@ -66,7 +66,7 @@ TIME_NAMED = (
 )
 TIME_UNITS = {"s": "s", "sec": "s", "ms": "ms", "us": "us", "usec": "us", "ns": "ns"}
 UNITS = ((1e16, "ns", 1), (1e13, "us", 10**3), (1e10, "ms", 10**6), (-inf, "s", 10**9))
-"""In what a time since 1970 is that is larger than this: 2001 in seconds has ten digits."""
+"""The unit of a time since 1970 that is larger than a number: 2001 in seconds has ten digits."""
 
 
 class _Every(dict[str, Wanted]):
@@ -84,7 +84,7 @@ EVERY = _Every()
 
 @dataclass
 class Numbers:
-    """What stood in a field: the least and the greatest, how many there were, of what kind.
+    """A summary of the numbers of a field: the least, the greatest, their count, their kind.
 
     `place`: its number among the fields of its channel.
     """
@@ -96,7 +96,7 @@ class Numbers:
     kind: str = "bool"
 
     def note(self, value: Any) -> None:  # noqa: ANN401 - a number or a truth
-        """One more."""
+        """Count one more value."""
         if not isfinite(value):
             self.kind = "float"
             return
@@ -111,7 +111,7 @@ class Numbers:
 
 @dataclass
 class Channel:
-    """What is said on a channel.
+    """A summary of the messages of a channel.
 
     `late_ns`: how long after its stamp a message was logged; -1: it has none in the log's clock.
     `masks`: which fields a message had a number in, a bit each, numbered as they came; `held`: the
@@ -128,7 +128,7 @@ class Channel:
     first_back_ns: int = 0
 
     def note(self, now_ns: int, content: Any) -> None:  # noqa: ANN401 - what a message has
-        """A message."""
+        """Count a message."""
         if self.times_ns and now_ns < self.times_ns[-1]:
             self.first_back_ns = self.first_back_ns if self.back else now_ns
             self.back += 1
@@ -168,9 +168,9 @@ class Channel:
 
     @cached_property
     def taken(self) -> list[tuple[int, int]]:
-        """When each sample came that its mapping takes, and how long after its stamp.
+        """(when, how long after its stamp) of each sample that its mapping takes, in ns.
 
-        It has a number in every field and, where all have stamps, a later one than that before.
+        It has a number in every field and, where all have stamps, a later stamp than the last.
         """
         every = sum(1 << self.fields[p].place for p in self.kept)
         whole = [mask & every == every for mask in self.masks]
@@ -192,7 +192,7 @@ class Channel:
 
 @dataclass
 class LogSurvey:
-    """What was found of a log; `time`: of a CSV its column and unit."""
+    """The findings on a log, by channel; `time`: the column and unit of the time of a CSV."""
 
     channels: dict[str, Channel] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -226,7 +226,7 @@ def _rows(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
 
 
 def _of_csv(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]:
-    """Its rows; the first column that is called like a time is it, in a unit that fits."""
+    """The rows of a CSV; its time is the first column that is called so, in a unit that fits."""
     head = csv_head(path)
     called = next((m for name in head if (m := TIME_COLUMN.fullmatch(name))), None)
     if called is None:
@@ -250,12 +250,12 @@ def _of_csv(path: Path, facts: FileFacts, found: LogSurvey) -> Iterator[Arrived]
 
 
 def _unit(said: str | None, first: Decimal) -> tuple[str, int]:
-    """What a time is in, as its name says or as fits the first of it; in ns, too."""
+    """The unit of a time, and that in ns, as its name says or as fits its first value."""
     return next((u, ns) for at, u, ns in UNITS if (u == said if said else abs(first) > at))
 
 
 def _number(cell: str) -> float | int | str:
-    """As a float or an int of a mapping reads it; a text as it is."""
+    """A cell as a float or an int of a mapping reads it; a text as it is."""
     number = decimal_of(cell)
     if number is not None and "." not in cell and number.adjusted() < INT_DIGITS:
         return int(number) if number == number.to_integral_value() else float(cell)
@@ -331,7 +331,7 @@ def program_of(survey: LogSurvey, log: str, name: str) -> str:
 
 
 def mapping_of_log(survey: LogSurvey, log: str) -> str:
-    """What is what in the log, as TOML."""
+    """A mapping of the log, as TOML."""
     lines = [f"# What is what in {_shown(log)}: docs/mapping.md."]
     if survey.time is not None:
         name, unit = survey.time
@@ -364,7 +364,7 @@ def _named(survey: LogSurvey) -> Iterator[tuple[str, str, str, dict[str, str]]]:
 
 
 def _name(text: str, taken: set[str]) -> str:
-    """A name in Soter that is like it, and no other one's."""
+    """A name in Soter that is like a text, and not yet taken."""
     name = NOT_A_NAME.sub("_", text).strip("_")
     name = name if name[:1].isalpha() else f"n{name}"
     number, tried = 1, name
@@ -381,7 +381,7 @@ def _of_two_numbers(survey: LogSurvey) -> tuple[str, str] | None:
 
 
 def _command_of(channel: str, path: str, taken: set[str]) -> list[str]:
-    """How a column becomes a command, in comments of the mapping."""
+    """Lines of comments for a mapping, by which a column may become a command."""
     topic = _name(path, taken)
     return [
         "",
@@ -395,7 +395,7 @@ def _command_of(channel: str, path: str, taken: set[str]) -> list[str]:
 
 
 def _remarks(found: Channel) -> list[str]:
-    """What is left out of it, and what `soter monitor` will not read."""
+    """Comments on what is left out of a channel, and what `soter monitor` will not read."""
     lines = []
     no_number = found.left_out | {p for p, n in found.fields.items() if not n.count}
     if no_number:
@@ -417,7 +417,7 @@ def _remarks(found: Channel) -> list[str]:
 
 
 def _rate(found: Channel) -> str:
-    """How often it speaks and how old it gets."""
+    """How often a channel speaks and how old its samples get, in words."""
     gaps, count = found.gaps_ns(), f"{len(found.times_ns):,} messages"
     if len(found.taken) < len(found.times_ns):
         count = f"{len(found.taken):,} samples in {count}"
@@ -440,7 +440,7 @@ def _first_max_age(found: Channel) -> int:
 
 
 def _up(ns: int) -> int:
-    """Two figures of it, no less than it is."""
+    """A time rounded up to two figures."""
     step = 10 ** max(0, floor(log10(ns)) - 1) if ns > 0 else 1
     return ceil(ns / step) * step
 

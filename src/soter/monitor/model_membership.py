@@ -1,9 +1,9 @@
 """The model monitor: whether some run of the verification plants fits what was recorded.
 
-Purpose: set-membership. X_k = image of X_(k-1) under the commands that acted, any disturbance
-within its bounds and the time that passed, met with what is known of x_k: the true state
-(error 0), or an estimate +-E. Where nothing is left the model is false: an alarm, and X_k starts
-anew.
+Purpose: `judge` follows a record by set-membership. X_k = image of X_(k-1) under the commands that
+acted, any disturbance within its bounds and the time that passed, met with what is known of x_k:
+the true state (error 0), or an estimate +-E. Where nothing is left the model is false: that is an
+alarm, and X_k starts anew.
 Non-goals: plants that are not affine; showing that a model is true: silence says that nothing has
 spoken against it. X_k is a box, so that it is never too small.
 """
@@ -46,14 +46,14 @@ if TYPE_CHECKING:
 ROUNDING = 1e-9
 """Relative slack of every comparison: the recorded plant computes in binary64."""
 UNSEEN = 1e-6
-"""A state depends on a leaf that moves it by no more than this not at all."""
+"""A leaf that moves a state by no more than this counts as one that the state does not need."""
 SILENT = 10.0
 """A topic without `max_age` is silent after so many times the median of its own periods."""
 
 
 @dataclass
 class Judgement:
-    """One module on one record. Shares: how much of the declared disturbance a step needed."""
+    """The findings on one module in one record; shares: of the declared disturbance."""
 
     module: str
     source: str
@@ -64,37 +64,37 @@ class Judgement:
     share: float = 0.0
     """Largest share of what disturbances can do that a step used; beyond 1 the model is false."""
     state: str = ""
-    """The state that needed it."""
+    """The state that needed the largest share."""
     alarm_states: dict[str, int] = field(default_factory=dict)
     judged_ns: int = 0
-    """How long the steps were, all together."""
+    """The length of the judged steps, all together."""
     length_ns: int = 0
-    """How long the record is."""
+    """The length of the record."""
     empty_runs: int = 0
-    """Of several runs those without a step that was judged."""
+    """The number of runs, of several, in which no step was judged."""
     notes: tuple[str, ...] = ()
-    """What of a log was not used, and stamps of another clock."""
+    """The parts of a log that were not used, and stamps of another clock, in words."""
     span: Span | None = field(default=None, compare=False, repr=False)
-    """Where the module is declared."""
+    """The place where the module is declared."""
     damage: Damage | None = None
-    """Of the log, of which only what stands before it was judged."""
+    """The damage of the log, if any: only what stands before it was judged."""
 
     @property
     def judged(self) -> bool:
-        """Whether a step was, in every run: else there is no verdict.
+        """Whether a step was judged in every run: else there is no verdict.
 
-        An alarm beside a silence is one; that there was none there says nothing.
+        An alarm beside a silence is a verdict; no alarm there says nothing.
         """
         return (self.judged_ns > 0 or self.alarms > 0) and not self.empty_runs
 
     @property
     def judged_share(self) -> float:
-        """Of the record, by time."""
+        """The share of the record that was judged, by time."""
         return min(1.0, self.judged_ns / max(1, self.length_ns))
 
 
 class _Models:
-    """Steps of the model by parameter and length."""
+    """The model's steps by parameter and length, each made once."""
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
@@ -114,7 +114,7 @@ class _Models:
         return self._steps[key]
 
     def around(self, parameter: tuple[int, ...], ns: int, x: Floats, u: Floats) -> AffineStep:
-        """The same; of a map, which need not be affine but in its disturbances, at x and u."""
+        """As `step`; of a map at x and u, as it has to be affine only in its disturbances."""
         if self.problem.kind != "map":
             return self.step(parameter, ns)
         low = np.array([r.low for r in self.problem.disturbances])
@@ -137,7 +137,7 @@ class _Models:
 
 
 class RecordReader:
-    """From a record to states, parameters and commands of the verification plants."""
+    """Reads states, parameters and commands of the verification plants off a record."""
 
     def __init__(self, flat: System, module: Module, problem: Problem) -> None:
         self.flat, self.problem = flat, problem
@@ -172,7 +172,7 @@ class RecordReader:
     def truth(
         self, topics: Mapping[str, Value], truths: Mapping[str, Value]
     ) -> tuple[Floats, tuple[int, ...]]:
-        """X, (states,), and the parameters of the true state."""
+        """The true state x, (states,), and the parameters in it."""
         values: dict[str, Value] = {}
         if self.links:
             listed = [topics.get(t.name, t.default) for t in self.flat.topics]
@@ -210,7 +210,7 @@ class RecordReader:
         return tuple(int(leaf_of(known[i].type, topics[self.names[i]], path)) for i, path in places)
 
     def commands(self, topics: Mapping[str, Value]) -> Floats:
-        """U as it stands in the topics, (controls,)."""
+        """The commands u as they stand in the topics, (controls,)."""
         system = self.problem.system
         commands = []
         for leaf in self.controls:
@@ -248,7 +248,7 @@ def topic_names(flat: System, module: Module, problem: Problem) -> dict[int, str
 
 
 def needed_topics(flat: System, module: Module, problem: Problem) -> list[str]:
-    """What a record needs for a judgement on estimates without true states: full names."""
+    """The topics, by full names, that a judgement on estimates needs without true states."""
     names = topic_names(flat, module, problem)
     owners = [t for t, _ in driven_leaves(problem)] + [c.owner for c in problem.quantities.controls]
     return list(dict.fromkeys(names[i] for i in owners))
@@ -354,7 +354,7 @@ class ObservationMap:
 
 
 def sight_of(problem: Problem, model: LinearModel) -> ObservationMap:
-    """How estimates bound the states; infinite error for states nobody sees."""
+    """The map from estimates to states, with its errors: infinite for states that nobody sees."""
     errors = np.zeros(len(model.drives))
     at = {key: i for i, key in enumerate(driven_leaves(problem))}
     for leaf, r in zip(problem.quantities.errors, problem.errors, strict=True):
@@ -367,13 +367,13 @@ def sight_of(problem: Problem, model: LinearModel) -> ObservationMap:
 
 
 class _Ages:
-    """What of the topics that are read was published at each instant, and how long ago before."""
+    """Which topics that are read were published at each instant, and which fell silent."""
 
     def __init__(self, flat: System, names: Sequence[str], record: RecordedRun) -> None:
         self.record, self.names = record, names
         self.last: dict[str, int] = {}
         self.most: dict[str, float] = {}
-        """By topic the greatest age that counts as judged: `max_age`, or some of its periods."""
+        """Topic -> the greatest age that counts as judged: `max_age`, or some of its periods."""
         for t in (t for t in flat.topics if t.name in names):
             heard = zip(record.times_ns, record.published, strict=True)
             at = [now for now, published in heard if t.name in published]
@@ -447,7 +447,7 @@ def _on_estimates(
 
 
 def _seen(sight: ObservationMap, y: Floats, fresh: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """What the leaves that were published say of the states; all of them where others matter."""
+    """The box in which the published leaves show the states; endless where others are needed."""
     x = sight.inverse @ y
     slack = ROUNDING * (np.abs(sight.inverse) @ np.abs(y) + 1.0)
     old = (np.abs(sight.inverse[:, ~fresh]) > UNSEEN).any(axis=1)

@@ -1,9 +1,9 @@
 """How far a predicate is from changing, on given reads.
 
-Purpose: one number in place of a truth: above zero where it holds, below where it does not, as far
-from zero as its nearest comparison is from turning (`a < b`: b - a, in the unit that both have),
-and which comparison that is. && is the least, || the greatest, ! the negation; where a function
-decides by `if`, every condition on the way counts.
+Purpose: `PredicateMargins` compiles a predicate to a `Distance`, one number in place of a truth:
+above zero where it holds, below where it does not, as far from zero as its nearest comparison is
+from turning (`a < b`: b - a, in the unit that both have), and which comparison that is. && is the
+least, || the greatest, ! the negation; where a function decides by `if`, every condition counts.
 Non-goals: C (`explore/model/robustness.py` does the like to Core, in parts of the widest distance).
 
 What has no distance (a bool, an equality) is infinitely far. Distances in different units are
@@ -31,7 +31,7 @@ COMPARED = ("<", "<=", ">", ">=")
 
 
 class Distance(NamedTuple):
-    """How far, and of which comparison (an index of `Margins.bounds`, -1 for none)."""
+    """A distance from changing; `bound`: its comparison, an index of `Margins.bounds`, -1: none."""
 
     far: float
     bound: int
@@ -243,7 +243,7 @@ def _negated(d: Distance) -> Distance:
 
 
 def _after(way: list[Distance], distance: Distance) -> Distance:
-    """What was returned, no further from changing than the conditions that led there."""
+    """The distance of a returned value, at most that of the conditions (`way`) that led to it."""
     nearest = min([*way, distance], key=lambda d: abs(d.far))
     return Distance(math.copysign(abs(nearest.far), distance.far), nearest.bound)
 

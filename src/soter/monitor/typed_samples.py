@@ -55,10 +55,10 @@ if TYPE_CHECKING:
 
 UNSTAMPED = 'where no stamp can be used: stamp = "arrival" counts from when messages came'
 DIGITS_MAX = 40
-"""Of a whole number: no type has more."""
+"""Digits of a whole number at most: no type has more."""
 
 REASONS_MAX = 8
-"""Why samples of one topic were left out: whatever comes after these is counted as one more."""
+"""The most reasons for leaving out samples of a topic; all others count as one."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class TopicSamples:
 
     @property
     def always(self) -> bool:
-        """Whether it is the same at all times."""
+        """Whether the topic has one value at all times."""
         return not self.times_ns
 
     def compare_clocks(self, stamp_ns: int | None, now_ns: int) -> None:
@@ -150,12 +150,12 @@ class TopicSamples:
 
     @property
     def first_left_out(self) -> str:
-        """Where the first of them is, and why; "" where there is none."""
+        """Where the first row without a sample is, and why; "" where there is none."""
         return next((first for _, first in self.reasons.values()), "")
 
     @property
     def lost(self) -> list[str]:
-        """What people are told of samples that were not used, and of stamps in another clock."""
+        """Notes for people on samples that were not used, and on stamps in another clock."""
         name = self.topic.name
         told = [
             f"left out: {count:,} samples of {name}; the first: {first}"
@@ -169,7 +169,7 @@ class TopicSamples:
 
     @property
     def from_ns(self) -> int:
-        """From when on it has values: of what goes on along lines, where the first line begins."""
+        """The time of its first value; of values along lines, where the first line begins."""
         return self.times_ns[1 if self.linear and len(self.times_ns) > 1 else 0]
 
     def at(self, time_ns: int) -> Value | None:
@@ -302,14 +302,14 @@ def _of_sources(
 
 
 def _turns_taken(channels: Sequence[str | None], taken: Sequence[int]) -> str:
-    """How often each source was taken, by rank, and how often another than before."""
+    """The number of samples taken of each source, by rank, and of changes between them."""
     counts = [f"{channel or k + 1} ({taken.count(k):,})" for k, channel in enumerate(channels)]
     changes = sum(a != b for a, b in pairwise(taken))
     return f"{', '.join(counts)}, {changes:,} changes from one to the other"
 
 
 def _constants(t: TopicMap) -> dict[LeafPath, Value]:
-    """What the mapping itself says of a topic."""
+    """The values of a topic that the mapping itself gives."""
     return {p: x.value for p, x in t.leaves.items() if isinstance(x, ConstantSource)}
 
 
@@ -368,7 +368,7 @@ def _ill_stamped(stamp: int | None, now: int) -> str:
 
 
 def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list[Any]]) -> None:
-    """Slopes, constants, whole values."""
+    """Enter slopes and constants, and put whole values together."""
     n = len(made.times_ns)
     times_s = np.array(made.stamps_ns, dtype=np.float64) / 1e9
     whole: dict[LeafPath, list[Any]] = dict(read)
@@ -400,7 +400,7 @@ def _fill(path: Path, t: TopicMap, made: TopicSamples, read: dict[LeafPath, list
 def _ahead(
     t: TopicMap, made: TopicSamples, times_s: np.ndarray[Any, Any], whole: dict[LeafPath, list[Any]]
 ) -> None:
-    """Note what straight lines miss; times_s (n,)."""
+    """Note by how much straight lines miss the samples; times_s (n,)."""
     for p, kind in leaves(t.topic.type):
         if isinstance(kind, FloatType) and not isinstance(t.leaves[p], ConstantSource):
             values = np.array(whole[p], dtype=np.float64)

@@ -57,12 +57,12 @@ class Observation(dict[str, Any]):
 
     @property
     def measured(self) -> int:
-        """When the oldest of its values was measured: what an action that rests on it may say."""
+        """The time at which the oldest value was measured: the stamp for an action from these."""
         return min(r.stamp for r in self.readings.values())
 
     @property
     def age(self) -> float:
-        """Of the oldest of its values as they were read, in s."""
+        """The age of the oldest of its values as they were read, in s."""
         return max(r.age for r in self.readings.values())
 
 
@@ -79,15 +79,15 @@ class Chunk:
     measured_ns: int | None = None
 
     def slot(self, now_ns: int) -> int:
-        """Which slot a time is in: below 0 before the first."""
+        """The number of the slot that a time is in: below 0 before the first."""
         return (now_ns - self.start_ns) // self.every_ns
 
     def begin_ns(self, k: int) -> int:
-        """When slot k begins."""
+        """The time at which slot k begins."""
         return self.start_ns + k * self.every_ns
 
     def stamp_ns(self, k: int) -> int:
-        """What action k says of when it was measured: by default the begin of its slot."""
+        """The stamp of action k: `measured_ns`, by default the begin of its slot."""
         return self.begin_ns(k) if self.measured_ns is None else self.measured_ns
 
 
@@ -99,7 +99,7 @@ class _Playing:
 
 
 class Player:
-    """What is being played, by topic, and after the first chunk the thread that does it."""
+    """Plays a chunk on each topic that has one, from the first chunk on in a thread."""
 
     def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
@@ -138,7 +138,7 @@ class Player:
             return min((p.chunk.begin_ns(p.next) for p in left), default=None)
 
     def end(self) -> None:
-        """Nothing more is written; waits for the thread."""
+        """Stop writing, and wait for the thread."""
         with self._changed:
             self._ended = True
             self._playing.clear()
@@ -155,7 +155,7 @@ class Player:
 
 
 SLICE_NS = 50_000_000
-"""So often somebody who waits looks whether the connection was closed."""
+"""The time in ns after which `every`, while it waits, looks whether the connection was closed."""
 
 
 def connect(

@@ -127,13 +127,13 @@ class Channel:
         return None
 
     def wait(self, most_ns: int) -> None:
-        """Until something was written since, or so long; nobody else uses the handle meanwhile."""
+        """Wait until something new is written, `most_ns` at most; other threads wait meanwhile."""
         with self._lock:
             self._require_open()
             self._lib.soter_outside_wait(self._c, most_ns)
 
     def close(self) -> None:
-        """Gives its memory back; the file stays."""
+        """Give the channel's memory back; the file stays."""
         with self._lock:
             self._lib.soter_outside_close(self._c)
 
@@ -178,7 +178,7 @@ def _close_in_child() -> None:
 
 
 WRITERS: WeakSet[Channel] = WeakSet()
-"""A forked process has their locks, too, and would keep them when the writer has ended."""
+"""Channels that a forked process closes: it would keep their locks when the writer has ended."""
 os.register_at_fork(after_in_child=_close_in_child)
 
 
@@ -224,7 +224,7 @@ class Topic:
         return bytes(buffer)
 
     def value(self, image: bytes) -> Any:  # noqa: ANN401 - any type of Soter
-        """What the bytes mean, records as dicts; SoterError X013 where they are no such value."""
+        """The value in these bytes, records as dicts; SoterError X013 where they are none."""
         try:
             return to_python(self.type, decode_from(image, 0, self.type), record=dict)
         except (ValueError, IndexError) as error:
@@ -241,7 +241,7 @@ class Topics:
         self._known = {n: t for t in topics for n in (t.channel, t.name)}
 
     def find(self, name: str) -> Topic:
-        """SoterError U001 where there is none."""
+        """The topic of this name; SoterError U001 where there is none."""
         found = self._known.get(name)
         if found is None:
             near = likely(name, self._known)
@@ -251,7 +251,7 @@ class Topics:
         return found
 
     def to_publish(self, name: str) -> Topic:
-        """The same of one that comes from outside; SoterError U001 where it does not."""
+        """The topic of this name; SoterError U001 also where the robot publishes it itself."""
         topic = self.find(name)
         if not topic.writable:
             open_ = _listed([t for t in self.all if t.writable])
@@ -295,7 +295,7 @@ def _of_package(path: Path, system: str | None) -> Topics:
 
 
 def parsed(document: object, where: str) -> Topics:
-    """What `channels.json` says; SoterError X013 where it is none, or has no channels."""
+    """The topics of a `channels.json`; SoterError X013 where it is none, or has no channels."""
     try:
         whole = cast("Mapping[str, Any]", document)
         if whole["schema"] != SCHEMA:
@@ -366,14 +366,14 @@ def _only_element(given: object) -> object:
 
 
 class _Fitting:
-    """A value in its topic's set, or U012; `clip`: numbers are put at the ends of the set."""
+    """Checks that a value is in its topic's set, or U012; `clip`: puts numbers at its ends."""
 
     def __init__(self, ends: Sequence[Ends], *, clip: bool) -> None:
         self._ends = iter(ends)
         self._clip = clip
 
     def value(self, t: Type, given: Value, path: str) -> Value:
-        """Takes as many ends as the type has leaves."""
+        """The value, checked; takes as many ends as the type has leaves."""
         if isinstance(t, RecordType):
             parts = zip(t.fields, given, strict=True)
             return tuple([self.value(f, v, f"{path}.{n}") for (n, f), v in parts])
@@ -403,10 +403,10 @@ def _refused(message: str) -> SoterError:
 
 
 class Declared(Protocol):
-    """What `soter.load` gives: a program and its systems."""
+    """The systems of a program, as `soter.load` gives it."""
 
     def declared(self, system: str | None = None) -> System:
-        """A system of it; SoterError."""
+        """A system of the program; SoterError where there is none."""
 
 
 def document_of(program: str | Path | Declared, system: str | None) -> dict[str, object]:

@@ -1,1 +1,1 @@
-"""What soter build emits."""
+"""What `soter build` writes: a file or a folder for each target, and what targets share."""

@@ -1,9 +1,9 @@
-"""What every bridge to a middleware is made around: the trusted part, its topics, their sources.
+"""What the targets `ros1`, `ros2`, `dds` and `mavlink` share: each is a bridge to a middleware.
 
-Purpose: the package of target `posix` in a folder of its own, and of each topic that goes out the
-fail-safe law and the time after which whoever writes its channel is gone. A mapping may carry
-topics that meet the world, each mapped whole, and no source of a topic may be worse than `external
-topic` says, alone or at a takeover: each mistake is D015, all of them at once.
+Purpose: a `BridgedSystem` is what a bridge is made around: the package of target `posix` in its own
+folder, and for each topic that goes out the fail-safe law, and when its writer counts as gone.
+`bridged_topics` checks a mapping (D015, all mistakes at once): it may carry topics that meet the
+world, each whole, with no source worse than `external topic` says, alone or at a takeover.
 Non-goals: what a mapping may say (`soter.mapping`), the proof, which rests on what the system
 declares (`verify/deploy/`), the code of bridges (`ros/`, `dds/`, `mavlink/`).
 """
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def several(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMap, SourcePromise]]]:
-    """By topic its sources, the preferred first; topics with one are left out."""
+    """Index of a topic -> its sources, the preferred first; topics with one are left out."""
     by_topic: dict[int, list[tuple[TopicMap, SourcePromise]]] = {}
     for m in mapped:
         if m.promise is not None:
@@ -43,7 +43,7 @@ def several(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMap, Source
 
 
 def broken_promises(system: System, mapped: Sequence[TopicMap]) -> Iterator[str]:
-    """Where a source gives less than the system declares."""
+    """Yields a mistake where a source of a topic gives less than the system declares."""
     declared = {e.topic: e for e in system.externals}
     stepped = _of_plants_in_steps(system.proved)
     for index, sources in several(mapped).items():
@@ -99,7 +99,7 @@ def _too_rough(topic: Topic, m: TopicMap, promise: SourcePromise, e: External) -
 
 
 def compared(system: System, mapped: Sequence[TopicMap]) -> list[str]:
-    """A line a topic of several sources: how old and how exact it is with each of them."""
+    """A line for each topic of several sources: how old and how exact it is with each of them."""
     declared = {e.topic: e for e in system.externals}
     lines = []
     for index, sources in several(mapped).items():
@@ -113,7 +113,7 @@ def compared(system: System, mapped: Sequence[TopicMap]) -> list[str]:
 
 
 def _alone(topic: Topic, m: TopicMap, promise: SourcePromise) -> str:
-    """What a source gives by itself, in words."""
+    """The greatest age and the errors that a source promises for itself, in words."""
     errors = [
         f"{'.'.join((topic.name, *path)) if path else ''} within {error!r}".strip()
         for path, error in promise.errors.items()
@@ -130,7 +130,7 @@ def _declared_age(e: External) -> str:
 def bridged_topics(
     system: System, mapping: LogMap, middleware: str, name: re.Pattern[str] | None
 ) -> tuple[TopicMap, ...]:
-    """Its topics, in order; SoterError D015 for what does not meet the world, or is not whole.
+    """The topics of a mapping, in order; SoterError D015 for all that a bridge cannot do with it.
 
     `name`: what a topic of the middleware may be called; None: it has none. Of a system without a
     world of its own, which has its plants inside, every topic may be carried.
@@ -165,7 +165,7 @@ def by_topic(mapped: tuple[TopicMap, ...], middleware: str) -> dict[int, TopicMa
 
 
 def _unmapped(system: System, mapping: LogMap) -> Iterator[str]:
-    """What comes from the world in no way that the mapping says."""
+    """Yields a mistake for each topic that comes from the world and that the mapping leaves out."""
     given = {m.topic.index for m in mapping.topics}
     for topic in (system.topics[e.topic] for e in system.externals):
         if topic.driver == "input" and topic.index not in given:
@@ -190,7 +190,7 @@ def _wrong_messages(m: TopicMap) -> Iterator[str]:
 
 
 def _of_the_other_way(m: TopicMap) -> Iterator[str]:
-    """What a mapping says of a topic that ROS and DDS would not look at."""
+    """Yields a mistake where a mapping says what ROS and DDS ignore for a topic of this way."""
     if m.topic.driver == "input":
         if m.constants:
             yield f"`{m.topic.name}` comes in, and `set` is of what goes out"
@@ -202,7 +202,7 @@ def _of_the_other_way(m: TopicMap) -> Iterator[str]:
 
 
 def _filled_twice(mapped: TopicMap) -> Iterator[str]:
-    """Fields of a message that goes out into which two leaves go: one of them would be lost."""
+    """Yields a mistake where two leaves go out in the same field: one of them would be lost."""
     leaf_by_field: dict[str, str] = {}
     if mapped.topic.driver == "input":
         return
@@ -215,7 +215,7 @@ def _filled_twice(mapped: TopicMap) -> Iterator[str]:
 
 
 def _shared(mapping: LogMap) -> Iterator[str]:
-    """What is wrong with a channel of two: other messages, its own way back in, no other source."""
+    """Yields a mistake for two topics on one channel: two types, one source, or one going out."""
     by_channel: dict[str, TopicMap] = {}
     for m in mapping.topics:
         if m.channel is None:
@@ -231,7 +231,7 @@ def _shared(mapping: LogMap) -> Iterator[str]:
 
 
 def unsaid(system: System, mapped: Collection[TopicMap], where: str) -> list[str]:
-    """A note about what goes out and is not mapped."""
+    """A note on the topics that go out and are not mapped; none where all are."""
     said = {m.topic.index for m in mapped}
     names = [
         system.topics[e.topic].name
@@ -243,13 +243,13 @@ def unsaid(system: System, mapped: Collection[TopicMap], where: str) -> list[str
 
 
 TRUSTED = "trusted"
-"""The folder of what knows nothing of a middleware."""
+"""The folder of the trusted part, which knows nothing of a middleware."""
 LINKED = ("soter_outside.c", "soter_channel.c", "soter_posix_check.c", "soter_status_text.c")
-"""What of it a bridge needs, to open channels and to say how the modules are."""
+"""Files of that folder that a bridge is linked with, to open channels and report on modules."""
 COMMON = ("soter_bridge_common.h", "soter_stamp_numbers.h")
-"""What the bridges in C have in common."""
+"""Files that all bridges in C share."""
 SILENT_OF_LEASED_NS = 20_000_000
-"""The actuators write twice a millisecond."""
+"""After so long without a value the writer of a leased topic is gone: it writes every 0.5 ms."""
 SILENT_PERIODS = 3
 
 
@@ -281,26 +281,26 @@ class BridgedSystem:
 
     @cached_property
     def programs(self) -> dict[str, list[str]]:
-        """Its programs: flags and sources, seen from the whole package."""
+        """Program of the trusted part -> its flags and sources, seen from the whole package."""
         own = self.trusted.programs
         return {name: [_inside(word) for word in words] for name, words in own.items()}
 
     @cached_property
     def sources(self) -> dict[str, list[str]]:
-        """Its programs: the C files alone."""
+        """Program of the trusted part -> its C files alone."""
         programs = self.programs
         return {n: [w for w in words if not w.startswith("-")] for n, words in programs.items()}
 
     @property
     def linked(self) -> list[str]:
-        """What of it is linked into a bridge."""
+        """The C files of the trusted part that are linked into a bridge."""
         laws = [f"{self.command}_lease.c"] if self.actuated else []
         return [f"{TRUSTED}/{name}" for name in (*LINKED, *laws)]
 
     # ------------------------------------------------------------ topics
 
     def topic(self, index: int) -> Topic:
-        """By its index."""
+        """The topic with this index."""
         return self.system.topics[index]
 
     def value_type(self, index: int) -> str:
@@ -308,7 +308,7 @@ class BridgedSystem:
         return self.unit.topics[index][0]
 
     def channel_hash(self, index: int) -> str:
-        """What the head of a topic's channel says of its layout, in C."""
+        """The number of a topic's layout, which its channel's head holds, as C."""
         return f"UINT64_C({self.world.number(self.topic(index)):#018x})"
 
     def is_inward(self, index: int) -> bool:
@@ -316,7 +316,7 @@ class BridgedSystem:
         return self.topic(index).driver == "input"
 
     def silent_ns(self, index: int) -> int:
-        """Without a value for so long, whoever writes a topic's channel is gone."""
+        """After so long without a value, the writer of a topic's channel counts as gone; ns."""
         if index in self.leased:
             return SILENT_OF_LEASED_NS
         return SILENT_PERIODS * max(c.period_ns for c in self.system.components if c.plant is None)

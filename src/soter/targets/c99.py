@@ -79,7 +79,7 @@ class ProgramInC:
         self.world = tuple(f"{name}_step" for name in moved)
 
     def files(self, header: str) -> list[PackageFile]:
-        """The program, and who answers its extern plants; `header`: of the driver."""
+        """The program, and what answers its extern plants; `header`: the text of the driver's."""
         prefix = self.unit.prefix
         return [
             PackageFile(f"{prefix}.h", self.unit.header),
@@ -186,7 +186,7 @@ def extern_files(sources: list[str]) -> list[PackageFile]:
 
 
 def app_header(system: System, unit: Unit) -> str:
-    """Which program the virtual-time command runs."""
+    """The header that says which program the virtual-time command runs."""
     return print_file(
         c.CFile(
             (
@@ -212,7 +212,7 @@ def app_header(system: System, unit: Unit) -> str:
 
 
 def app_source(unit: Unit, plants: list[Component]) -> str:
-    """The answers of extern plants; extern nodes are linked and never due."""
+    """The C with the answers of extern plants; extern nodes are linked and never due."""
     state = c.Name("state")
     body: list[c.CStmt] = []
     for x in plants:
@@ -266,7 +266,7 @@ def app_source(unit: Unit, plants: list[Component]) -> str:
 
 
 def stubs_text(unit: Unit, nodes: dict[str, Component], plants: list[Component]) -> str:
-    """A function an extern, each a fault until somebody fills it in."""
+    """`externs.c`: a function for each extern, which faults until somebody fills it in."""
     return print_file(
         c.CFile(
             (
@@ -330,7 +330,7 @@ def _move(unit: Unit, x: Component, body: tuple[c.CStmt, ...] | None) -> c.Funct
 
 
 def notes(core: CoreSystem, waiting: list[Component]) -> list[str]:
-    """What is still to be filled in or bound, a sentence each."""
+    """The stubs to fill in and externs to bind before the C is complete, a sentence each."""
     notes = []
     if waiting:
         names = ", ".join(x.name for x in waiting)

@@ -1,6 +1,6 @@
 """A board: one C file with a memory map and the functions of `runtime/cortex_m/soter_board.h`.
 
-Purpose: find the file, read its numbers, refuse a map that cannot be.
+Purpose: `read_board` finds the file, reads its numbers, and refuses a memory map that cannot be.
 Non-goals: what its functions do; linking (`targets/cortex_m_package.py`).
 """
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 BOARDS = RUNTIME / "cortex_m" / "boards"
-"""Those that ship: boards that QEMU emulates."""
+"""The boards that ship, all of which QEMU emulates."""
 DEFINE = re.compile(
     r"^[ \t]*#[ \t]*define[ \t]+BOARD_(\w+)[ \t]+"
     r'(?:"([^"\n]*)"|(0[xX][0-9a-fA-F]{1,16}|0|[1-9][0-9]{0,18}))(?=\s|/\*|//|$)',
@@ -28,7 +28,7 @@ DEFINE = re.compile(
 )
 """A number is one in C and here: no octal one, no suffix."""
 MACHINE = re.compile(r"[\w.,=-]*")
-"""Of QEMU: a word of a Makefile."""
+"""What a machine of QEMU may be called: it is a word of a Makefile."""
 FUNCTIONS = ("start", "sense", "actuate", "watchdog", "say", "end")
 NUMBERS = ("CLOCK_HZ", "FLASH_AT", "FLASH_BYTES", "RAM_AT", "RAM_BYTES", "STACK_BYTES", "AC_BYTES")
 CORES = {
@@ -59,12 +59,12 @@ class Board:
     ram_bytes: int
     stack_bytes: int
     ac_bytes: int
-    """Of what is not trusted: variables and stack, a power of two."""
+    """Bytes for what is not trusted, its variables and its stack: a power of two."""
     qemu: str = ""
 
     @property
     def flags(self) -> tuple[str, ...]:
-        """What tells gcc the core."""
+        """The flags that tell gcc the core."""
         return CORES[self.core]
 
 
@@ -95,7 +95,7 @@ def board_names() -> list[str]:
 
 
 def board_of(name: str, text: str) -> Board:
-    """What the text of a board file says; SoterError X017."""
+    """The board that the text of a board file describes; SoterError X017 where it is wrong."""
     defined = DEFINE.findall(text)
     words = {key: word for key, word, number in defined if not number}
     numbers = {key: int(number, 0) for key, _, number in defined if number}
@@ -133,7 +133,7 @@ def _wrong_numbers(numbers: dict[str, int]) -> Iterable[str]:
 
 
 def _wrong_words(words: dict[str, str], text: str) -> Iterable[str]:
-    """What is wrong with the names of core and machine, and with the functions."""
+    """The problems with a board's core, its machine in QEMU, and its functions, in words."""
     if words.get("CORE") not in CORES:
         known = ", ".join(f'"{core}"' for core in CORES)
         yield f"`BOARD_CORE` has to be one of {known}"

@@ -57,22 +57,22 @@ if TYPE_CHECKING:
 APP = "soter_loop_app"
 SECOND = 10**9
 TICK_MOST, TICK_LEAST = 10**6, 10**4
-"""ns: actuators look as often as that, and no processor is interrupted more often."""
+"""Limits of a tick in ns: actuators look once a tick, and a processor is interrupted as often."""
 SYSTICK_MOST = 2**24
 PATIENCE_NS = 10**8
-"""How long an instant may take before nobody feeds the watchdog any more."""
+"""The longest that an instant may take before nobody feeds the watchdog any more."""
 
 
 @dataclass(frozen=True)
 class LoopTick:
-    """ns between interrupts; `why`: in words why there is no loop, else ""."""
+    """The time between two interrupts in ns; `why`: why there is no loop, in words, else ""."""
 
     ns: int
     why: str = ""
 
 
 def apart_nodes(system: System) -> list[Component]:
-    """The extern nodes: each is C of somebody else."""
+    """The extern nodes: each computes apart from the trusted part, in C of somebody else."""
     return [x for x in system.components if x.extern and x.node is not None]
 
 
@@ -101,7 +101,7 @@ def _not_looped(system: System) -> str:
 
 
 def loop_tables(system: System, unit: Unit, tick: LoopTick, until_ns: int) -> list[PackageFile]:
-    """Header and source."""
+    """Header and source of the tables by which the loop runs a program."""
     nodes, modules = apart_nodes(system), leased(system)
     names = lease_names(system, unit.prefix)
     topic = max((size_of(t.type) for t in system.topics), default=8)
@@ -121,7 +121,7 @@ def loop_tables(system: System, unit: Unit, tick: LoopTick, until_ns: int) -> li
 
 
 def _node(system: System, unit: Unit, x: Component) -> dict[str, object]:
-    """An extern node: what it reads, and its function."""
+    """The template's values for an extern node: the topics that it reads, and its function."""
     assert x.node is not None
     assert x.binding is not None
     fields = [field_name(name) for name, _ in request_fields(system, x)]
@@ -132,7 +132,7 @@ def _node(system: System, unit: Unit, x: Component) -> dict[str, object]:
 
 
 def _module(system: System, unit: Unit, module: Module, c_name: str) -> dict[str, object]:
-    """A module with a law: what of it a command holds, and whose times its grant watches."""
+    """The template's values for a module with a law: its command, and whom its grant watches."""
     outputs = [(system.topics[i].symbol.name.rpartition(".")[2], i) for i in module.outputs]
     return {
         "of": module,
@@ -152,14 +152,14 @@ OWN = (
 )
 REPLAYED = ("soter_replay.c", "soter_recording.c")
 LOOPED = ("soter_loop.c", "soter_unprivileged.c")
-"""What is of one of the two images alone."""
+"""Files that only the replay image, or only the loop image, is linked from."""
 SCRIPT = "soter_image.ld"
 RECORDING = "recording.txt"
 NOTHING_APART = 512
-"""Bytes of the thread that waits, where nothing computes in it."""
+"""Bytes of the thread for extern nodes, where there are none and it only waits."""
 INSTANTS = 1000
 LIMIT_S = 300
-"""How long QEMU may take."""
+"""The longest that QEMU may take, in s."""
 ICOUNT = 6
 LOOP_ICOUNT = 4
 """In `make run` an instruction takes two to ICOUNT ns (`-icount shift=`): SysTick counts them.
@@ -230,7 +230,7 @@ def cortex_m_package(
 
 
 def _source(x: Component) -> str:
-    """The C of an extern node."""
+    """The C file of an extern node."""
     assert x.binding is not None
     return x.binding.split(":")[1]
 
@@ -240,7 +240,7 @@ def _c_files(files: list[PackageFile]) -> list[str]:
 
 
 def _notes(system: System, board: Board, tick: LoopTick) -> list[str]:
-    """What the board does not do for this system."""
+    """The limits of this board for this system, a sentence each."""
     lawless = [m.name for m in system.modules if not m.law] if system.externals else []
     notes = [
         f"{name} has no fail-safe law: nobody gives leases, and the board is told nothing of it"
@@ -261,9 +261,9 @@ def _own(path: Path) -> PackageFile:
 
 
 def linker_script(board: Board, ac_bytes: int) -> str:
-    """Where everything lies; what does not fit is told by the linker, in bytes.
+    """The linker script: where everything lies; the linker tells what does not fit, in bytes.
 
-    `ac_bytes`: of the region of what is not trusted, a power of two.
+    `ac_bytes`: the size of the region of what is not trusted, a power of two.
     """
     return filled(f"targets/cortex_m/{SCRIPT}.j2", board=board, ac_bytes=ac_bytes)
 
@@ -284,14 +284,14 @@ COUNTS = re.compile(
 )
 SELF_TEST = re.compile(r"^instructions of the self-test (\d+)$", re.MULTILINE)
 SAID = re.compile(r"error|undefined|BOARD_AC_BYTES|multiple definition")
-"""Of what a compiler and a linker write: what does not go."""
+"""Finds the lines of a compiler or linker that say what is wrong."""
 STACK = re.compile(r"^stack (\d+) bytes used$", re.MULTILINE)
 TRACE = re.compile(r"^trace_sha256 (\w{64})$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
 class StepCount:
-    """Instructions of `number` steps of one component; of an extern node those of its gate."""
+    """Instructions of one component's steps, `number` of them; of an extern node its gate's."""
 
     name: str
     most: int
@@ -301,7 +301,7 @@ class StepCount:
 
 @dataclass(frozen=True)
 class Image:
-    """Bytes and instructions; None where nothing could be made or run, and then `why`."""
+    """Bytes and instructions of an image; None where it was not made or run, `why` says why."""
 
     flash: int | None = None
     ram: int | None = None
@@ -316,7 +316,7 @@ class Image:
     why: str = ""
 
     def lines(self) -> list[str]:
-        """What it takes, for people."""
+        """The image's memory and instructions, in lines for people, or why there is none."""
         if self.flash is None:
             return [f"none: {self.why}"]
         lines = [
@@ -336,7 +336,7 @@ class Image:
 
 
 def missing_tools(board: Board) -> str:
-    """What is not there to make an image, in words; "" where all is."""
+    """The first tool for making an image that is missing, in words; "" where none is."""
     if shutil.which("make") is None:
         return "there is no `make`"
     if shutil.which(CC) is None:
@@ -413,7 +413,7 @@ def build_image(package: Package, board: Board) -> Image:
 
 
 def _run(package: Package) -> tuple[str, str]:
-    """What `make run` says, and what the image does; SoterError X016 where it refuses to run."""
+    """The output of `make run`, and that of the image; SoterError X016 if it refuses to run."""
     ran = run_compiler(["make", "-s", "run"], package.folder, RUN_S)
     if ran.code is None or "it has not ended within" in ran.text:
         raise _refused(f"the run in QEMU does not end within {LIMIT_S} s")

@@ -1,10 +1,10 @@
 """Target `dds`: the package, how it is compiled, and which message is which topic.
 
-Purpose: the package of target `posix` in a folder of its own, and beside it the bridge to DDS with
-what `idlc` makes of the IDL; a Makefile, and the same for CMake. The bridge is a table of what
-comes in, one of what goes out, and the functions that they name. Types of messages follow ROS 2's
-middleware: `nav_msgs/Odometry` is `nav_msgs::msg::dds_::Odometry_`, its members end in `_`, an
-empty message has one byte, and every record is final.
+Purpose: `dds_package` puts beside the package of target `posix`, which has a folder of its own, the
+bridge to DDS, the IDL that `idlc` compiles, a Makefile, and the same for CMake. The bridge is a
+table of what comes in, one of what goes out, and the functions that they name. Types of messages
+follow ROS 2's middleware: `nav_msgs/Odometry` is `nav_msgs::msg::dds_::Odometry_`, its members end
+in `_`, an empty message has one byte, and every record is final.
 Non-goals: what is done with them (`runtime/dds/soter_dds_bridge.h`); constants of messages,
 services, wide strings (D015).
 """
@@ -60,7 +60,7 @@ truncatable typedef typeid typename typeprefix uint8 uint16 uint32 uint64 union 
 valuebase valuetype void wchar wstring
 """
 KEYWORDS = frozenset(_WORDS.split())
-"""Of IDL, in any case: no module is called so."""
+"""Words of IDL, in any case: no module may be called so."""
 
 
 def dds_type(message: MessageType) -> str:
@@ -69,7 +69,7 @@ def dds_type(message: MessageType) -> str:
 
 
 def c_type(message: MessageType) -> str:
-    """What idlc calls it in C."""
+    """The name that idlc gives the type in C."""
     return dds_type(message).replace("::", "_")
 
 
@@ -79,7 +79,7 @@ def _modules(name: str) -> tuple[str, str, str, str]:
 
 
 def message_idl(messages: Iterable[MessageType]) -> str:
-    """One file: every type that the messages are made of, parts first."""
+    """The text of an IDL file with every type that the messages are made of, parts first."""
     done: dict[str, str] = {}
     for message in messages:
         _add(message, message.ros2, done, ())
@@ -160,7 +160,7 @@ def bridge_text(bridged: BridgedSystem, name: str, mapped: dict[int, TopicMap]) 
 
 
 def _topic(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
-    """What stands of a topic in its row, either way."""
+    """The template's values for a topic, whichever way it goes."""
     index, message, said = mapped.topic.index, _message(mapped), mapped.qos
     inward = bridged.is_inward(index)
     reliable = (said.reliability or ("best_effort" if inward else "reliable")) == "reliable"
@@ -243,7 +243,7 @@ LONGEST = 240
 
 
 DIAGNOSTICS = "/diagnostics"
-"""Where everybody looks who knows ROS."""
+"""The topic of ROS on which the bridge itself reports: no topic of a mapping may be on it."""
 
 
 def dds_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap) -> Package:

@@ -1,11 +1,11 @@
-"""The lease of a module's outputs as C, and how late components may be, as proofs assume.
+"""Leases of modules' outputs as C, and how late components may be, as proofs assume it.
 
-Purpose: every module with a fail-safe law gets `PREFIX_lease.h` and `PREFIX_lease.c` (the actuator
-side: the law and the length of a lease, for `runtime/soter_lease.c`) and `PREFIX_grant.c` (the
-trusted side: the times that every release is held to, for `runtime/soter_grant.c`); docs/proof.md,
-"When the trusted part stops". None of them needs the program or the kernel. `late`, `response` and
-`dropout` of `verify` blocks are there for drivers and loops to judge by, and `Takeover` says how
-long after a fault of an AC in another process the first output of SC is there.
+Purpose: `lease_files` writes, for modules with a fail-safe law, `PREFIX_lease.h` and `.c` (the
+actuators' side: the law and the length of a lease, for `runtime/soter_lease.c`) and
+`PREFIX_grant.c` (the trusted side: the times that every release is held to, for
+`runtime/soter_grant.c`); docs/proof.md, "When the trusted part stops". `limits_of` and `ages_of`
+give drivers and loops `late`, `response` and `dropout` of `verify` blocks to judge by; `Takeover`
+says how long after a fault of an AC in another process the first output of SC is there.
 Non-goals: who calls them; proofs of the law (`verify/claims/product_sets.py`); whether a machine
 can keep the times (`soter.timing`).
 """
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 
 
 FILES = ("soter_lease.h", "soter_lease.c", "soter_grant.h", "soter_grant.c")
-"""Of the runtime: what the emitted files are for."""
+"""Files of the runtime that the emitted files are for."""
 
 
 ENDINGS = ("_command", "_lease", "_law", "_grant", "_budgets", "_node")
-"""Of the names of a module's lease."""
+"""The endings of the C names of a module's lease."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class ReleaseBudget:
 
     @property
     def latest(self) -> int:
-        """From a release to its output, at most."""
+        """The longest time from a release to its output."""
         return self.late + self.response
 
 
@@ -78,7 +78,7 @@ class LeaseTimes:
 
 
 def lease_times(system: System, module: Module) -> LeaseTimes:
-    """Of a module that nothing stands above or below; `system` is the one that flies."""
+    """The times of the leases of a module of `leased`; `system` is the one that flies."""
     verify = module.symbol.verify
 
     def ns(expr: typed.TypedExpr | None) -> int:
@@ -224,7 +224,7 @@ def _times(times: LeaseTimes, name: str) -> Iterator[c.CTop]:
 
 
 def notes(system: System) -> list[str]:
-    """What whoever builds has to know: how long leases are, and which times count as zero."""
+    """Notes for whoever builds: how long leases are, and which times count as zero."""
     return [note_of(module, lease_times(system, module)) for module in leased(system)]
 
 
@@ -238,17 +238,17 @@ def note_of(module: Module, times: LeaseTimes) -> str:
 
 
 LATE_NS = 1_000_000
-"""Where nothing is declared, or a fifth of the period if that is less."""
+"""The lateness of a component where none is declared; a fifth of its period if that is less."""
 SHARE = 5
 
 
 RELEASES_MAX = 100_000
-"""So many releases of an AC are gone through; beyond, the sum of the periods is the bound."""
+"""Releases of an AC that are gone through; for more, the sum of the periods is the bound."""
 
 
 @dataclass(frozen=True)
 class Takeover:
-    """From a request that AC leaves without a right answer to the output of SC; times in ns.
+    """How long SC's output may come after a request that AC answers wrongly, or not; times in ns.
 
     A request is made at a release of AC and its budget is a period: at the next release at the
     latest the driver sees that there is no answer. The DM decides at its next release from then
@@ -269,7 +269,7 @@ class Takeover:
 
     @property
     def text(self) -> str:
-        """In words."""
+        """The bound in words."""
         return (
             f"{self.module}: the first output of SC comes at most {show_ns(self.longest)} after a "
             f"request that AC does not answer ({show_ns(self.turn)} until it is SC's turn, "
@@ -291,7 +291,7 @@ def takeovers(system: System) -> list[Takeover]:
 
 
 def longest_turn(ac: Component, dm: Component, sc: Component) -> int:
-    """From a release of AC to the release of SC that stands in for it, at most."""
+    """The longest time from a release of AC to that of the SC that stands in for it, in ns."""
     hyper = lcm(ac.period_ns, dm.period_ns, sc.period_ns)
     if hyper // ac.period_ns > RELEASES_MAX:
         first = max(dm.phase_ns, sc.phase_ns)
@@ -326,7 +326,7 @@ def limits_of(system: System) -> tuple[list[int], list[int]]:
 
 @dataclass(frozen=True)
 class AgeLimit:
-    """How old a topic may be where a component reads it, ns: older no proof speaks of."""
+    """How old a topic may be where a component reads it, in ns: no proof speaks of older reads."""
 
     component: int
     topic: int
@@ -334,7 +334,7 @@ class AgeLimit:
 
 
 def ages_of(system: System, module: Module) -> tuple[AgeLimit, ...]:
-    """Of topics with a `max_age` that SC and the nodes between sensors and module read.
+    """The limits for topics with a `max_age` that SC and nodes between sensors and module read.
 
     A sensor may be silent for `dropout` longer. What plants of the system drive is left out: it is
     as old as they say.

@@ -1,10 +1,10 @@
 """Target `mavlink`: the package, the C of the dialect, and which message is which topic.
 
-Purpose: the package of target `posix` in a folder of its own, and beside it the bridge to MAVLink,
-the headers of the messages that are used, and one of our own with the checksums of the whole
-dialect. The bridge is a table of what comes in, one of what goes out, and the functions that they
-name. A set-point must say `type_mask` and `coordinate_frame`, and its mask ignores exactly what the
-mapping does not fill: any other field would be a command of 0.
+Purpose: `mavlink_package` puts beside the package of target `posix`, which has a folder of its own,
+the bridge to MAVLink, the headers of the messages that are used, and one of our own with the
+checksums of the whole dialect. The bridge is a table of what comes in, one of what goes out, and
+the functions that they name. A set-point must say `type_mask` and `coordinate_frame`, and its mask
+ignores exactly what the mapping does not fill: any other field would be a command of 0.
 Non-goals: what is done with them (`runtime/mavlink/soter_mavlink_bridge.h`), what a mapping may say
 (`soter.mapping`), compiling, which masks an autopilot supports.
 """
@@ -53,14 +53,14 @@ MAVLINK_C = Dialect(
     *("", "", "strncmp({0}, {1}, sizeof {0}) == 0", "(void)strncpy({0}, {1}, sizeof {0})"),
     set_bounded="(void)strncpy({0}, {1}, sizeof {0})",
 )
-"""What pymavlink generates: no sequences, and texts that fill their arrays need no end."""
+"""The traits of pymavlink's C: no sequences, and texts that fill their arrays need no end."""
 STAMPED = {"time_boot_ms": 1_000_000, "time_usec": 1_000}
-"""Of what goes out: the fields that say when, and their unit in ns."""
+"""Field of a message that says when it goes out -> its unit in ns."""
 _LIMIT = re.compile(r"(U?)INT(8|16|32|64)_MAX")
 
 
 class BridgeSource:
-    """The bridge of one system; `mapped`: its mapping by topic."""
+    """Writes the bridge of one system; `mapped`: its mapping by topic."""
 
     def __init__(
         self, bridged: BridgedSystem, name: str, mapped: dict[int, TopicMap], link: MavlinkLink
@@ -75,7 +75,7 @@ class BridgeSource:
         self.sources = list(dict.fromkeys([link.autopilot, *(p for p in publishers if p)]))
 
     def text(self) -> str:
-        """The file."""
+        """`NAME_bridge.c`."""
         return filled(
             "targets/mavlink/bridge.c.j2",
             name=self.name,
@@ -134,7 +134,7 @@ def _message(mapped: TopicMap) -> MavlinkMessage:
 
 
 def _same(message: MavlinkMessage, path: str, value: object, converter: MessageConverter) -> str:
-    """Whether a field is what the mapping says in `set`."""
+    """A C condition: a field has the value that the mapping says in `set`."""
     what, kind = converter.path(path), message.leaf(path)
     if isinstance(value, str):
         return f"({MAVLINK_C.same_text.format(what, text(value))})"
@@ -144,7 +144,7 @@ def _same(message: MavlinkMessage, path: str, value: object, converter: MessageC
 
 
 def _extended(mapped: TopicMap) -> Iterator[str]:
-    """What is not taken, as a frame of MAVLink 1 has no extensions: a zero there nobody sent."""
+    """C that refuses a frame of MAVLink 1 where extensions are read: nobody sent their zeros."""
     stamp = [mapped.stamp.path] if mapped.stamp is not None else []
     read = {path.partition(".")[0] for path in (*mapped.names, *mapped.constants, *stamp)}
     if read & _message(mapped).extensions:
@@ -154,7 +154,7 @@ def _extended(mapped: TopicMap) -> Iterator[str]:
 
 
 def _unknown(mapped: TopicMap, converter: MessageConverter) -> Iterator[str]:
-    """What is not taken, as MAVLink says that such a number means that it is not known."""
+    """C that refuses a message in which a number is the one that means "not known" in MAVLink."""
     message = _message(mapped)
     for name in mapped.names:
         (field, _), *inside = steps_of(message, name, MAVLINK)
@@ -169,7 +169,7 @@ def _unknown(mapped: TopicMap, converter: MessageConverter) -> Iterator[str]:
 
 
 def _is(what: str, kind: str, said: str) -> str:
-    """Whether a field is the number that MAVLink names; "" where it names none."""
+    """A C condition: a field is the number that MAVLink names (`said`); "" where it names none."""
     if kind in FLOATS:
         if said.upper() == "NAN":
             return f"{what} != {what}"
@@ -180,7 +180,7 @@ def _is(what: str, kind: str, said: str) -> str:
 
 
 def _addressed(mapped: TopicMap) -> Iterator[str]:
-    """To whom, and when, unless the mapping says it."""
+    """C that sets to whom a message goes, and when, unless the mapping says it."""
     message = _message(mapped)
     filled = {*mapped.names, *mapped.constants}
     own = {"target_system": "e->to.system", "target_component": "e->to.component"}
@@ -200,7 +200,7 @@ OF_EVERY_BRIDGE = ("HEARTBEAT", "TIMESYNC")
 
 
 def dialect_headers(dialect: MavlinkDialect, used: Iterable[str]) -> list[PackageFile]:
-    """The headers, `used` by name."""
+    """The headers of a dialect for the messages `used`, by name, and for every bridge."""
     names = sorted({*OF_EVERY_BRIDGE, *used})
     generated = _generated(dialect.xml, {*PROTOCOL, *map(_file, names)})
     files = [PackageFile(f"{FOLDER}/{name}", text) for name, text in sorted(generated.items())]
@@ -219,7 +219,7 @@ def _file(message: str) -> str:
 
 
 def _generated(document: bytes, wanted: set[str]) -> dict[str, str]:
-    """The files by their names; the generator makes a folder of hundreds, in a moment."""
+    """Name -> text of the `wanted` headers that pymavlink generates of a dialect."""
     from pymavlink.generator import mavgen  # noqa: PLC0415 - an extra
 
     with tempfile.TemporaryDirectory() as place:
@@ -251,11 +251,11 @@ IGNORED: dict[str, dict[int, tuple[str, ...]]] = {
         128: ("q.0", "q.1", "q.2", "q.3"),
     },
 }
-"""Message: bit of its `type_mask`, and the fields that an autopilot then ignores."""
+"""Message -> bit of its `type_mask` -> the fields that an autopilot then ignores."""
 
 
 def set_point_problems(mapped: TopicMap) -> list[str]:
-    """What is wrong with a topic that goes out."""
+    """What is wrong with a set-point that goes out, by its `set` and `type_mask`."""
     message = mapped.message
     bits = IGNORED.get(message.name if message else "")
     if message is None or bits is None:
@@ -335,7 +335,7 @@ def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: Log
 
 
 def _refuse(source: BridgeSource) -> None:
-    """SoterError D015 for what no autopilot should be sent, or can be asked."""
+    """SoterError D015 for a mapping that no autopilot should be sent, or can answer."""
     problems: list[str] = []
     for m in (*source.inward.values(), *source.outward.values()):
         problems += _of_other_middleware(m)
@@ -369,7 +369,7 @@ def _refuse(source: BridgeSource) -> None:
 
 
 def _of_other_middleware(m: TopicMap) -> Iterator[str]:
-    """What a mapping says of a topic that MAVLink does not know."""
+    """Yields a mistake where a mapping says of a topic what MAVLink does not know."""
     named = f"`{m.topic.name}`"
     if m.channel is not None:
         yield (
@@ -395,7 +395,7 @@ def _wrong_source(m: TopicMap) -> list[str]:
 
 
 def _too_late(source: BridgeSource) -> list[str]:
-    """Where the law of a silent trusted part would come after the autopilot's patience."""
+    """Mistakes where the law of a silent trusted part would come after `offboard_loss`."""
     link = source.link
     problems = []
     for index, m in source.outward.items():

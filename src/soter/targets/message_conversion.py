@@ -1,9 +1,9 @@
-"""Between messages of a middleware and values of topics: statements of C, or of C++.
+"""From messages of a middleware to values of topics and back, as statements of C or C++.
 
-Purpose: what a mapping says of a topic, as code, with the arithmetic of `monitor` (a number is
-multiplied, then the offset is added; the way out is the offset taken off, then divided), so that a
-message and a log give the same bits. What no code can do is D015.
-Non-goals: how messages come and go (`ros1/`), what a mapping may say (`soter.mapping`).
+Purpose: a `MessageConverter` writes what a mapping says of a topic as code, for the bridges of all
+targets, with the arithmetic of `monitor` (a number is multiplied, then the offset is added; the way
+out is the reverse): a message and a log give the same bits. D015 for what no code can do.
+Non-goals: how messages come and go (`runtime/`), what a mapping may say (`soter.mapping`).
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ INTEGERS = {
 }
 """Least and greatest value of what ROS 1 calls integers."""
 UNSIGNED_BYTE = {"byte": (0, 255)}
-"""What ROS 2 counts otherwise."""
+"""The ranges that differ in ROS 2."""
 FLOATS = ("float32", "float64")
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a language says it: `size` and `item` of a sequence, equality and setting of a text.
+    """How a language writes the size and an item of a sequence, and compares and sets a text.
 
-    `member` of a record; `set_bounded`: a text that has room for so many bytes.
+    `member`: of a record; `set_bounded`: how it sets a text that has room for so many bytes.
     """
 
     size: str
@@ -68,7 +68,7 @@ CYCLONE = Dialect(
 
 
 class MessageConverter:
-    """A topic with its messages: `message` and `value` are what the code calls them, as lvalues."""
+    """Writes the code for a topic and its messages; `message`, `value`: lvalues in that code."""
 
     def __init__(self, mapped: TopicMap, ros: int, dialect: Dialect, message: str) -> None:
         if mapped.message is None:
@@ -229,7 +229,7 @@ class MessageConverter:
     # ------------------------------------------------------------ names
 
     def path(self, name: str) -> str:
-        """A field of the message."""
+        """The code of a field of the message."""
         code = self.message
         for part, step in steps_of(self.type, name, self.ros):
             form = {
@@ -242,7 +242,7 @@ class MessageConverter:
 
     @staticmethod
     def member(path: LeafPath) -> str:
-        """A leaf of the value."""
+        """The code of a leaf, to stand behind that of the value."""
         return "".join(f".at{p}" if p.startswith("[") else f".{field_name(p)}" for p in path)
 
     @staticmethod
@@ -298,5 +298,5 @@ def text_literal(text: str) -> str:
 
 
 def unmappable(why: str) -> SoterError:
-    """D015."""
+    """SoterError D015 for what no bridge can do."""
     return SoterError((Diagnostic("D015", why),))

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
 
 MANIFEST = ".soter-files.json"
-"""In every folder that soter builds: the SHA-256 of each file as soter wrote it."""
+"""A file in every folder that soter builds, with the SHA-256 of each file as soter wrote it."""
 
 BYTES_MAX = 2**28
-"""Of a file: `soter` writes none that is longer, so a longer one is not read."""
+"""The most of a file: `soter` writes none that is longer, so it reads none that is."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def filled_file(path: str, template: str, /, **context: object) -> PackageFile:
 
 @dataclass
 class Package:
-    """What a target is: files, and what a person must know about them.
+    """The files that a target writes, with notes for the person who builds them.
 
     `written` and `kept` are filled by `write`: paths in `folder`. `target` is filled in from the
     table of targets (`package.py`), so that one made over another is not called by its name.
@@ -69,22 +69,22 @@ class Package:
     notes: list[str] = field(default_factory=list)
     commands: list[str] = field(default_factory=list)
     programs: dict[str, list[str]] = field(default_factory=dict)
-    """Of some targets: a program that is built, and the flags and sources it is made of."""
+    """Program that is built -> the flags and sources it is made of; only of some targets."""
     written: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
     target: str = ""
     entries: str = ""
-    """What the functions begin with that a loop of one's own calls; "" where there are none."""
+    """The beginning of the names of functions for a loop of one's own; "" where there are none."""
     image: str = ""
-    """Of targets without an operating system: the file that `make` makes."""
+    """The file that `make` makes, of targets without an operating system."""
     trusted: str = ""
     """The folder of the trusted part, where it has one of its own."""
     world: tuple[str, ...] = ()
-    """Functions that are of plants: no part of what runs on a robot."""
+    """Functions of plants, which are no part of what runs on a robot."""
     inherits: list[str] = field(default_factory=list)
-    """Of a deployed system: what it inherits, in lines."""
+    """The claims that a deployed system inherits, in lines."""
     inherited: dict[str, object] = field(default_factory=dict)
-    """The same as a document; empty of others."""
+    """The claims that a deployed system inherits, as a document; empty for others."""
 
     def write(self) -> Package:
         """Write everything; SoterError D006, D008, the latter before anything is written."""
@@ -123,7 +123,7 @@ class Package:
         return digest not in {self._before().get(file.path), _digest(file.text)}
 
     def _before(self) -> dict[str, str]:
-        """What an earlier build noted; empty where there was none."""
+        """The digests that an earlier build noted, by path; empty where there was none."""
         try:
             noted = json.loads(read_bytes(self.folder / MANIFEST))
         except (OSError, ValueError, RecursionError):
@@ -154,13 +154,13 @@ class Target:
     """`MODULE:FUNCTION`, imported when somebody builds for it: from (system, core, folder), and the
     mapping or board and run where it wants them."""
     page: str = ""
-    """Of the documents: where its package is told, which has no README.md then."""
+    """The page that tells about its package, which then has no README.md."""
     mapped: bool = False
-    """It speaks with a middleware: a mapping says which topic is which of its messages."""
+    """Whether it speaks with a middleware: a mapping says which topic is which message."""
     boarded: bool = False
-    """It is an image: a board says where everything lies."""
+    """Whether it is an image: a board says where everything lies."""
     drops_bindings: bool = False
-    """It leaves out what externs are bound to outside C, without a word of its own on it."""
+    """Whether it leaves out, and does not mention, what externs are bound to outside C."""
 
 
 TARGETS = {
@@ -174,7 +174,7 @@ TARGETS = {
     ),
     "cortex-m": Target("soter.targets.cortex_m_package:cortex_m_package", boarded=True),
 }
-"""By name, the default first: whatever else asks about targets reads it here."""
+"""Name -> target, the default first; whatever asks about targets reads this table."""
 
 
 def build_package(

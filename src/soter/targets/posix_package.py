@@ -1,8 +1,8 @@
 """Target `posix`: the program in real time, every extern node in a process of its own.
 
-Purpose: a folder that builds with gcc or clang on Linux and no Soter: the trusted part with the
-driver of `runtime/posix/`, one small program for each extern node that is bound to C, and where a
-module has a fail-safe law that of the actuators.
+Purpose: `posix_package` writes a folder that builds with gcc or clang on Linux and no Soter: the
+trusted part with the driver of `runtime/posix/`, a small program for each extern node that is bound
+to C, and where a module has a fail-safe law the program of the actuators.
 Non-goals: what the driver does (docs/real-time.md), workers in Python (`workers/`), what meets the
 world (`world_interface.py`).
 """
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 POSIX = RUNTIME / "posix"
 CHECK = ("soter_posix_check.h", "soter_posix_check.c")
-"""What a check that fails does: in all programs but that of the actuators, which has its own."""
+"""The files with what runs where a check fails; the program of the actuators has its own."""
 CHANNEL = ("soter_channel.h", "soter_channel.c", *CHECK)
 DRIVER = (
     *("soter_posix.h", "soter_posix.c", "soter_posix_clock.c"),
@@ -55,13 +55,13 @@ DRIVER = (
 WORKER = "soter_worker.c"
 APP_SOURCE = "soter_posix_app.c"
 ELSEWHERE = frozenset(("soter_virtual.c", *RUNTIME_FILES))
-"""Of the run-time what belongs to loops of one's own: not here."""
+"""Files of the run-time that are for other drivers, and not taken along."""
 RING_BYTES = 8 * 2**20
 SLOTS = (64, 4096)
 FIRST_LINE = "soter recording 1"
-"""Of what `--record` writes."""
+"""The first line of what `--record` writes."""
 FOR_EVER = 2**61
-"""Until when a system in the world runs that does not say it: it is ended by a signal."""
+"""The end of a system in the world that does not say one: a signal ends it."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ class Worker:
     component: Component
     exchange: Exchange
     name: str
-    """What its C names begin with."""
+    """The beginning of its C names."""
     reads: tuple[tuple[str, str], ...]
-    """What it is given: its field, and the member among the topics in C."""
+    """The topics that it reads: (its field in C, the member among the topics)."""
     program: str
     source: str
     symbol: str
@@ -122,7 +122,7 @@ def _run_time(system: System) -> list[PackageFile]:
 
 
 def _note(name: str) -> str:
-    """Of an extern node whose program is no part of the package."""
+    """The note about an extern node whose program is no part of the package."""
     return (
         f"{name} is Python: `soter run --real-time` starts it; this program alone has SC,"
         f" unless --worker {name}=COMMAND starts another worker"
@@ -179,7 +179,7 @@ def _worker(program: c99.ProgramInC, x: Component) -> Worker:
 def _programs_beside(
     package: Package, program: c99.ProgramInC, workers: list[Worker], world: WorldTables
 ) -> dict[str, list[str]]:
-    """Adds the programs of workers and actuators; the sources of each."""
+    """Add the programs of workers and actuators; program -> its sources."""
     built = [w for w in workers if w.program]
     if built:
         package.files.append(_own(WORKER, POSIX))
@@ -193,7 +193,7 @@ def _programs_beside(
 
 
 def _worker_files(package: Package, unit: Unit, built: list[Worker]) -> dict[str, list[str]]:
-    """Adds what workers are made of; their programs, and the sources of each."""
+    """Add what workers are made of; program of a worker -> its sources."""
     sources_by_program = {}
     for number, w in enumerate(built, 1):
         folder = f"worker_{number}"
@@ -217,7 +217,7 @@ def _worker_files(package: Package, unit: Unit, built: list[Worker]) -> dict[str
 def _context(
     program: c99.ProgramInC, workers: list[Worker], world: WorldTables
 ) -> dict[str, object]:
-    """What the texts of a package are about."""
+    """The values for the templates of a package."""
     system, unit = program.system, program.unit
     words = [world.words, *((size + 7) // 8 for w in workers for size in w.exchange.sizes)]
     late, response = limits_of(system)
@@ -240,7 +240,7 @@ def _context(
 
 
 def head_of(system: System, layout: StateLayout) -> dict[str, str]:
-    """What a recording says of what flew, by name, beside its seed."""
+    """The entries of a recording, beside its seed, that tell which program flew."""
     return {
         "program_sha256": system.program.sha256,
         "system": system.name,

@@ -1,11 +1,11 @@
 """Targets `ros1` and `ros2`: the packages, their files for catkin and ament, and their tests.
 
-Purpose: the package of target `posix` in a folder of its own, and around it the bridge and what
-catkin or ament wants: manifest, CMake, launch files, parameters; and the simulation under /clock.
-With catkin it builds in a workspace, and with plain CMake where ROS comes from the distribution
-(pkg-config), as on Debian. A test starts the nodes beside one that stands in for the sensors:
-`test/stand_ins.json` is the person's to change, as its values are of no robot. Only topics that
-meet the world are bridged, each mapped.
+Purpose: `ros1_package` and `ros2_package` put around the package of target `posix`, which has a
+folder of its own, the bridge and what catkin or ament wants: manifest, CMake, launch files,
+parameters; and the simulation under /clock. With catkin it builds in a workspace, and with plain
+CMake where ROS comes from the distribution (pkg-config), as on Debian. A test starts the nodes
+beside one that stands in for the sensors: `test/stand_ins.json` is the person's to change, as its
+values are of no robot. Only topics that meet the world are bridged, each mapped.
 Non-goals: the robot; AC, whose topics stay silent in the test; what a mapping may say
 (`soter.mapping`); compiling.
 """
@@ -55,16 +55,16 @@ NEEDED = {
     1: ("roscpp", "diagnostic_msgs", "rosgraph_msgs", "std_msgs"),
     2: ("rclcpp", "diagnostic_msgs", "builtin_interfaces", "rosgraph_msgs", "std_msgs"),
 }
-"""By the version of ROS: what every bridge needs."""
+"""Version of ROS -> the packages that every bridge needs."""
 FOLDER = {1: "catkin", 2: "ament"}
-"""Of the templates."""
+"""Version of ROS -> the folder of its templates."""
 LAUNCH = {1: (".launch", ".launch.xml"), 2: (".launch.py", ".launch.py")}
-"""How launch files end, and their templates."""
+"""Version of ROS -> how launch files end, and how their templates do."""
 
 
 @dataclass(frozen=True)
 class RosPackage:
-    """What the files are about; `simulated`: sources of the simulation, beside its node."""
+    """The values for the templates; `simulated`: sources of the simulation, beside its node."""
 
     version: int
     name: str
@@ -76,31 +76,31 @@ class RosPackage:
 
     @property
     def packages(self) -> list[str]:
-        """Of ROS: whose messages are used, and what every bridge needs."""
+        """The packages of ROS whose messages are used, and those that every bridge needs."""
         used = {m.message.package for m in self.mapped if m.message}
         return sorted({*NEEDED[self.version], *used})
 
     @property
     def installed(self) -> list[str]:
-        """Its programs."""
+        """The programs that the package installs."""
         programs = self.bridged.programs
         bridge = [*programs, f"{self.name}_bridge"] if programs else []
         return [*bridge, f"{self.name}_simulation"]
 
     @property
     def scripts(self) -> list[str]:
-        """What starts the programs of the trusted folder, and what arms the actuators."""
+        """The scripts that start the programs of the trusted folder, and that arm the actuators."""
         return ["scripts/in_channels", *(["scripts/arm"] if self.bridged.actuated else [])]
 
     def file(self, path: str, template: str, **more: object) -> PackageFile:
-        """One file of it."""
+        """A file of the package, from a template."""
         return filled_file(
             path, f"ros/{template}", p=self, name=self.name, bridged=self.bridged, **more
         )
 
 
 def ros_files(p: RosPackage, *, tested: bool) -> list[PackageFile]:
-    """All of them; `tested`: whether a catkin package has `test/`."""
+    """The build and launch files; `tested`: whether a catkin package has `test/`."""
     folder, (end, template) = FOLDER[p.version], LAUNCH[p.version]
     files = [
         p.file("package.xml", "package.xml"),
@@ -143,7 +143,7 @@ def _publishers(p: RosPackage) -> list[str]:
 
 
 def rostest_files(p: RosPackage) -> list[PackageFile]:
-    """The test; none where `untested`."""
+    """The files of a catkin package's test; none where `untested` has a reason."""
     if untested(p):
         return []
     document = json.dumps(_document(p), indent=1) + "\n"
@@ -156,7 +156,7 @@ def rostest_files(p: RosPackage) -> list[PackageFile]:
 
 
 def _sensed(p: RosPackage) -> list[TopicMap]:
-    """What comes in and is awaited: not what ACs alone read."""
+    """The topics that come in and are awaited: not those that ACs alone read."""
     return [m for m in p.mapped if p.bridged.world.is_awaited(m.topic)]
 
 
@@ -208,7 +208,7 @@ def _stand_in(m: TopicMap) -> dict[str, object]:
 
 
 def _unit_ns(m: TopicMap) -> float:
-    """Of a stamp that is a number; 0: it is a time."""
+    """The unit of a stamp that is a number, in ns; 0: it is a time."""
     assert m.stamp is not None
     return float(m.stamp.unit_ns) if m.stamp.kind == "number" else 0.0
 
@@ -241,7 +241,7 @@ def _expected(m: TopicMap, law: Value) -> dict[str, object]:
 
 
 def _field(t: Type, leaf: Leaf, value: Value) -> object:
-    """What stands in a message for a value of a leaf."""
+    """The value of a message's field that stands for the value of a leaf."""
     assert isinstance(leaf, SignalSource)
     if isinstance(t, BoolType):
         return bool(value)
@@ -274,7 +274,7 @@ OF_ROS = {
     1: ("ros1", SIMULATION),
     2: ("ros2", (*SIMULATION, "soter_publishers.hpp")),
 }
-"""By the version: the folder of what ships, and what of it the simulation needs."""
+"""Version of ROS -> (folder of the C++ that ships, files of it that the simulation needs)."""
 OF_BOTH = (
     "soter_scan.hpp", "soter_sources.hpp", "soter_stamp_numbers.h", "soter_simulation_core.hpp",
 )  # fmt: skip
@@ -317,7 +317,7 @@ def ros2_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap
 def _package(
     system: System, core: CoreSystem, folder: Path, mapping: LogMap, version: int
 ) -> tuple[Package, RosPackage]:
-    """All but what a build system wants, and what that is about."""
+    """The package without what a build system wants, and what the templates of that are told."""
     mapped = bridged_topics(system, mapping, "ROS", TOPIC)
     bridged = BridgedSystem(system, core, folder)
     simulated = c99_package(system, core, folder)
@@ -350,5 +350,5 @@ def _package(
 
 
 def _is_code(file: PackageFile) -> bool:
-    """What the simulation needs of the package of target `c`."""
+    """Whether the simulation needs this file of the package of target `c`."""
     return file.path.endswith((".c", ".h")) and file.path not in OTHER_MAINS

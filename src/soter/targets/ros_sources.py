@@ -1,9 +1,9 @@
 """The C++ that is generated for ROS: which message is which topic, `ModuleStatus`, mains of nodes.
 
-Purpose: `NAME_topics.hpp`, traits for each mapped topic; `NAME_bridge.cpp`, the node between ROS
-and the channels of the trusted part; `NAME_simulation.cpp`, the node under /clock. For ROS 1
-`msg/ModuleStatus.msg` and the same as a class of roscpp, so that the bridge needs no generator of
-messages; the MD5 sum is that of the file.
+Purpose: `NodeSources` writes `NAME_topics.hpp`, traits for each mapped topic; `NAME_bridge.cpp`,
+the node between ROS and the channels of the trusted part; `NAME_simulation.cpp`, the node under
+/clock. `message_files` writes, for ROS 1, `msg/ModuleStatus.msg` and the same as a class of roscpp,
+so that the bridge needs no generator of messages; the MD5 sum is that of the file.
 Non-goals: what is done with them (`runtime/bridge/`, `runtime/ros1/`, `runtime/ros2/`).
 """
 
@@ -46,7 +46,7 @@ FIELDS = (
     ("bool", "unchecked", "they were armed without a look at the state"),
     ("string", "message", "the sentence of /diagnostics"),
 )
-"""Type, name and meaning of each field."""
+"""(type, name, meaning) of each field of the message."""
 MEMBERS = {
     "time": "ros::Time {}",
     "string": "std::string {}",
@@ -54,11 +54,11 @@ MEMBERS = {
     "uint64": "uint64_t {} = 0U",
     "bool": "uint8_t {} = 0U",
 }
-"""Of each type, how the class of roscpp declares a field."""
+"""Type -> how the class of roscpp declares a field of it."""
 
 
 def definition() -> str:
-    """The text of the file."""
+    """The text of `ModuleStatus.msg`."""
     rows = [(f"{kind} {name}", about) for kind, name, about in FIELDS]
     lines = [f"{row:<18}# {about}" if about else row for row, about in rows]
     head = "# How a module is: written by the bridge on ~status, at each change and once a second."
@@ -66,7 +66,7 @@ def definition() -> str:
 
 
 def md5_sum() -> str:
-    """As genmsg has it: of the fields alone."""
+    """The MD5 sum of the message as genmsg computes it: of the fields alone."""
     text = "\n".join(f"{kind} {name}" for kind, name, _ in FIELDS)
     return hashlib.md5(text.encode(), usedforsecurity=False).hexdigest()
 
@@ -101,7 +101,7 @@ def include_of(message: MessageType, version: int) -> str:
 
 
 def snake_case(name: str) -> str:
-    """As rosidl names the header of a message: LaserScan is laser_scan."""
+    """A name as rosidl writes it in the header of a message: LaserScan is laser_scan."""
     name = re.sub(r"(.)([A-Z][a-z]+)", r"\1_\2", name)
     return re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", name).lower()
 
@@ -161,7 +161,7 @@ class NodeSources:
         return "".join(part.capitalize() for part in names)
 
     def _shared(self, sources: list[tuple[TopicMap, SourcePromise]]) -> dict[str, object]:
-        """What the traits of the sources of one topic have in common."""
+        """The template's values for the traits that all sources of one topic share."""
         topic = sources[0][0].topic
         return {
             "topic": topic.name,
@@ -172,7 +172,7 @@ class NodeSources:
         }
 
     def _topic(self, mapped: TopicMap) -> dict[str, object]:
-        """What stands in the traits of a topic, or of a source of it."""
+        """The template's values for the traits of a topic, or of one source of it."""
         index, version, message = mapped.topic.index, self.version, mapped.message
         if message is None or not message.known_in(version):
             named = message.ros1 if message else "no type"

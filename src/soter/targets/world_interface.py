@@ -1,10 +1,10 @@
-"""What of a program in real time meets the world: channels, `channels.json`, leases, actuators.
+"""Where a program in real time meets the world: channels, `channels.json`, leases, actuators.
 
-Purpose: the tables by which the driver of `runtime/posix/` speaks with other programs: a channel
-for each external topic, and for each module with a fail-safe law one for its commands with their
-leases; the program of the actuators, `NAME_actuator`. Topic by topic the name of its file, the
-number of its layout, who writes it, how a value lies in memory and in which set it is: in C as
-`NAME_channels.h`, in `channels.json` for `soter.remote`.
+Purpose: `WorldTables` has the tables by which the driver of `runtime/posix/` speaks with other
+programs: a channel for each external topic, and for each module with a fail-safe law one for its
+commands with their leases; and the files of the actuators' program, `NAME_actuator`. Other programs
+learn from `NAME_channels.h`, or from `channels.json` (`soter.remote`), of each topic its file, the
+number of its layout, who writes it, how a value lies in memory and in which set it is.
 Non-goals: the driver and the actuators (`runtime/posix/`), laws (`leases_and_lateness.py`), the
 text of the tables (templates in `posix/`), channels of leases and of what the trusted part says of
 itself.
@@ -43,7 +43,7 @@ FROM_OUTSIDE, HERE = "outside", "here"
 
 
 def channel_document(system: System) -> dict[str, object]:
-    """All channels of topics; `set` has a pair for each leaf of the type, or None."""
+    """The document of all topics with a channel; `set`: a pair for each leaf, or None."""
     names = topic_names(system)
     return {
         "schema": SCHEMA,
@@ -66,7 +66,7 @@ def channel_document(system: System) -> dict[str, object]:
 
 
 def channel_document_files(system: System) -> list[PackageFile]:
-    """The file; none where nothing is open."""
+    """`channels.json`; none where no topic has a channel."""
     document = channel_document(system)
     if not document["topics"]:
         return []
@@ -74,7 +74,7 @@ def channel_document_files(system: System) -> list[PackageFile]:
 
 
 def layout_number(topic: Topic) -> int:
-    """Of the layout of a topic's value: what the head of its channel says."""
+    """The number of the layout of a topic's value, which the head of its channel holds."""
     return number_of_layout(described(topic.type))
 
 
@@ -92,7 +92,7 @@ def lasting(system: System, module: Module) -> list[str]:
 
 
 def _topics(system: System) -> list[Topic]:
-    """Those of the world, then outputs that are given with a lease."""
+    """The topics of the world, then outputs that are given with a lease."""
     by_lease = [i for m in leased(system) if not lasting(system, m) for i in m.outputs]
     outside = [e.topic for e in system.externals if e.topic not in by_lease]
     return [system.topics[i] for i in dict.fromkeys((*outside, *by_lease))]
@@ -111,9 +111,9 @@ OUTSIDE = ("soter_outside.h", "soter_outside.c")
 ACTUATOR = ("soter_actuator.h", "soter_actuator.c", "soter_actuator_arm.c")
 APP = ("soter_actuator_app.h", "soter_actuator_app.c")
 STATUS_TEXT = ("soter_status_text.h", "soter_status_text.c")
-"""What the trusted part and the actuators say of themselves, for people: bridges show it, too."""
+"""Files by which the trusted part and the actuators report on themselves; bridges use them, too."""
 HEAD_BYTES = 24
-"""Of a message: the stamp and the end of its lease, and until when one may begin with it."""
+"""The head of a command: its stamp, the end of its lease, and until when one may begin with it."""
 
 
 @dataclass(frozen=True)
@@ -131,9 +131,9 @@ class LeasedModule:
 
     module: Module
     name: str
-    """What its C names begin with."""
+    """The beginning of its C names."""
     short: str
-    """The same without the program's prefix."""
+    """`name` without the program's prefix."""
     components: tuple[int, ...]
     ages: tuple[AgeLimit, ...]
     outputs: tuple[CommandedTopic, ...]
@@ -146,18 +146,18 @@ class LeasedModule:
 
     @property
     def number(self) -> int:
-        """Of the layout of its messages."""
+        """The number of the layout of its messages."""
         types = [described(o.topic.type) for o in self.outputs]
         return number_of_layout({"lease": self.channel, "head": HEAD_BYTES, "of": types})
 
     @property
     def message_words(self) -> int:
-        """Of a message: 8 bytes each, as every output begins at one."""
+        """How many words of 8 bytes a message has: every output begins at one."""
         return _words(HEAD_BYTES) + sum(_words(size_of(o.topic.type)) for o in self.outputs)
 
 
 class WorldTables:
-    """The tables of a system; `unit`: its C."""
+    """The tables of a system that meets the world; `unit`: its C."""
 
     def __init__(self, system: System, unit: Unit) -> None:
         self.system = system
@@ -196,18 +196,18 @@ class WorldTables:
 
     @property
     def words(self) -> int:
-        """Of the longest value that is exchanged: 8 bytes each."""
+        """How many words of 8 bytes the longest exchanged value has."""
         topics = (_words(size_of(t.type)) for t in self.topics)
         return max([1, self.message_words, *topics])
 
     @property
     def message_words(self) -> int:
-        """Of the longest message with a lease."""
+        """How many words of 8 bytes the longest message with a lease has."""
         return max((g.message_words for g in self.granted), default=0)
 
     @property
     def budgets(self) -> int:
-        """Of the trusted part of a module with a lease, at most."""
+        """How many components a grant watches, at most: DM, SC and nodes of one module."""
         return max([1, *(len(g.components) for g in self.granted)])
 
     @property
@@ -217,12 +217,12 @@ class WorldTables:
 
     @staticmethod
     def number(topic: Topic) -> int:
-        """Of the layout of a topic's value: what the head of its channel says."""
+        """The number of the layout of a topic's value, which the head of its channel holds."""
         return layout_number(topic)
 
     @property
     def status_number(self) -> int:
-        """Of the layout of what the trusted part says of itself."""
+        """The number of the layout of the trusted part's report on itself."""
         modules = [m.name for m in self.system.modules]
         leases = [g.module.name for g in self.granted]
         return number_of_layout(
@@ -235,7 +235,7 @@ class WorldTables:
 
     @property
     def actuators_number(self) -> int:
-        """Of the layout of what the actuators say of themselves."""
+        """The number of the layout of the actuators' report on themselves."""
         return number_of_layout({"actuators": [g.module.name for g in self.granted]})
 
     def is_awaited(self, t: Topic) -> bool:
@@ -265,7 +265,7 @@ class WorldTables:
         return filled_file(path, f"posix/{template}", **of)
 
     def actuator_sources(self) -> list[str]:
-        """What the program of the actuators is made of."""
+        """The C files that the program of the actuators is made of."""
         law = f"{self.unit.prefix}_lease.c"
         return [
             *(n for n in (*ACTUATOR, *OUTSIDE, *STATUS_TEXT) if n.endswith(".c")),
@@ -282,7 +282,7 @@ class WorldTables:
         return [*topics.values()]
 
     def channel_files(self) -> list[PackageFile]:
-        """The header for such programs; none where nothing is open."""
+        """The header for other programs; none where no topic has a channel."""
         name = f"{self.unit.prefix}_channels.h"
         return [self._file(name, "channels.h")] if self.channels else []
 

@@ -1,1 +1,1 @@
-"""Certificates of sets on grids: inclusions, cell by cell."""
+"""Groups proved by sets of cells of a grid: each claim is an inclusion, shown cell by cell."""

@@ -1,9 +1,10 @@
-"""Forms of a chain of the re-checker, taken apart and put together again.
+"""The forms that a chain hands from hold to hold, taken apart and put together again.
 
-Purpose: `FormLayout.opened`: a form (with betas and memories, `terms/compile_terms.py`) as
-generators of z (`flow_chains.py` says what z is); `FormLayout.closed`: the form of what came of it;
-`StateRows` and `CommandRows`: states and commands as rows over z.
-Non-goals: what happens in between.
+Purpose: a *form* is a flat tuple of numbers that describes a set of states and the commands that
+still act (`terms/compile_terms.py`). `FormLayout.opened` makes of it the rows z of a hold (the head
+of `flow_chains.py` says what z is), `FormLayout.closed` the form at the end of that hold. Between
+the two `StateRows` and `CommandRows` are states and commands as rows over z.
+Non-goals: what happens in a hold (`flow_chains.py`).
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class OpenedForm:
     ranges: list[Interval]
     z: Rows
     memories: Rows
-    """Per old command its coefficients on the betas of the states."""
+    """For each old command its coefficients on the betas of the states."""
 
     def rows(self, first: int, count: int) -> Rows:
         """Rows that pick entries of z."""
@@ -39,7 +40,7 @@ class OpenedForm:
 
 @dataclass(eq=False)
 class StateRows:
-    """The states somewhere in a hold: rows over z, a rest each, and ranges."""
+    """The states at an instant of a hold: a row over z, how far off it (`rest`), a range each."""
 
     rows: Rows
     rest: list[Any]
@@ -48,7 +49,7 @@ class StateRows:
 
 @dataclass(eq=False)
 class CommandRows:
-    """Commands: rows over z, ranges, and what they may be off their rows, at any time."""
+    """Commands: rows over z, ranges, and how far off its row each may be, anew at any time."""
 
     rows: Rows
     ranges: list[Interval]
@@ -57,19 +58,19 @@ class CommandRows:
 
 @dataclass(frozen=True)
 class FormLayout:
-    """`n` states, `q` commands that they feel; a form carries the `depth` latest of each."""
+    """Where the numbers of a form stand: of `n` states, of the `depth` latest of `q` commands."""
 
     n: int
     q: int
     depth: int
 
     def length(self, *, fresh: bool) -> int:
-        """Of a form; `fresh`: of one without commands."""
+        """How many numbers a form has; `fresh`: one without commands."""
         n, memories = self.n, 0 if fresh else self.depth * self.q
         return (4 + n) * (n + memories) + n * memories
 
     def opened(self, form: Form, before: list[Interval] | None) -> OpenedForm:
-        """`before`: the ranges of what acted before, where the form does not have it."""
+        """The form as rows z; `before`: ranges of the old commands, where the form has none."""
         n, q = self.n, self.q
         count = n + self.depth * q
         given = n if before is not None else count
@@ -94,7 +95,7 @@ class FormLayout:
         return StateRows(start.rows(0, self.n), [ZERO] * self.n, list(start.ranges[: self.n]))
 
     def closed(self, start: OpenedForm, way: StateRows, new: CommandRows) -> Form:
-        """The form at the end; the states are R times the old betas, and noise."""
+        """The form at the end of a hold, of its states `way` then and its command `new`."""
         n, old = self.n, (self.depth - 1) * self.q
         spread, turned = product(way.rows, start.z), self._over_betas(start, way.rows)
         lines = [
@@ -120,7 +121,7 @@ class FormLayout:
         )
 
     def _over_betas(self, start: OpenedForm, rows: Rows) -> Rows:
-        """What rows have of the old betas of the states: by these, and by commands that share them.
+        """The coefficients of rows on the states' old betas, also through commands that share them.
 
         Nothing rests on it: it only makes `a` (`_remembered`) a good one.
         """

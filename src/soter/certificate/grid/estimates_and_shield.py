@@ -1,15 +1,15 @@
-"""Estimates in cells, the states behind them, and what a shield permits there, checked again.
+"""The sets S of computed predicates, and the table of a shield: inclusions about estimates.
 
-Purpose: what computed predicates are shown with: cells of states all of whose estimates lie in a
-set, and that nothing leads out of a set from the states behind estimates. `to_show`: that from no
-state behind an estimate commands of the cells that a shield permits there lead out of K before SC's
-first output acts (docs/proof-flight.md, A gate that looks at commands).
+Purpose: for `GridCheck.levels` and `home`. `eroded`: the cells of states all of whose estimates lie
+in a set; `levels_hold`, `drifts`: the states behind the estimates of a cell lie, or stay, in a set.
+`to_show`: commands that a shield permits on an estimate lead from no state behind it out of K
+before SC's first output acts (docs/proof-flight.md, A gate that looks at commands).
 Non-goals: free phases (`group_claims.py`), which claims there are, the table's bytes
 (`grid_group.py`); that the DM reads its table as it should.
 
-A command lies in its set, which is cut at low + (high - low) (k / n), k = 1, ..., n - 1. Where
-commands of the cells i to j may act, those of some of these may: of every cell of estimates and
-every i the greatest j is shown.
+The set of a command is cut into n cells at low + (high - low) (k / n). Where commands of the cells
+i to j may act, so may those of some of these: for every cell of estimates and every i the greatest
+j is shown.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 
 def around(model: CaseModel, group: GroupTables, box: list[tuple[arb, arb]]) -> tuple[float, ...]:
-    """Everything an estimate of a state in the box may be, and the other way round.
+    """The box of all estimates of states in a box, and of all states behind estimates in it.
 
     Of a state that no topic shows nothing is known: it is anywhere on its axis.
     """
@@ -60,7 +60,7 @@ def around(model: CaseModel, group: GroupTables, box: list[tuple[arb, arb]]) -> 
 
 
 def _estimates(model: CaseModel, state: int, low: arb, high: arb) -> tuple[float, float]:
-    """The same of one state between two numbers."""
+    """The range of all estimates of one state that is in [low, high]."""
     if state not in model.facts.leaves:
         return model.extents[state]
     error = exact(error_of(model.facts, state))
@@ -91,7 +91,7 @@ def eroded(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
 def levels_hold(
     model: CaseModel, group: GroupTables, claimed: NDArray[np.bool_], inside: Cells, block: Block
 ) -> Iterator[Block]:
-    """Cells of estimates (`claimed`: shaped as the grid), some state behind which is outside."""
+    """The `claimed` cells of estimates (shaped as the grid) behind which a state may be outside."""
 
     def attempt(at: Block) -> bool:
         return inside.contains(around(model, group, group.grid.box(at)))
@@ -102,9 +102,9 @@ def levels_hold(
 def drifts(
     check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
 ) -> Iterator[Block]:
-    """Cells of estimates, some state behind which may be driven out of `within` in time.
+    """The `claimed` cells of estimates from behind which a state may be driven out of `within`.
 
-    `claimed`: shaped as the grid.
+    `claimed`: shaped as the grid. Any command acts, for the time of `check`.
     """
     grid = check.group.grid
 
@@ -117,7 +117,7 @@ def drifts(
 
 
 def cells_of(facts: Facts) -> int:
-    """Into how many cells each number of a command is cut.
+    """The number of cells into which a shield's table cuts each number of a command.
 
     NotRecheckedError where no proof of a shield is known here, RejectedError where none can be.
     """
@@ -142,7 +142,7 @@ def _in_the_instants(facts: Facts) -> bool:
 
 
 def _passed_on(facts: Facts) -> bool:
-    """Whether what runs behind SC in its instant runs in its thread, and knows commands alone.
+    """Whether every node behind SC in its instant runs in its thread, and reads commands alone.
 
     What reads sensors, too, or has a memory has to show what it says to the plants of the proof.
     """
@@ -171,7 +171,7 @@ def _is_shown(c: Component, shown: Iterable[TopicSymbol]) -> bool:
 
 
 def to_show(model: CaseModel, group: GroupTables, core: Cells) -> Iterator[tuple[str, Show]]:
-    """What is to be shown of the table of a group, besides that S_0 is inside R(H).
+    """(failure in words, function of a block) for each inclusion of a shield's table.
 
     RejectedError where the table is not there, or is of another command.
     """
@@ -206,7 +206,7 @@ def to_show(model: CaseModel, group: GroupTables, core: Cells) -> Iterator[tuple
 
 
 def cut(low: float, high: float, k: int, n: int) -> float:
-    """Where cell k of n begins."""
+    """The number at which cell k of n begins."""
     return low + (high - low) * (k / n)
 
 

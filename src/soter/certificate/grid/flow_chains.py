@@ -1,4 +1,4 @@
-"""The re-checker's chains and free phases of flows: forms carried over steps of time.
+"""How a flow leads a form over one hold of SC, or over a span of any commands.
 
 Purpose: the steps of `sc_chains.Chain` and `free_phase` for a group whose flow is enclosed
 step by step (`flow_enclosures.py`); forms are those of `certificate/terms/compile_terms.py`. They
@@ -6,11 +6,11 @@ compute with balls; or with the values of a program, of a flow that is the same 
 Non-goals: maps (`sc_chains.py`), sets (`group_claims.py`).
 
 Everything is kept as rows over z: the states at the beginning of the hold, the commands that acted
-before, one unknown in [-1, 1] times `rho` for each new command, and 1. `OpenedForm.z` has the
-generators of z as rows over 1, the symbols of the cell, the betas of the states, those of the old
-commands, and those of the new ones: ranges are sums of absolute values of `rows z`.
-A rest is an exact number, the upper end of a bound: rows are subtracted later on, and what they
-have in common cancels in numbers, but not in balls.
+before, for each new command what it may be off its row, and 1. `OpenedForm.z` has each entry of z
+as a row over 1, the symbols of the cell, the betas of the states, those of the old commands, and
+those of the new ones: ranges are sums of absolute values of `rows z`. A rest is an exact number,
+the upper end of a bound: rows are subtracted later on, and what they have in common cancels in
+numbers, but not in balls.
 
 A command acts from e before its nominal time to l after it (`sc_chains.Window`), w = e + l. The
 sample that it answers was taken at s in [-d, w] from k delta - e, while commands acted that are
@@ -76,25 +76,25 @@ if TYPE_CHECKING:
 
 NOW = Fraction(0)
 DEPTH_MAX = 16
-"""Commands that a form carries along at most."""
+"""The most commands that a form carries along."""
 
 
 @dataclass(frozen=True)
 class Times:
-    """In s: SC's period, how old samples are, how early and late a command acts (`Window`)."""
+    """Times in s: SC's period; `d`: a sample's greatest age; how early, how late commands act."""
 
     delta: Fraction
     d: Fraction = NOW
     early: Fraction = NOW
     late: Fraction = NOW
     taken: tuple[Fraction, Fraction] = (NOW, NOW)
-    """When the first sample was taken, relative to a_0."""
+    """The span in which the first sample was taken, relative to a_0."""
     anew: bool = False
     """Whether each instant of a hold may answer a sample of its own, taken since d before it."""
 
 
 class FlowChain:
-    """The steps of a chain, and free phases, of one group."""
+    """Leads forms of one group over holds and free phases; `NotCertainError` where it cannot."""
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class FlowChain:
             times = Times(times.delta)  # no command moves this group: when one acts is the same
         self.times, self.delta = times, times.delta
         self.span = times.early + times.late
-        """For how long it is not certain which command acts."""
+        """The time, at each switch, for which it is not certain which command acts."""
         reach = NOW if self.times.anew else times.d + self.span
         self.depth = int(-(-reach // self.delta))
         """How many commands may have acted since a sample was taken, or may still act."""
@@ -117,7 +117,7 @@ class FlowChain:
             raise NotRecheckedError("an SC that reads states much older than its period")
         self.layout = FormLayout(self.n, self.q, self.depth)
         self.behind = [exact(max(NOW, reach - k * self.delta)) for k in range(1, self.depth + 1)]
-        """How far the sample reaches back beyond the certain rule of the k latest commands."""
+        """For k = 1, 2, ...: how long, from the sample on, others than the k latest may act."""
         self.least_pieces = flow.steps(self.delta)
 
     @property
@@ -127,7 +127,7 @@ class FlowChain:
 
     @cached_property
     def law(self) -> tuple[Function, list[Interval]]:
-        """The rows of SC's commands over a form of the sample, and where they hold.
+        """A function from a form of the sample to the rows of SC's commands, and its domain.
 
         What is not known of the sample is noise. Beside a limit of SC's a line over what is known
         stays within the limit; a line over both went beyond it by its slope times the noise.
@@ -144,33 +144,33 @@ class FlowChain:
     # ------------------------------------------------------------ steps of a chain
 
     def first(self, pieces: int, form: Form) -> Image:
-        """The hold from a_0 to delta - e."""
+        """The first hold, from a_0 to delta - e: the form then, and the boxes on the way."""
         before = self.flow.ranges * self.depth  # anything
         return self._hold(self.layout.opened(form, before), pieces, fresh=True)
 
     def later(self, pieces: int, form: Form) -> Image:
-        """A later hold, from k delta - e to (k + 1) delta - e."""
+        """A later hold, from k delta - e to (k + 1) delta - e: as `first`."""
         return self._hold(self.layout.opened(form, None), pieces, fresh=False)
 
     def last(self, pieces: int, form: Form) -> Image:
-        """What follows N delta - e, over [0, e + l], the latest command still acting."""
+        """The boxes over [0, e + l] after N delta - e, while the latest command still acts."""
         start = self.layout.opened(form, None)
         return (), self._led(start, self._old(start), [(self.span / pieces, NOW)] * pieces)[1]
 
     def free(self, time: Fraction, pieces: int, form: Form) -> Image:
-        """A free phase: over [0, time] under any commands."""
+        """A free phase: the boxes over [0, time] s under any commands."""
         start = self.layout.opened(form, self.flow.ranges * self.depth)
         spans = [(time / pieces, NOW)] * (pieces if time else 0)
         return (), self._led(start, self._any(start), spans)[1]
 
     def _hold(self, start: OpenedForm, pieces: int, *, fresh: bool) -> Image:
-        """One command of SC: what it answers, and where it leads."""
+        """A hold: the command that SC answers, where it leads, and the boxes on the way."""
         new = self._answered(start, fresh=fresh)
         way, boxes = self._led(start, new, self.spans(pieces * self.least_pieces, fresh=fresh))
         return self.layout.closed(start, way, new), boxes
 
     def spans(self, count: int, *, fresh: bool) -> list[tuple[Fraction, Fraction]]:
-        """The steps of a hold, and for how long the old command may act in each."""
+        """The steps of a hold: how long each is in s, and for how long the old command may act."""
         early = NOW if fresh else self.span
         whole = self.delta - self.times.early if fresh else self.delta
         if count == 1 and not self.flow.apart:
@@ -180,7 +180,7 @@ class FlowChain:
         return [*handed, *[(rest / count, NOW)] * (count if rest else 0)]
 
     def _old(self, start: OpenedForm) -> CommandRows:
-        """The command that acts already."""
+        """The command that acts already when the hold begins."""
         n, q = self.n, self.q
         return CommandRows(start.rows(n, q), start.ranges[n : n + q])
 
@@ -290,7 +290,7 @@ class FlowChain:
         return placed
 
     def _others(self, start: OpenedForm) -> list[Any]:
-        """The integrals of what others than the latest differ from it, back to the sample."""
+        """For each command the integral, back to the sample, of what older ones differ from it."""
         n, q = self.n, self.q
         integrals = []
         for k in range(q):
@@ -311,7 +311,7 @@ class FlowChain:
     def _led(
         self, start: OpenedForm, new: CommandRows, spans: Sequence[tuple[Fraction, Fraction]]
     ) -> tuple[StateRows, Boxes]:
-        """Where commands lead, step by step, and the boxes on the way."""
+        """The states after these steps under the commands `new`, and the boxes on the way."""
         way, boxes = self.layout.begun(start), []
         for span, early in spans:
             way, tube = self._step(start, way, new, span, early)
@@ -326,7 +326,7 @@ class FlowChain:
         span: Fraction,
         early: Fraction,
     ) -> tuple[StateRows, Boxes]:
-        """`span` later; up to `early` the old commands may act. The box of all states between."""
+        """The states `span` later, and the box between; up to `early` the old commands may act."""
         ranges = new.ranges
         if early:
             old = self._old(start)
@@ -348,7 +348,7 @@ class FlowChain:
 
     @staticmethod
     def _compared(before: Boxes, after: Boxes, local: Enclosure, span: Fraction) -> list[Interval]:
-        """Ranges after a step: beside a limit of SC's rows go beyond what its ranges lead to."""
+        """Ranges after a step, also from those before it: beside a limit of SC they say more."""
         box = []
         for i, (low, high) in enumerate(before):
             own = local.a[i][i]
@@ -357,7 +357,7 @@ class FlowChain:
         return box
 
     def _placed(self, start: OpenedForm, way: StateRows, local: Enclosure) -> StateRows:
-        """The box of what is known of states; those that stand are where they were."""
+        """The states with new ranges, from their rows; a state whose rate is 0 keeps its range."""
         box = []
         for i, row in enumerate(product(way.rows, start.z)):
             radius = spread_of(row[1:]) + way.rest[i]
@@ -365,7 +365,7 @@ class FlowChain:
         return StateRows(way.rows, way.rest, self.flow.ended(box, local))
 
     def _between(self, way: StateRows, after: StateRows, local: Enclosure, span: Fraction) -> Boxes:
-        """The box of the states between two instants: low, high, low, high, ..., outwards."""
+        """The box of the states between two instants: low, high, low, ..., rounded outwards."""
         tube = []
         for i, rates in enumerate(local.rates):
             own = local.a[i][i]
@@ -407,9 +407,9 @@ def _apart(a: Interval, b: Interval) -> Any:  # noqa: ANN401  a ball or a value
 
 
 def _recentred(row: list[Any], spread: Any, within: Interval, z: Rows) -> Any:  # noqa: ANN401
-    """Move a row to the middle of what a number may be off it; gives how far it may be then.
+    """Move the constant of a number's row to make its greatest error least; returns that error.
 
-    By its spread, by what is not known of the row's constant, and by the interval that the number
+    It follows from the spread, from the constant's radius, and from the interval that the number
     lies in, which says more beside a limit: rows touch it.
     """
     constant = applied("mid", row[-1])

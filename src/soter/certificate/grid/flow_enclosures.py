@@ -1,10 +1,9 @@
 """Flows over a span of time, in Arb: a box of all solutions, a linear model, its solution.
 
-Purpose: `around`: a box that holds every solution for a while, and over it the matrices of x' =
-A x + B u + c +- w (`Enclosure`); `solved`: what these come to (`Solution`). `LocalFlow` makes both
-anew around each box; `SolvedFlow` is a linear flow, which is solved once for all boxes.
-Non-goals: chains and forms (`flow_chains.py`); reading and solving linear flows
-(`linear_flows.py`).
+Purpose: for the steps of `flow_chains.py`. `around` gives a box that holds every solution for a
+span, and the matrices of x' = A x + B u + c +- w in it (`Enclosure`); `solved` their solution.
+`LocalFlow` makes both anew around each box; `SolvedFlow`, a linear flow, once for all boxes.
+Non-goals: chains and forms (`flow_chains.py`); solving linear flows (`linear_flows.py`).
 
 Argument of `around`. Let X be a box of states, U one of commands, s <= 0 <= t, B a box and F the
 range of the derivative over B x U x D, and let every point of X plus [s, t] F lie in B. The
@@ -73,17 +72,17 @@ if TYPE_CHECKING:
     Interval = tuple[Any, Any]
 
 ROUNDS = 8
-"""How often a box is enlarged before there is none."""
+"""How often a box is enlarged before `around` gives up."""
 LOOSE = arb("1.1")
-"""How much further than it must a box is enlarged."""
+"""The factor by which a box is enlarged further than it must be."""
 NEARER = 2
 """How often a box of the past of a linear flow is made smaller by the rates that are in it."""
 HAIR = arb(2) ** -40
 STIFF, STEPS_MAX = arb("1.2"), 64
-"""A step is at most this long, times the rates; so many are enough."""
+"""A step is at most `STIFF` over the rates, and a span is cut into at most `STEPS_MAX` steps."""
 TERMS_MAX = 24
 REST = arb(2) ** -40
-"""Where a series may end, relative to its first term."""
+"""The size, relative to a series' first term, at which the series may end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +96,7 @@ class Enclosure:
     noise: list[arb]
     rates: list[Interval]
     others: list[Any]
-    """Of each rate what it is without a_ii x_i, as a ball."""
+    """For each rate the ball that it is without a_ii x_i."""
 
     def stands(self, i: int) -> bool:
         """Whether the rate of a state is certainly 0."""
@@ -105,7 +104,7 @@ class Enclosure:
 
 
 class KeptEnds:
-    """The grid of a group, and which ends of its axes the flow keeps."""
+    """The grid of a group, and which ends of its axes no run crosses (`inward_flow.py`)."""
 
     def __init__(
         self, model: CaseModel, members: Sequence[int], kept: Sequence[tuple[bool, bool]]
@@ -115,7 +114,7 @@ class KeptEnds:
         self.kept = list(kept) or [(False, False)] * self.n
 
     def clipped(self, box: Sequence[Interval]) -> list[Interval]:
-        """A box without what lies beyond ends that the flow keeps."""
+        """A box without what lies beyond ends that no run crosses."""
         return [
             (
                 applied("max", low, least) if first else low,
@@ -153,7 +152,7 @@ class SolvedFlow(KeptEnds):
         self._added = lru_cache(maxsize=None)(self._added_within)
 
     def steps(self, span: Fraction) -> int:
-        """Into how many a span is cut at least."""
+        """Into how many steps a span is cut at least: one."""
         del span
         return 1
 
@@ -192,7 +191,7 @@ class SolvedFlow(KeptEnds):
     def _rates(
         self, met: Sequence[Interval], commands: Sequence[Interval]
     ) -> tuple[list[Any], list[Any]]:
-        """Of each state in a box, and what it is without its own part."""
+        """The rate of each state in a box, and what that is without a_ii x_i."""
         flow, rates, others = self.flow, [], []
         held = [applied("union", *ends) for ends in (*met, *commands)]
         for i, row in enumerate(beside(flow.a, flow.b)):
@@ -202,14 +201,14 @@ class SolvedFlow(KeptEnds):
         return rates, others
 
     def _added_within(self, start: Fraction, end: Fraction) -> tuple[list[arb], Rows]:
-        """What disturbances add at most, and each command that is anything in [-1, 1]."""
+        """The most that disturbances add to a state, and that each command in [-1, 1] adds."""
         flow, columns = self.flow, range(len(self.moves))
         gains = [flow.added([[row[k]] for row in flow.b], start, end) for k in columns]
         rows = [[gain[i] for gain in gains] for i in range(self.n)]
         return flow.added(flow.noise, start, end), rows
 
     def ended(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
-        """Where the states are in the end, by `box` and by an enclosure of all of the span."""
+        """The states' ranges at the end of a span, from `box` and the enclosure of the span."""
         del enclosure  # says no more
         return self.clipped(box)
 
@@ -225,13 +224,13 @@ class SolvedFlow(KeptEnds):
         end: Fraction,
         radii: Sequence[Any],
     ) -> list[Any]:
-        """What disturbances add, and commands that are so far off at any time, in [start, end]."""
+        """The most that disturbances add in [start, end], with commands off by up to `radii`."""
         del enclosure
         noise, gains = self._added(start, end)
         return [x + sum_of_sizes(row, radii) for x, row in zip(noise, gains, strict=True)]
 
     def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
-        """That of e^{As} over [0, t], for all t in [start, end]."""
+        """The integral of e^{As} over [0, t], for all t in [start, end]."""
         return integrals(enclosure.a, start, end)
 
 
@@ -265,7 +264,7 @@ class LocalFlow(KeptEnds):
         ]
 
     def steps(self, span: Fraction) -> int:
-        """Into how many a span is cut at least: few where rates are slow."""
+        """Into how many steps a span is cut at least: few where rates are slow."""
         try:
             lines = self.lines(self.grid, self.ranges)
         except NotCertainError:
@@ -274,9 +273,9 @@ class LocalFlow(KeptEnds):
         return max(1, math.ceil(min(float(rates * exact(span) / STIFF), STEPS_MAX)))
 
     def lines(self, box: Sequence[Interval], commands: Sequence[Interval]) -> list[arb]:
-        """The rows of the derivative over a box.
+        """The rows of the derivative over a box, as `compile_lines` has them.
 
-        `NotCertainError` where it is not defined on all of it.
+        `NotCertainError` where the derivative is not defined on all of the box.
         """
         for (low, high), (least, most) in zip(box, self.domain, strict=True):
             if not (low >= least and high <= most and low <= high):
@@ -318,7 +317,7 @@ class LocalFlow(KeptEnds):
     def _moved(
         self, box: Sequence[Interval], rates: Sequence[Interval], start: arb, end: arb
     ) -> list[Interval]:
-        """Where a state of the box may be in [start, end] with these rates, clipped."""
+        """The box of the states of `box` over [start, end] with these rates, clipped."""
         intervals = []
         for (low, high), (least, most) in zip(box, rates, strict=True):
             down = (end * least).min(start * most).min(ZERO)
@@ -329,7 +328,7 @@ class LocalFlow(KeptEnds):
     def _looser(
         self, box: Sequence[Interval], moved: Sequence[Interval], hair: arb
     ) -> list[Interval]:
-        """Further from `box` than `moved` by a tenth, and by hairs."""
+        """A box further out than `moved`: by a tenth of its way from `box`, and by a hair."""
         intervals = []
         for (low, high), (least, most), (first, last) in zip(box, moved, self.grid, strict=True):
             more = (last - first) * hair
@@ -343,7 +342,7 @@ class LocalFlow(KeptEnds):
     def enclosure(
         self, box: Sequence[Interval], commands: Sequence[Interval], lines: Sequence[arb]
     ) -> Enclosure:
-        """The linear model out of the rows; a state that certainly stands still has zeros."""
+        """The linear model that these rows say; the row of a state that stands still is zero."""
         n, m = self.n, len(self.moves)
         width = n + m + TAIL
         rows, rates = [], self.rates(lines)
@@ -366,7 +365,7 @@ class LocalFlow(KeptEnds):
         )
 
     def ended(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
-        """Where the states are in the end, by `box` and by an enclosure of all of the span."""
+        """The states' ranges at the end of a span, from `box` and the enclosure of the span."""
         pairs = zip(box, enclosure.box, strict=True)
         return self.clipped([outwards(larger(a, c), smaller(b, d)) for (a, b), (c, d) in pairs])
 
@@ -383,7 +382,7 @@ class LocalFlow(KeptEnds):
     def noise(
         self, enclosure: Enclosure, start: Fraction, end: Fraction, radii: Sequence[arb]
     ) -> list[arb]:
-        """What disturbances add, and commands that are so far off at any time, in [start, end].
+        """The most that disturbances add in [start, end], with commands off by up to `radii`.
 
         By |e^{As}| <= e^{Ms}: M has |a_ij| off the diagonal and a_ii on it (backwards: -a_ii; both
         ways: |a_ii|), for with A + k >= 0 on the diagonal e^{As} = e^{-ks} e^{(A + k) s}, and
@@ -397,7 +396,7 @@ class LocalFlow(KeptEnds):
         return times(integral_of(major, exact(max(-start, end))), sizes)
 
     def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
-        """That of e^{As} over [0, t], for all t in [start, end].
+        """The integral of e^{As} over [0, t], for all t in [start, end].
 
         It is t + A t^2/2 to within |A|^2 |t|^3/6 e^{|A t|}, |A| the largest sum of a row, and
         exactly t in the rows of states whose rate depends on none.
@@ -453,7 +452,7 @@ def size_of(a: Rows) -> arb:
 
 
 def domain_of(terms: Terms, inputs: Sequence[int]) -> list[Interval]:
-    """Where each of the inputs may lie at all: elsewhere the terms do not hold."""
+    """The range in which each of the inputs may lie: elsewhere the terms do not hold."""
     return [(terms.atoms[a].low, terms.atoms[a].high) for a in inputs]
 
 
@@ -467,7 +466,7 @@ def _within(box: Sequence[Interval], other: Sequence[Interval]) -> bool:
 
 
 def _own_obligations(terms: Terms, own: Sequence[int], states: Sequence[int]) -> list[Proposition]:
-    """What must hold for the derivative to be defined, but for what is another group's matter."""
+    """The obligations of the derivative, without those that speak of other groups alone."""
     obligations = []
     for truth in terms.obligations:
         inputs = inputs_of(terms, [truth]).intersection(states)

@@ -1,4 +1,4 @@
-"""Groups on grids, checked again: their tables, and their claims as inclusions cell by cell.
+"""The method of grids: a group's tables of cells, and its claims as inclusions, cell by cell.
 
 Purpose: `GridGroup` and `GridCheck`, the method of proof (`groups.py`); from the sets S of all
 cases the bytes that a DM with computed predicates reads (docs/verification.md, section 3).
@@ -56,15 +56,15 @@ if TYPE_CHECKING:
 BLOCKS = 24
 """Into how many blocks a grid is dealt out to the processors, at least."""
 BLOCK = 1_000
-"""Cells of a block of a larger one, about: how far a re-check is is told block by block."""
+"""About so many cells has a block of a larger grid: progress is told block by block."""
 SMALL = 4_000
-"""Cells; a smaller grid is not worth it."""
+"""A grid with no more cells is not dealt out: it is not worth it."""
 CELLS_TRIED = 3
-"""Of K: the first, one in the middle, the last."""
+"""From so many cells of K a trial follows SC: the first, one in the middle, the last."""
 HOLDS_TRIED = 2
-"""For so many holds SC is followed from each of them."""
+"""The most holds for which a trial follows SC from each of them."""
 BITS = 2
-"""A level: 0: ttf, 1: an estimate in S_0, 2: in S_(m-2); in every case."""
+"""Bits of a cell's level in the DM's table: 0: ttf, 1: in S_0, 2: in S_(m-2) of every case."""
 FULL = 2
 CELLS_IN_A_BYTE = 4
 
@@ -110,7 +110,7 @@ class GridGroup(Group):
         return self.tables
 
     def check(self, model: CaseModel, lawful: Cells | None) -> GridCheck:
-        """What shows the claims of this group, cell by cell."""
+        """The check that shows the claims of this group cell by cell."""
         return GridCheck(model, self.tables, lawful)
 
     def compare(
@@ -134,7 +134,7 @@ class GridGroup(Group):
                 _shield(certificate, facts, g, entry)
 
     def kept_by(self, law: Sequence[Group]) -> Cells:
-        """RejectedError where the law is looked at on other cells."""
+        """The cells that the law keeps; RejectedError where these are cells of another grid."""
         own = self.tables
         for other in (g.tables for g in law if isinstance(g, GridGroup)):
             if other.states == own.states and other.grid.edges == own.grid.edges:
@@ -147,11 +147,11 @@ class GridGroup(Group):
 
     @property
     def unentered(self) -> str:
-        """Nothing is known where R(H) is not."""
+        """Why `entered` says nothing: there is no R(H); "": there is one."""
         return "there is no R(H)" if self.tables.free is None else ""
 
     def entered(self, model: CaseModel, expr: typed.TypedExpr) -> str:
-        """Nothing of the state is known where it is judged: neither that it is safe."""
+        """Where `expr` may hold outside R(H), in words; not even `safe` is taken to hold there."""
         grid = self.tables.grid
         assert self.tables.free is not None
         check = AdmitCheck(model, self.tables, expr, admits=True, anywhere=True)
@@ -162,7 +162,7 @@ class GridGroup(Group):
         return f"it may hold outside R(H), at {names} in {grid.text(failed)}"
 
     def never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
-        """Asked of the table of the DM alone; `drawn` (one a state) is not needed."""
+        """Read off the table of the DM alone; `drawn` (one a state) is not needed."""
         del drawn
         given, levels = self.tables.given_back, self.tables.levels
         if given is not None and not given.any():
@@ -172,7 +172,7 @@ class GridGroup(Group):
         return "", ""
 
     def drawn(self, facts: Facts, chance: np.random.Generator) -> Iterator[list[float]]:
-        """Anywhere in a cell of K, each as often."""
+        """Random points of K: each cell as often, and anywhere in it."""
         del facts
         inside = np.argwhere(self.tables.core > 0)
         while True:
@@ -182,7 +182,7 @@ class GridGroup(Group):
 
 
 class GridCheck(GroupCheck):
-    """Its claims under one combination of parameter values."""
+    """The claims about a group on a grid, under one combination of parameter values."""
 
     def __init__(self, model: CaseModel, tables: GroupTables, lawful: Cells | None) -> None:
         self.model, self.tables, self.grid = model, tables, tables.grid
@@ -195,12 +195,12 @@ class GridCheck(GroupCheck):
 
     @property
     def sees_rates(self) -> bool:
-        """Chains of a flow that is not linear do, where there are any."""
+        """Whether chains follow a flow that is not linear: these need its rates to be defined."""
         return not self.kept and not is_linear(self.model, self.tables.states)
 
     @cached_property
     def chains(self) -> ChainCheck:
-        """What is compiled is compiled before processes are forked."""
+        """The chains of SC; those first tried are compiled here, before processes are forked."""
         check = ChainCheck(self.model, self.tables)
         check.chain(PIECES[0])
         return check
@@ -210,7 +210,7 @@ class GridCheck(GroupCheck):
         return self.kept and all(s.members.all() for s in sets)
 
     def tried(self, claims: set[str]) -> None:
-        """SC, and any command, are followed from a few cells of K, wherever that leads."""
+        """Follow SC, and any command, from a few cells of K, wherever that leads."""
         everywhere = Cells(self.grid, np.ones(self.grid.shape, dtype=np.bool_))
         free = FreeCheck(self.model, self.tables, self.model.facts.times["H_ns"])
         cells = np.argwhere(self.kernel.members)
@@ -223,15 +223,15 @@ class GridCheck(GroupCheck):
                 free.stays(box, everywhere, FREE_PIECES[0])
 
     def safe(self, cells: Cells) -> None:
-        """On these; RejectedError where K is empty."""
+        """`safe` is certain on these cells; RejectedError where K is empty."""
         if self.kernel.size == 0:
             raise RejectedError("K is empty")
         self.allowed &= cells.members
 
     def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
-        """SC has to keep the state among them, as a plant that publishes anything else stops.
+        """SC has to keep the state in `cells`: a plant that publishes anything else stops.
 
-        RejectedError where K holds others.
+        RejectedError where K holds other cells.
         """
         del checks
         if (self.kernel.members & ~cells.members).any():
@@ -244,7 +244,7 @@ class GridCheck(GroupCheck):
         return True
 
     def core(self) -> Iterable[Task]:
-        """From each cell of K SC leads back to K, after as many holds as the cell says.
+        """Show that SC leads from each cell of K back to K, after as many holds as the cell says.
 
         RejectedError where `safe` is not certain on a cell of K.
         """
@@ -270,7 +270,7 @@ class GridCheck(GroupCheck):
         return [*tasks, *blocks(what, self.grid, show, holds)]
 
     def free(self, horizon_ns: int) -> Iterable[Task]:
-        """From each cell of R no command leads out of K; RejectedError where there is no R."""
+        """Show that no command leads from a cell of R out of K; RejectedError without R."""
         if self.tables.free is None:
             raise RejectedError("a claim needs R, which is not there")
         if self._never_left(self.kernel):
@@ -281,7 +281,7 @@ class GridCheck(GroupCheck):
         return blocks("some command leads out of K within H from", self.grid, show)
 
     def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
-        """On no cell outside R may the predicate leave AC in control."""
+        """Show that the predicate leaves AC in control on no cell outside R."""
         assert self.tables.free is not None
         if self.tables.free.all():
             return ()
@@ -290,7 +290,7 @@ class GridCheck(GroupCheck):
         return blocks(f"`{name}` may leave AC in control outside R(H) in", self.grid, show)
 
     def levels(self, between_ns: int) -> Iterator[Task]:
-        """Each S_k from S_(k-1), and S_0 from R; and what a shield permits.
+        """Show each S_k from S_(k-1), S_0 from R, and what a shield permits.
 
         RejectedError where they are too few, or one is no part of the one before.
         """
@@ -317,7 +317,7 @@ class GridCheck(GroupCheck):
 
     @property
     def holds(self) -> int:
-        """The longest of every rank together; RejectedError without ranks."""
+        """The sum, over all ranks, of the longest chain of each; RejectedError without ranks."""
         rank, holds = self.tables.rank, self.tables.rank_holds
         if rank is None or holds is None:
             raise RejectedError("a claim needs Q and W, which are not there")
@@ -326,7 +326,7 @@ class GridCheck(GroupCheck):
         return int(of_rank[1:].sum())
 
     def home(self, calm: Cells | None) -> Iterator[Task]:
-        """From each cell of Q, and from each of K to lower ranks.
+        """SC stays in Q from each cell of it, and leads from each other cell of W to lower ranks.
 
         RejectedError where Q, W or the table of the DM is not there, or they do not fit;
         NotRecheckedError where K has cells at rest.
@@ -362,13 +362,13 @@ class GridCheck(GroupCheck):
         yield from blocks(what, self.grid, nearer, tables.rank_holds)
 
     def _on_finer(self) -> GridCheck:
-        """A check of the way back on the smaller cells of Q and W."""
+        """The check of the way back, on the smaller cells of Q and W."""
         if self.tables.given_back is None:
             raise RejectedError("Q has cells of its own, and the DM has no table")
         return GridCheck(self.model, self.tables.on_finer(), self.lawful)
 
     def start(self, until_ns: int) -> Iterable[Task]:
-        """At once: it is one box; RejectedError where it may leave K."""
+        """Shown at once, as it is one box; RejectedError where that may leave K."""
         box = Grid(tuple(self._starts()))
         inside = self.grid.cells([end for edges in box.edges for end in edges]) is not None
         if not (inside and self._never_left(self.kernel)):
@@ -449,7 +449,7 @@ def _compare_axes(
 
 
 def _shield(certificate: Certificate, facts: Facts, group: GroupTables, entry: Entry) -> None:
-    """What the DM holds of commands."""
+    """Read which commands the DM's shield permits; RejectedError for a command there is not."""
     names = [c.name for c in facts.controls]
     if entry["command"] is not None and entry["command"] not in names:
         raise RejectedError("a table of the DM is about a command that there is not")

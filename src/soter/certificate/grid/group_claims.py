@@ -1,4 +1,4 @@
-"""The claims about one grid in one case, each inclusion recomputed from its witnesses.
+"""The inclusions of sets of cells that the claims about a grid consist of, computed anew.
 
 Purpose: K, R(H), Q, W of a group, and the start, cell by cell.
 Non-goals: predicates (`certificate/cell_predicates.py`), certificates (`certificate/folder.py`),
@@ -45,20 +45,20 @@ FREE_PIECES = (4, 16, 64)  # the prover cuts as finely as the last
 SPLITS = 6
 """How often a single cell is halved before it counts as failed."""
 SPLITS_CUT = 4
-"""The same where sets are halved on the way as well."""
+"""How often it is halved where sets are halved on the way as well."""
 MID_CUTS = (4, 7)
-"""How often, at equal distances, first and then; each doubles the work that is left."""
+"""How often sets are halved on the way, at equal distances; each time doubles the work left."""
 LED_IN = ((0, 0), (SPLITS_CUT, MID_CUTS[0]), (SPLITS, 0), (SPLITS_CUT, MID_CUTS[1]))
-"""How often a cell is halved, and sets on the way: what is tried, one after the other."""
+"""(how often a cell is halved, how often sets on the way are): tried one after the other."""
 WINDOWS = 4
-"""Into how many parts runs are told apart by how late their first command acted, and then by how
-old the sample was that it answers."""
+"""Into so many parts runs are cut by how late their first command acted, and then also by how old
+the sample was that it answers."""
 UNRANKED = 1 << 20
 
 
 @dataclass(eq=False)
 class GroupTables(Axes):
-    """The sets of one group as the certificate has them."""
+    """The sets of one group as the certificate has them: K (`core`), R, Q, W, W_N, the S_k."""
 
     core: NDArray[np.uint8]
     free: NDArray[np.bool_] | None = None
@@ -69,8 +69,8 @@ class GroupTables(Axes):
     given_back: NDArray[np.bool_] | None = None
     """Estimates on which the table of the DM gives control back to AC: S_(m-2) of all cases."""
     tops: NDArray[np.uint8] | None = None
-    """Of a shield: for every cell of estimates and least command cell the number of cells up to the
-    greatest that is permitted with it, 0 where none is; the grid's shape and the command cells."""
+    """The table of a shield, (*grid, command cells): for each cell of estimates and least command
+    cell the number of cells up to the greatest that is permitted with it, 0 where none is."""
     command: int | None = None
     """The control that it is about; None: none moves the group."""
     finer: Grid | None = None
@@ -108,21 +108,21 @@ class _Within:
 
 
 class ChainCheck:
-    """Whether SC leads from boxes to a set, within another one on the way."""
+    """Asks whether SC leads from boxes to a set, within another one on the way."""
 
     def __init__(self, model: CaseModel, group: GroupTables) -> None:
         self.model, self.group = model, group
         self._chains: dict[tuple[int, Window], Chain] = {}
 
     def chain(self, pieces: int, window: Window = EVERY) -> Chain:
-        """Compiled when it is first needed."""
+        """The chain of a window, compiled when it is first needed."""
         key = pieces, window
         if key not in self._chains:
             self._chains[key] = sc_chain(self.model, self.group.states, pieces, window)
         return self._chains[key]
 
     def _tried(self) -> list[tuple[Window, ...]]:
-        """Windows of which all together are all runs: one first, then several."""
+        """The splits to try: tuples of windows that together are all runs, one window first."""
         parts = windows(self.model, self.group.states, WINDOWS)
         aged = windows(self.model, self.group.states, WINDOWS, by_age=True)
         return list(dict.fromkeys([(EVERY,), parts, aged]))
@@ -182,7 +182,7 @@ class ChainCheck:
     def _after(
         self, chain: Chain, form: tuple[arb, ...], within: _Within
     ) -> list[tuple[float, ...]] | None:
-        """The boxes in which everything may be when the last command ends; None: not within."""
+        """The boxes of all states while the last command may still act; None: not within."""
         n = len(self.group.states)
         if chain.last is None:
             end = _box_of(form, n)
@@ -200,9 +200,9 @@ class ChainCheck:
         within: Cells,
         target: Callable[[Sequence[float]], bool],
     ) -> bool:
-        """The same with finer tubes, in parts of the box, and in parts on the way.
+        """As `leads`, with finer tubes, in parts of the box, and in parts on the way.
 
-        Then once more for runs whose commands act nearly as late as each other.
+        Then once more for each of several windows of runs by itself.
         """
 
         def fine(part: list[tuple[arb, arb]], some: Sequence[Window], cuts: int) -> bool:
@@ -313,20 +313,20 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
 
 
 class FreeCheck:
-    """Whether whatever is commanded for some time keeps boxes in a set."""
+    """Asks whether boxes stay in a set for some time, whatever is commanded."""
 
     def __init__(self, model: CaseModel, group: GroupTables, time_ns: int) -> None:
         self.model, self.group, self.time_ns = model, group, time_ns
         self._phases: dict[int, tuple[Step, ...]] = {}
 
     def phase(self, pieces: int) -> tuple[Step, ...]:
-        """Compiled when it is first needed."""
+        """The steps of the free phase, compiled when they are first needed."""
         if pieces not in self._phases:
             self._phases[pieces] = free_phase(self.model, self.group.states, self.time_ns, pieces)
         return self._phases[pieces]
 
     def stays(self, box: list[tuple[arb, arb]], within: Cells, pieces: int) -> bool:
-        """At every time in [0, time], the beginning included."""
+        """Whether all runs from a box are in `within` at every time in [0, time]."""
         maps = self.model.facts.kind == "map"
         form = form_of_box(box, symbols=True)
         start = _box_of(form, len(self.group.states))
@@ -342,7 +342,7 @@ class FreeCheck:
         return True
 
     def keeps(self, box: list[tuple[arb, arb]], within: Cells, splits: int) -> bool:
-        """The same; where it is not seen at once, in finer tubes of parts, halved so often."""
+        """As `stays`; where that fails, with finer tubes of parts of the box, halved so often."""
         if self.stays(box, within, FREE_PIECES[0]):
             return True
         tried = (partial(self.stays, within=within, pieces=n) for n in FREE_PIECES[1:])

@@ -1,8 +1,8 @@
-"""Checked again: cells from which SC stands still, "Rest anywhere" of docs/proof-sets.md.
+"""Cells from which SC comes to rest, wherever it then is: "Rest anywhere" of docs/proof-sets.md.
 
-Purpose: `rests`: that SC keeps them in C for ever. A certificate marks them, and no more: which
-states nothing reads (the ways), the box B that the others stay in, and how far a way gets in all is
-found here.
+Purpose: `rests` shows that SC keeps C for ever from the cells that a certificate marks so. It marks
+them, and no more: which states nothing reads (the *ways*), the box B that the others stay in, and
+how far a way gets in all is found here.
 Non-goals: cells with a number of holds (`group_claims.py`).
 
 Let B be a box of the other states around 0, and a little more. Where each is above 0 (below it,
@@ -44,13 +44,13 @@ if TYPE_CHECKING:
     Rates = Mapping[Signs, Sequence[Interval]]
 
 RESTS = 255
-"""What K has in the place of N for such a cell."""
+"""The number that K's table has for such a cell, in place of the number of holds."""
 HAIR = exact(2.0**-21)
-"""By so much of itself B is looked at beyond itself: a run that left it would be there first."""
+"""The share of B's width by which it is looked at beyond its ends, where a run that left it is."""
 
 
 class Resting:
-    """Cells of one group that are marked so; NotRecheckedError where it is not shown of all."""
+    """The marked cells of one group; NotRecheckedError where the argument does not hold of it."""
 
     def __init__(self, model: CaseModel, group: Axes, marked: NDArray[np.bool_], c: Cells) -> None:
         """`marked`: of the grid's shape; `c`: cells of C."""
@@ -98,9 +98,9 @@ class Resting:
         return terms, states
 
     def _commands(self) -> tuple[list[Interval], set[int]]:
-        """What SC may answer to anything, and the states that it or a rate reads.
+        """The range of each command of SC over all states, and the states that it or a rate reads.
 
-        Which these are is asked with states that may be anywhere, so that no branch is left out.
+        Those are found with states that may be anywhere, so that no branch is left out.
         """
         model = self.model
         terms, states = self._terms({})
@@ -115,7 +115,7 @@ class Resting:
         return [(u.low.max(exact(c.low)), u.high.min(exact(c.high))) for u, c in bounds], read
 
     def _extent(self, axis: int) -> Interval:
-        """B along an axis: 0, and all that marked cells have of it."""
+        """B along an axis: the smallest interval with 0 and with all marked cells."""
         others = tuple(k for k in range(self.marked.ndim) if k != axis)
         places = np.flatnonzero(self.marked.any(axis=others))
         edges = self.grid.edges[axis]
@@ -135,7 +135,7 @@ class Resting:
         return found
 
     def _rates_at(self, signs: Signs, compared: Signs) -> list[Interval]:
-        """The same where comparisons with 0 come out as these other signs say."""
+        """The same where comparisons with 0 come out as the signs `compared` say."""
         ranges = {}
         for axis, (low, high), sign in zip(self.moving, self.box, signs, strict=True):
             hair = (high - low) * HAIR
@@ -156,7 +156,7 @@ class Resting:
     # ------------------------------------------------------------ B, and how far ways get
 
     def _stay(self) -> None:
-        """That no state of B gets farther from 0."""
+        """NotRecheckedError where a state of B may get farther from 0."""
         for signs, rates in self.rates.items():
             for axis, sign in zip(self.moving, signs, strict=True):
                 low, high = rates[axis]
@@ -165,7 +165,7 @@ class Resting:
                     raise NotRecheckedError(f"P2a: SC does not certainly bring {name} nearer to 0")
 
     def _slopes(self, way: int, sign: int) -> list[tuple[int, arb, arb]]:
-        """For each state that will do: c below 0 and above it."""
+        """(y, c below 0, c above 0) for each state y whose c |y| bounds the way's growth."""
         found = []
         for k, axis in enumerate(self.moving):
             c = {-1: ZERO, 1: ZERO}
@@ -231,7 +231,7 @@ class Resting:
         return reached
 
     def _most(self, at: int, sign: int, ends: Sequence[Interval]) -> arb:
-        """How far a way gets from a box at most."""
+        """The farthest that way number `at`, in the direction of `sign`, leads from a box."""
         most = exact(np.inf)
         for axis, under, over in self.far[at][sign > 0]:
             low, high = ends[axis]
@@ -242,7 +242,7 @@ class Resting:
 def rests(
     model: CaseModel, group: Axes, marked: NDArray[np.bool_], c: Cells
 ) -> partial[Iterator[Block]]:
-    """What gives the marked cells of a block that are not shown; NotRecheckedError as `Resting`.
+    """A function of a block: its marked cells that are not shown; NotRecheckedError as `Resting`.
 
     `marked`: shaped as the grid. RejectedError where one of them is none of `c`.
     """

@@ -147,7 +147,7 @@ def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
 
 
 def _linear(model: CaseModel, members: Sequence[int]) -> Test:
-    """A linear form over a box is least at a corner; what else acts on it is noise."""
+    """The test of a linear flow: its form is least at a corner of the box, less its noise."""
     flow = linear_flow(model, members)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
@@ -163,7 +163,7 @@ def _linear(model: CaseModel, members: Sequence[int]) -> Test:
 
 
 def _local(model: CaseModel, members: Sequence[int]) -> Test:
-    """Over parts of the side, halved where it is not certain."""
+    """The test of a flow that is not linear: over parts of the side, halved where it fails."""
     flow = LocalFlow(model, members)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
@@ -188,10 +188,10 @@ NANOSECOND = Fraction(1, 10**9)
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """`first` takes a cell, `later` what came before; each gives a form and boxes met on the way.
+    """`first` takes the form of a cell, `later` that of the hold before; both give form and boxes.
 
-    `last`: from the form before the last switch to the boxes it may then be in, None where that
-    is simply the box of the form. A box is a flat tuple low, high, low, high, ...
+    The boxes hold all states on the way: low, high, low, high, ..., flat. `last`: from the form
+    before the last switch to the boxes in which the switch may be; None: that of the form.
     """
 
     first: Step
@@ -228,7 +228,7 @@ EVERY = Window()
 def windows(
     model: CaseModel, members: Sequence[int], count: int, *, by_age: bool = False
 ) -> tuple[Window, ...]:
-    """All runs in `count` parts, in one where no command acts late.
+    """Windows that together hold all runs: `count` of them, one where no command acts late.
 
     `by_age`: each of these in `count` parts, where a linear flow led from the first sample and all
     that SC reads of it comes one way: what comes several ways may show several instants.
@@ -245,7 +245,7 @@ def windows(
 def sc_chain(
     model: CaseModel, members: Sequence[int], pieces: int, window: Window = EVERY
 ) -> Chain:
-    """The chain of a group, tubes cut into `pieces` a period."""
+    """The chain of a group; `pieces`: into so many times the least number each hold is cut."""
     if model.facts.kind == "map":
         step = map_step(model, members)
         return Chain(step, step, None)
@@ -267,7 +267,7 @@ def sc_chain(
 def free_phase(
     model: CaseModel, members: Sequence[int], time_ns: int, pieces: int
 ) -> tuple[Step, ...]:
-    """Steps over [0, time] under any commands, one after the other; for a map to its instants."""
+    """Functions over [0, time] of any commands, one after the other; of a map one per instant."""
     if model.facts.kind == "map":
         return map_free(model, members, time_ns)
     delta = model.facts.times["delta_ns"] * NANOSECOND
@@ -284,7 +284,7 @@ def _flow(model: CaseModel, members: Sequence[int]) -> LocalFlow | SolvedFlow:
 
 
 def _step(chain: FlowChain, image: Callable[[tuple[Any, ...]], Image], length: int) -> Step:
-    """A step over balls; written down once where the flow is solved once. `length`: of a form."""
+    """A function of forms; compiled where the flow is solved once. `length`: of its form."""
     if isinstance(chain.flow, LocalFlow):
         return partial(_of_balls, image)
     make = Builder()

@@ -1,1 +1,1 @@
-"""Certificates of proofs by induction, checked by an encoding of its own."""
+"""Modules proved by induction: the program is encoded for a solver once more, by other code."""

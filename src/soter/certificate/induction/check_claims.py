@@ -1,9 +1,9 @@
 """The claims of a certificate of an induction, each checked again.
 
-Purpose: that all holds in the first k hyperperiods of every run, and after k in which it held; and
-that no execution stays in SC for as long as P2b says. No search: k is the certificate's.
-Non-goals: reading the program (`induction_problem.py`, `solver_reading.py`), executions
-(`induction_problem.py`).
+Purpose: `recheck_induction` has z3 show that everything claimed holds in the first k hyperperiods
+of every run, and after k in which it held; and that no execution stays in SC for as long as P2b
+says. No search: k is the certificate's.
+Non-goals: reading the program, executions (`induction_problem.py`, `solver_reading.py`).
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ if TYPE_CHECKING:
 KEYS = ("system", "module", "claims", "recover_ns", "induction")
 TOGETHER = ("P2a", "P3", "ttf", "safer", "start")
 WORK = 600_000_000
-"""Of one query, in the solver's own units; a free core takes two minutes or so."""
+"""The most for one query, in the solver's own units; a free core takes two minutes or so."""
 WORK_OF_ALL = 3 * WORK
-"""Of all queries about a module."""
+"""The most for all queries about a module."""
 PATIENCE_MS = 900_000
 RELEASES_MAX = 50_000
-"""In an execution that is followed."""
+"""Releases in an execution that is followed, at most."""
 
 
 @ctrl_c_waits()
@@ -99,16 +99,16 @@ def read_all(flat: System, entry: dict[str, Any]) -> None:
 
 
 def _static(facts: InductionFacts, said: dict[str, str]) -> None:
-    """P1a, P1b, P1c and the latch seen to once more."""
+    """Compare P1a, P1b, P1c and the latch with the program; RejectedError if they overstate."""
     of_the_module(facts.flying, facts.flying_module, said)
     if said.get("P1c") == PROVED and facts.undeclared:
         raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
 
 
 def _induction(facts: InductionFacts, k: int) -> int:
-    """Each instant of a turn after those before it; then as much of the start as that rests on.
+    """Show each instant of a hyperperiod from those before it, then the start of a run.
 
-    Turns of hypothesis that are enough, k at most: a greater k than a proof needs costs nothing.
+    Returns how many hyperperiods of hypothesis are enough, k at most: a greater k costs nothing.
     """
     _affordable(facts, k + 1)
     times = sorted(calendar_of(facts, (k + 1) * facts.turn))
@@ -131,7 +131,7 @@ def _affordable(facts: InductionFacts, turns: int) -> None:
 
 
 def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
-    """For how long all must have held before an instant for it to hold then.
+    """The time (ns) before an instant in which all must have held for it to hold then, too.
 
     A few instants at first, from any state at all: what follows from them follows from more.
     """
@@ -160,7 +160,7 @@ def _fails(
 
 
 def _answer(facts: InductionFacts, solver: z3.Solver, work: int) -> z3.CheckSatResult:
-    """What the solver says with so much work at most; all queries have `WORK_OF_ALL`."""
+    """Ask the solver, with at most `work`; all queries together have `WORK_OF_ALL`."""
     if facts.work >= WORK_OF_ALL:
         raise NotRecheckedError("the solver needs more work than is done")
     before = _spent(solver)
@@ -192,10 +192,10 @@ def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
 
 
 def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
-    """Whether a decision ever gives AC control, or leaves it there, in what is confirmed.
+    """(why no decision gives AC control, or leaves it there; why that was not looked at), or "".
 
-    Why that never is, and why it was not looked at; or "". As everything holds at every instant, no
-    run has a decision that neither the first hyperperiods have nor one after k others.
+    As everything holds at every instant, each decision of a run is one of the first hyperperiods,
+    or one after k others.
     """
     if not topic_reads(facts.symbol.safe):
         return READS_NOTHING, ""

@@ -1,9 +1,9 @@
-"""Checked again: what the map of a view reads changes only in steps of which `enters` holds.
+"""The node part of a hand-over: a view's state jumps only in steps of which `enters` holds.
 
-Purpose: `why_not`: the node part of a hand-over (proof-sets.md), for one topic that a map reads.
-Any two steps in a row of the node that publishes it, and its very first step: what the map reads is
-published as it was published last, or `enters` holds of what the later step reads and publishes,
-and that step publishes all by which the decision module and SC know of the view.
+Purpose: `why_not` asks z3, for one topic that the map of a view reads, of any two steps in a row of
+the node that publishes it, and of its very first step (proof-sets.md, "Hand-over"): either it
+publishes what the map reads as it did last, or `enters` holds of what the later step reads and
+publishes, and that step publishes all by which the decision module and SC know of the view.
 Non-goals: that the state lies in R(H) wherever `enters` holds (`control_changes.py`).
 
 Of the locals before the first of the two steps nothing is taken for granted, nor of what any step
@@ -50,8 +50,8 @@ IN_A_MAP = (
     typed.TypedBinary, typed.Vector, typed.Conditional, typed.TypedCall, typed.Builtin,
     typed.TypedField, typed.Index, typed.TypedLength, typed.Aggregate, typed.Narrow,
 )  # fmt: skip
-"""A map of these moves with the plant that flies, and with the values of topics: never by itself,
-as with `time`, an age or a mode."""
+"""A map made of these changes only with the plant that flies and with the values of topics, and not
+by itself, as one with `time`, an age or a mode does."""
 
 
 @ctrl_c_waits()
@@ -152,7 +152,7 @@ def _paths(e: object, topic: typed.TopicSymbol, path: Path = ()) -> Iterator[Pat
 
 @dataclass
 class _Step:
-    """One step: locals behind it; of each topic whether it is published, and what; its fault."""
+    """One step's effects: locals after it, topics as (whether published, value), fault, reads."""
 
     behind: tuple[Term, ...]
     said: dict[int, tuple[Term, Term]]
@@ -161,7 +161,7 @@ class _Step:
 
 
 class _Steps:
-    """The steps of a node as terms."""
+    """Makes terms of the steps of a node, and asks the solver about two of them in a row."""
 
     def __init__(self, facts: Facts, c: Component) -> None:
         assert facts.whole is not None
@@ -197,7 +197,7 @@ class _Steps:
         last: tuple[Term, Term] | None,
         step: _Step,
     ) -> Term:
-        """That a step publishes another value than the last one did, and must not."""
+        """The term that a step publishes another value than the last one did, where it must not."""
         if topic.index not in step.said:
             return False
         says, value = step.said[topic.index]
@@ -217,7 +217,7 @@ class _Steps:
         return bool(answer_of(solver) == z3.unsat)
 
     def _sight(self, scope: Scope, topics: dict[int, Term], mode: Term) -> VisibleValues:
-        """What a step sees: of a topic one value, and nothing more is known of it."""
+        """The values that a step sees: one for each topic, of which nothing more is known."""
         flying = self.facts.flying
 
         def topic(i: int) -> Term:

@@ -1,10 +1,10 @@
 """The problem of an induction, read again, and its executions: steps, each on the state before.
 
-Purpose: `InductionFacts`, read off the checked program by other code than the prover's, and the
-comparison with what the certificate says. A `TransitionSystem` runs the instants of some
-hyperperiods; at each, every component that is due makes its step, in an order that is left open.
-Topics carry the absolute times of their publications. What holds is recorded at the end of every
-instant. What is known stays a number or a truth of Python.
+Purpose: `read_induction` reads `InductionFacts` off the checked program, by other code than the
+prover's; `compare` holds the certificate against them. A `TransitionSystem` runs the instants of
+some hyperperiods as terms of a solver: at each, every component that is due makes its step, in an
+order that is left open. Topics carry the absolute times of their publications. What holds is
+recorded at the end of every instant. What is known stays a number or a truth of Python.
 Non-goals: what a step does (`solver_reading.py`), showing anything (`check_claims.py`).
 """
 
@@ -64,11 +64,11 @@ class InductionFacts:
     actors: list[Component] = field(default_factory=list)
     undeclared: bool = False
     work: int = 0
-    """That the solver has done, in its own units."""
+    """The work that the solver has done, in its own units."""
     latching: bool = False
-    """By the certificate: a fault of what is opaque is followed, and is not shown to be none."""
+    """Whether, by the certificate, faults of what is opaque may happen, and latch their nodes."""
     topics: list[int] = field(default_factory=list)
-    """What the actors publish: these are followed, everything else may hold anything of its set."""
+    """Topics of the actors: these are followed, everything else may hold anything of its set."""
 
     @property
     def dm(self) -> Component:
@@ -77,12 +77,12 @@ class InductionFacts:
 
     @property
     def turn(self) -> int:
-        """All releases come again after so long."""
+        """The hyperperiod in ns: after so long all releases come again."""
         return lcm(*(c.period_ns for c in self.actors))
 
     @property
     def settled(self) -> int:
-        """From this turn on nobody has yet to be released first."""
+        """The first begin of a hyperperiod, in ns, by which everybody was released once."""
         return -(-max(c.phase_ns for c in self.actors) // self.turn) * self.turn
 
 
@@ -108,7 +108,7 @@ def read_induction(flat: System, name: str) -> InductionFacts:
 
 
 def _gather(facts: InductionFacts) -> None:
-    """The module's three, and every node that what is read rests on and that can be followed."""
+    """Enter as actors DM, AC, SC, and each node that publishes what is read and can be followed."""
     flat, module, symbol = facts.flying, facts.flying_module, facts.symbol
     facts.actors = [flat.components[i] for i in (module.dm, module.ac, module.sc)]
     scope = module.scope.topics
@@ -168,7 +168,7 @@ def nanoseconds(facts: InductionFacts, expr: typed.TypedExpr | None) -> int:
 
 
 def _without_times(facts: InductionFacts, *said: Iterable[str]) -> bool:
-    """Whether one of the times is not said of an AC or node."""
+    """Whether the program leaves out one of the times of some AC or node."""
     for c in facts.actors:
         names = {c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name}
         if c.role in ("ac", "node") and any(names.isdisjoint(word) for word in said):
@@ -200,9 +200,9 @@ def _times(facts: InductionFacts) -> None:
 
 
 def _without(facts: InductionFacts, followed: object) -> None:
-    """Leaves out nodes beside the module that a certificate does without.
+    """Leave out nodes beside the module that a certificate does without.
 
-    What they publish may then be anything of its set, at any time: that holds of more.
+    What they publish may then be anything of its set, at any time: more executions are shown safe.
     """
     if not isinstance(followed, dict):
         raise RejectedError("`clocks` are not as they should be")
@@ -236,15 +236,15 @@ def compare(facts: InductionFacts, given: Any) -> tuple[int, int]:  # noqa: ANN4
 
 Term = Any
 State = dict[Any, Term]
-"""Between two steps: by index under "topic", "stamp" (absolute times), "locals", "had" and
-"latched", and "mode" and "faulted": whether some step did."""
+"""The state between two steps: by index under "topic", "stamp" (absolute times), "locals", "had"
+and "latched"; "mode"; and "faulted": whether some step did."""
 IN_SC, IN_AC = 0, 1
 UNPUBLISHED = -(2**62)
 
 
 @dataclass(frozen=True)
 class Instant:
-    """The end of one: when, and what holds then; `always`: `safe` until the next instant."""
+    """The end of an instant: when, and what holds then; `always`: `safe` until the next instant."""
 
     at: int
     holds: Term
@@ -265,7 +265,7 @@ class Decision:
 def calendar_of(
     facts: InductionFacts, end: int, *, first: bool = False
 ) -> dict[int, list[Component]]:
-    """Who is due when, up to `end`; `first`: from the start of a run, else of a later turn."""
+    """Time -> components due, up to `end`; `first`: from a run's start, else a later turn's."""
     components_by_time: dict[int, list[Component]] = {}
     for c in facts.actors:
         for at in range(c.phase_ns if first else c.phase_ns % c.period_ns, end, c.period_ns):
@@ -284,7 +284,7 @@ class TransitionSystem:
         self.fresh = fresh
         """The DM's reads are fresh and the gate has nothing against AC."""
         self.tolerant = facts.latching and not fresh
-        """A fault of what is opaque latches its node; without it such a fault fails."""
+        """Whether a fault of what is opaque latches its node; else such a fault is a failure."""
         self.constraints: list[Term] = []
         self.instants: list[Instant] = []
         self.decisions: list[Decision] = []
@@ -323,7 +323,7 @@ class TransitionSystem:
     # ------------------------------------------------------------ time
 
     def run(self, end: int) -> None:
-        """Everything up to `end`."""
+        """Run every instant before `end` (ns), and record what holds and what the DM decides."""
         longest = max(c.period_ns + c.phase_ns for c in self.facts.actors)
         calendar = calendar_of(self.facts, end + longest, first=self.first)
         times = sorted(calendar)
@@ -334,14 +334,14 @@ class TransitionSystem:
                 self._instant(at, calendar[at], following)
 
     def _before_everything(self, first: int) -> None:
-        """Other components may step, and `safe` be judged, before any that is followed."""
+        """Judge the time before `first` if components that are not followed may step in it."""
         others = [c.phase_ns for c in self.facts.flying.components]
         others += [0 for _ in self.facts.flying.inputs]
         if min(others) < first:
             self._judge(0, first)
 
     def _instant(self, at: int, due: list[Component], following: int) -> None:
-        """Each of them once, in any order."""
+        """Let each component that is due make one step, in any order, and record what holds."""
         raise_if_interrupted()
         turns = []
         for _ in due:
@@ -358,7 +358,7 @@ class TransitionSystem:
         self._judge(at, following)
 
     def _name(self, value: Term) -> Term:
-        """Terms of bounded size: a new name for every part of a state that is none yet."""
+        """Give each part of a state that is no constant yet a name, so that terms stay small."""
         if isinstance(value, tuple):
             return tuple(self._name(v) for v in value)
         value = term(value) if isinstance(value, Elapsed) else value

@@ -1,10 +1,10 @@
-"""The re-checker's reading of steps as terms of a solver: what they do, publish, when they fault.
+"""Steps and predicates as terms of a solver: what they do and publish, and when they fault.
 
-Purpose: `SolverReading`: what `reading/symbolic_reading.py` leaves open: topics, ages and modes at
-an instant, choices, elements at indices that are not known, and functions that are not read.
-`SolverOperations`: operators and built-in functions: computed where all is known; ages are compared
-as whole nanoseconds; of floats nothing is known but that the same operation on the same values is
-the same. And what goes wrong: `fault` and `doubt`.
+Purpose: `SolverReading` completes the `CodeReader` of `reading/symbolic_reading.py`: topics, ages
+and modes at an instant, choices, elements at unknown indices, and functions that are not read.
+`SolverOperations` has operators and built-in functions, computed where all is known. Ages are
+compared as whole nanoseconds; of floats it knows only that the same operation on the same values is
+the same. It collects what goes wrong as `fault` and `doubt`.
 Non-goals: time (`induction_problem.py`). What is not known here is not rechecked.
 """
 
@@ -64,7 +64,7 @@ Term = Any
 
 
 class SolverOperations:
-    """What operators give; what is known of the terms goes to `facts`."""
+    """The operators of the language over the solver's terms; known facts of these go to `facts`."""
 
     negation, both, one_of = staticmethod(negation), staticmethod(both), staticmethod(one_of)
 
@@ -74,14 +74,14 @@ class SolverOperations:
         """Under which condition the code being read runs."""
         self.fault: Term = False
         self.doubt: Term = False
-        """That a function which is not read faults, or compares a NaN."""
+        """The term that a function which is not read faults, or compares a NaN."""
 
     def oblige(self, what: Term) -> None:
-        """Else the step faults, wherever the code being read runs."""
+        """Enter that the step faults where the code being read runs and `what` does not hold."""
         self.fault = one_of(self.fault, both(self.path, negation(what)))
 
     def suspect(self, doubt: Term) -> None:
-        """That it may fault there."""
+        """Enter that the step may fault where the code being read runs and `doubt` holds."""
         self.doubt = one_of(self.doubt, both(self.path, doubt))
 
     def join(self, of: Type, c: Term, a: Term, b: Term) -> Term:
@@ -165,7 +165,7 @@ def is_float(x: Term) -> bool:
 
 
 def of_floats(op: str, a: Term, b: Term, sort: Any) -> Term:  # noqa: ANN401 - a sort
-    """What a machine operation gives: the same for the same."""
+    """The result of a machine operation on floats: unknown, but equal for equal operands."""
     return z3.Function(f"floats {op}", OPAQUE, OPAQUE, sort)(term(a), term(b))
 
 
@@ -201,7 +201,7 @@ Published = dict[typed.TopicSymbol, tuple[Term, Term]]
 
 @dataclass
 class VisibleValues:
-    """What a piece of code sees: topics, ages and the mode at one instant."""
+    """The values that a piece of code sees at one instant: topics, ages and the mode."""
 
     scope: Scope
     topic: Callable[[int], Term]
@@ -277,7 +277,7 @@ class SolverReading(CodeReader):
         return choice
 
     def operand(self, e: typed.TypedExpr, frame: CallFrame) -> Term:
-        """Of comparisons one that is no NaN; whether it is hangs on its value alone."""
+        """The value of an operand; where it is `looked_at` its comparison faults if it is NaN."""
         value = self.value(e, frame)
         if e in self.looked_at and not isinstance(value, Elapsed):
             self.make.suspect(one_of(*(is_nan(x) for x in flat(value) if is_float(x))))
@@ -328,7 +328,7 @@ class SolverReading(CodeReader):
     # ------------------------------------------------------------ functions
 
     def called(self, fun: typed.FunSymbol, arguments: Sequence[Term]) -> Term:
-        """What a function gives: of one that is not read, the same for the same.
+        """The result of a call; a function that is not read gives equal ones for equal arguments.
 
         NotRecheckedError where that is not so: where it asks extern functions.
         """

@@ -1,11 +1,10 @@
 """The re-checker's values as terms of a solver: exact, or opaque, with nothing known of them.
 
-Purpose: what a value of a type looks like (`unknown`, `shaped`), what the same function of the same
-values gives (`applied`). A value is a bool, an int or a float of Python where it is known, else a
-term or an `Elapsed`; records and small arrays are tuples of values. Known lists and large arrays
-are tuples as long as a step is read, and one term in between (`shaped`). The re-checker's own rule
-for what is exact and what is opaque stands here, and which functions are read where they are
-called.
+Purpose: `unknown` and `shaped` make values of a type, `applied` that of a function that is not
+read. A value is a bool, an int or a float of Python where it is known, else a term or an `Elapsed`;
+records and small arrays are tuples of values. Known lists and large arrays are tuples as long as a
+step is read, and one term in between (`shaped`). The re-checker's own rule for what is exact and
+what is opaque stands here, and which functions are read where they are called (`is_read`).
 Non-goals: what operators give, reading code (`solver_reading.py`).
 """
 
@@ -67,7 +66,7 @@ def parts_of_value(t: Type) -> tuple[Type, ...] | None:
 
 
 def is_exact(t: Type) -> bool:
-    """Whether all of a value is."""
+    """Whether all parts of a value of this type are exact."""
     parts = parts_of_value(t)
     return is_plain(t) if parts is None else all(is_exact(p) for p in parts)
 
@@ -89,7 +88,7 @@ def is_read(fun: typed.FunSymbol, *, deep: bool) -> bool:
 
 
 def _joins(n: object, *, asks: bool) -> bool:
-    """Whether it makes no float or list of its own; `asks`: floats are added and multiplied."""
+    """Whether a piece of code makes no float or list; `asks`: it may add and multiply floats."""
     if isinstance(n, typed.TypedBinary):
         of, compares = n.left.type, isinstance(n.type, BoolType)
         return is_plain(of) or (isinstance(of, FloatType) and (compares or (asks and n.op != "/")))
@@ -117,12 +116,12 @@ Term = Any
 OPAQUE = z3.DeclareSort("opaque")
 LARGEST, SMALLEST = 2**63 - 1, -(2**63)
 ELEMENTS_MAX = 64
-"""Of a list of the program that is longer nothing is told."""
+"""Nothing is told of a longer list of the program."""
 
 
 @dataclass(frozen=True)
 class Elapsed:
-    """The age of a topic."""
+    """The age of a topic, in ns."""
 
     ns: Term
 
@@ -131,7 +130,7 @@ class Elapsed:
 
 
 def both(*truths: Term) -> Term:
-    """All of them."""
+    """The truth that all of them hold."""
     left = [x for x in truths if x is not True]
     if any(x is False for x in left):
         return False
@@ -139,7 +138,7 @@ def both(*truths: Term) -> Term:
 
 
 def one_of(*truths: Term) -> Term:
-    """Any of them."""
+    """The truth that one of them holds."""
     left = [x for x in truths if x is not False]
     if any(x is True for x in left):
         return True
@@ -147,7 +146,7 @@ def one_of(*truths: Term) -> Term:
 
 
 def negation(a: Term) -> Term:
-    """`!a`."""
+    """The truth "not `a`"."""
     return (not a) if isinstance(a, bool) else z3.Not(a)
 
 
@@ -174,7 +173,7 @@ def _of_type(t: Type, x: Term, facts: list[Term]) -> Term:
 
 
 def extent(t: Type) -> tuple[int, int]:
-    """The least and the greatest value."""
+    """The least and the greatest value of a type of whole numbers."""
     if isinstance(t, EnumType):
         return 0, len(t.members) - 1
     return (t.low, t.high) if isinstance(t, IntType) else (SMALLEST, LARGEST)
@@ -197,7 +196,7 @@ def shaped(t: Type, value: Term, facts: list[Term]) -> Term:
 
 
 def flat(value: Term) -> list[Term]:
-    """Its leaves as terms."""
+    """The leaves of a value as terms."""
     return [x for v in value for x in flat(v)] if isinstance(value, tuple) else [term(value)]
 
 
@@ -228,7 +227,7 @@ def either(c: Term, a: Term, b: Term) -> Term:
 
 
 def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
-    """Whether a topic with these bounds takes a value."""
+    """Whether a value lies within the bounds of a topic, and so may be published."""
     parts = parts_of_value(t)
     if parts is not None:
         conditions, at = [], 0
@@ -255,7 +254,7 @@ def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
 
 
 def applied(name: str, values: Sequence[Term], t: Type, facts: list[Term]) -> Term:
-    """What a function gives for these values: for the same ones the same; its type to `facts`."""
+    """The unknown result of a function, equal for equal `values`; its type goes to `facts`."""
     parts = parts_of_value(t)
     if parts is not None:
         return tuple(applied(f"{name}.{k}", values, p, facts) for k, p in enumerate(parts))
@@ -267,7 +266,7 @@ def applied(name: str, values: Sequence[Term], t: Type, facts: list[Term]) -> Te
 
 
 def length(sequence: Term, t: Type, facts: list[Term]) -> Term:
-    """How many elements a list or an array has."""
+    """The number of elements of a list or an array."""
     if isinstance(t, ArrayType):
         return t.size
     assert isinstance(t, ListType)

@@ -1,1 +1,1 @@
-"""Certificates of linear groups as polytopes: inclusions by weak duality."""
+"""Groups proved by half-spaces (polytopes): each claim is an inclusion, shown by weak duality."""

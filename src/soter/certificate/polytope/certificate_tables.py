@@ -1,9 +1,8 @@
 """The tables of a polytope group in a certificate: half-spaces, multipliers, what they presuppose.
 
-Purpose: `PolytopeTables` and `HalfSpaces`, read off a manifest with every shape and number checked,
-and the box of C as a grid of one cell for whoever looks at predicates; what linear functions are at
-most on half-spaces, by weak duality with given multipliers: for lambda >= 0 and every x of
-{low <= x <= high, F x <= f}
+Purpose: `read_polytope` reads `PolytopeTables` off a manifest and checks every shape and number.
+`HalfSpaces.bound` says what a linear function is at most on half-spaces, by weak duality with given
+multipliers: for lambda >= 0 and every x of {low <= x <= high, F x <= f}
 
     r x  <=  lambda f + max over the box of (r - lambda F) x,
 
@@ -35,10 +34,10 @@ if TYPE_CHECKING:
 
     Rows = Sequence[Sequence[arb]]
     Weights = Sequence[tuple[int, float]]
-    """Half-spaces of `rows` with their multipliers, where that is not zero."""
+    """(index of a half-space in `rows`, its multiplier), where that is not zero."""
     Floats = NDArray[np.float64]
     Triples = list[list[tuple[int, float]]]
-    """Per row the half-spaces with their multipliers, where that is not zero."""
+    """For each row its `Weights`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +65,7 @@ class HalfSpaces:
 
     @cached_property
     def own(self) -> tuple[list[list[arb]], list[arb]]:
-        """The same of `rows` alone."""
+        """The half-spaces of `rows` alone, without those of the box, in balls."""
         faces, ends = self.in_balls
         return faces[: len(self.rows)], ends[: len(self.rows)]
 
@@ -77,7 +76,7 @@ class HalfSpaces:
         )
 
     def bound(self, row: Sequence[arb], weights: Weights) -> arb:
-        """A number that the row does not exceed here."""
+        """An upper bound of `row` x on these half-spaces, by these multipliers."""
         rows, limits = self.own
         rest, total = list(row), ZERO
         for face, value in weights:
@@ -91,7 +90,7 @@ class HalfSpaces:
     def require(
         self, what: str, rows: Rows, limits: Sequence[arb], weights: Sequence[Weights] | None
     ) -> None:
-        """Rows x <= limits everywhere here; `RejectedError` where it is not certain."""
+        """RejectedError unless rows x <= limits is certain everywhere on these half-spaces."""
         if weights is None:
             weights = [[] for _ in rows]
         if len(weights) != len(rows):
@@ -104,7 +103,7 @@ class HalfSpaces:
 
 
 def less(limits: Sequence[arb], losses: Sequence[arb]) -> list[arb]:
-    """What is left of limits after losses."""
+    """Limits less losses, row by row."""
     return [a - b for a, b in zip(limits, losses, strict=True)]
 
 
@@ -119,13 +118,13 @@ FACES_MAX = 10_000
 TRIPLES_MAX = 2_000_000
 """Multipliers of a group, rows without any counted in."""
 BOX = 2
-"""Rows of a matrix that is a box: low and high."""
+"""A box is a matrix of two rows, low and high; half-spaces are one of two dimensions."""
 TRIPLE = 3
 
 
 @dataclass(frozen=True, eq=False)
 class ClaimedLaw:
-    """z = gain inputs + offset, and between which limits SC is said to command just that."""
+    """z = gain inputs + offset: SC is said to command z while that is between low and high."""
 
     controls: tuple[str, ...]
     gain: Floats
@@ -149,14 +148,14 @@ class ClaimedRates:
 
 @dataclass(eq=False, kw_only=True)
 class PolytopeTables:
-    """One group. `multipliers`: per part of the proof, claim by claim."""
+    """The sets and hints of one group; `multipliers`: of each part of the proof, claim by claim."""
 
     states: tuple[int, ...]
     constraint: HalfSpaces
     """C_g, a box."""
     law: ClaimedLaw
     flow: ClaimedRates | None
-    """About what the rates are enclosed where they are not linear."""
+    """The linear rates around which a flow that is not linear is enclosed."""
     core: HalfSpaces
     free: HalfSpaces
     home: HalfSpaces | None
@@ -168,9 +167,9 @@ class PolytopeTables:
     instants: dict[str, tuple[int, ...]]
     multipliers: dict[str, list[Triples]] = field(default_factory=dict)
     gives_back: list[tuple[tuple[float, ...], arb]] | None = None
-    """Half-spaces that make the DM give control back, of real numbers (`polytope_group.py`)."""
+    """Half-spaces of real estimates on which the DM gives control back (`polytope_group.py`)."""
     leaves: list[tuple[tuple[float, ...], arb]] | None = None
-    """The same of what makes it leave AC in control."""
+    """Half-spaces of real estimates on which it leaves AC in control."""
 
     def as_cell(self, box: HalfSpaces) -> Axes:
         """A box as a grid of one cell."""
@@ -187,7 +186,7 @@ def read_polytope(
     extents: Sequence[tuple[float, float]],
     inputs: int,
 ) -> PolytopeTables:
-    """A group of the manifest; `extents`: the ranges of its states; `inputs`: how many there are.
+    """Read a group of the manifest; `extents`: its states' ranges; `inputs`: how many there are.
 
     `RejectedError`, or an error of Python's where the manifest is not as it should be.
     """

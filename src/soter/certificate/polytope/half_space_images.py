@@ -1,7 +1,7 @@
-"""The re-checker's images of half-spaces under linear flows: holds of SC, any command; in balls.
+"""Images of half-spaces under linear flows, in balls: over a hold of SC, or under any command.
 
-Purpose: for rows c and times t, `HoldImage` and `FreeImage` give (row, loss) with c x(t) <= row
-x(0) + loss.
+Purpose: `HoldImage` (one period of SC) and `FreeImage` (any command) give, for rows c and times t,
+(row, loss) with c x(t) <= row x(0) + loss. `polytope_check.py` makes its inclusions of that.
 Non-goals: reading programs (`linear_laws.py`, `linear_flows.py`); sets (`polytope_check.py`).
 
 x' = A x + B u + b + W w with |w| <= 1 measurable, u in U, x in the box of C: D bounds
@@ -53,11 +53,11 @@ NS = Fraction(1, 10**9)
 PIECES = 2
 """Pieces between two instants where noise and sag are bounded."""
 PIECES_OF_EXCHANGE = 8
-"""The same for commands that act too early or too late."""
+"""Pieces of a hold where the effect of commands that act too early or too late is bounded."""
 
 
 def sizes(m: arb_mat) -> arb_mat:
-    """No entry is larger in absolute value."""
+    """For each entry of a matrix its largest absolute value."""
     return arb_mat([[magnitude(x) for x in row] for row in m.tolist()])
 
 
@@ -78,7 +78,7 @@ def _centres(ranges: Sequence[tuple[arb, arb]]) -> tuple[list[arb], list[arb]]:
 
 
 class BallFlow:
-    """A group's flow with the controls `acting` on it, on the box of C; all that one row needs."""
+    """A group's flow on the box of C, moved by the controls `acting`: what every image needs."""
 
     def __init__(
         self, flow: LinearFlow, box: Sequence[tuple[float, float]], acting: Sequence[int]
@@ -152,7 +152,7 @@ class BallFlow:
         return integrals
 
     def greatest(self, rows: arb_mat, columns: arb_mat, end: Fraction) -> list[list[arb]]:
-        """No |c e^{As} columns| exceeds it for s in [0, end]."""
+        """For each row c and column the greatest |c e^{As} column|, s in [0, end]."""
         maxima: list[list[arb]] = [[ZERO] * columns.ncols() for _ in range(rows.nrows())]
         for r, exact_r, at in self._pieces(rows, Fraction(0), end, PIECES_OF_EXCHANGE):
             for k, (p, q, bend) in enumerate(self._lines(at, exact_r, columns)):
@@ -257,7 +257,7 @@ class HoldImage:
         return first(sizes(self.rate_rows) * away)
 
     def _read(self) -> list[arb]:
-        """What the age of a read changes beside d / 2."""
+        """The most that a read differs from one of age d / 2, row by row (see "its read" above)."""
         if not self.timed:
             return [ZERO] * len(self.rate)
         far, off = exact(self.delay + self.jitter), exact(self.delay / 2 + self.jitter)
@@ -269,7 +269,7 @@ class HoldImage:
 
     @cached_property
     def other(self) -> list[arb]:
-        """|u_(k+-1) - u_k|."""
+        """A bound of |u_(k+-1) - u_k|, control by control (see "other" above)."""
         span = self.times[-1] + self.delay + self.jitter
         apart = exact(span)
         bend = self._bend(span)

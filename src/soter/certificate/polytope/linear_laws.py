@@ -1,10 +1,10 @@
-"""What the re-checker takes for linear: SC's law between limits, and flows up to their noise.
+"""SC's law and a group's flow as linear functions, with what these leave out as a spread.
 
-Purpose: `linear_law`: u = z = K y + k as long as z lies between two limits: from SC's terms and the
-z and limits that a certificate names to `CommandLaw`, with everything that z does not say about u
-as spread; what must hold for SC not to fault is shown, too. `enclosed_flow`: for A, B and c that a
-certificate names, how far the rates of a group are from A x + B u + c wherever the states are in
-their ranges: x' = A x + B u + c + W w, |w| <= 1.
+Purpose: `linear_law`: SC commands u = z = K y + k while z lies between two limits. It makes a
+`CommandLaw` of SC's terms and of the z and limits that a certificate names; all that z does not say
+of u is its spread, and what must hold for SC not to fault is shown, too. `enclosed_flow`: how far
+the rates of a group are from A x + B u + c, A, B and c being those that a certificate names,
+wherever the states are in their ranges: x' = A x + B u + c + W w, |w| <= 1.
 Non-goals: whether z keeps within the limits (`polytope_check.py`); believing A, B, c: others give a
 useless W, never a wrong one; linear flows (`reading/linear_flows.py`).
 
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 
 SPLITS = 6
-"""How often the ranges are halved, along what the rates are not linear in."""
+"""The number of times that ranges are halved, along the inputs that rates are not linear in."""
 
 
 def _control_row(claimed: Sequence[float], acting: Sequence[int], controls: int) -> list[arb]:
@@ -156,7 +156,7 @@ class CommandLaw:
 def _without(
     own: Sequence[int], z: Linear, rest: arb, ranges: Mapping[int, tuple[arb, arb]]
 ) -> tuple[arb, arb]:
-    """The middle of z but for the atoms `own`, and how far it is off, by `rest` too."""
+    """The middle of z without the atoms `own`, and how far that part is off it, `rest` included."""
     if not rest.is_finite():
         raise RejectedError("SC's law is not linear between its limits")
     constant = z.const
@@ -258,7 +258,7 @@ def _with_limits(
 
 
 class _ByBothRanges(AffineForms):
-    """Forms whose ranges are never wider than by the intervals of their atoms."""
+    """`AffineForms` with ranges no wider than the intervals of their atoms make them."""
 
     def _make_range(self, x: Linear) -> Ends:
         return self.within(*super()._make_range(x), *self.natural(x))

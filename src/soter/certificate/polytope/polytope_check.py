@@ -1,8 +1,8 @@
 """The claims about one polytope group, and what plants publish of states kept on polytopes.
 
-Purpose: `PolytopeCheck`: K, R(H), predicates, the start, Q, the way to it. And that a topic's
-declared set holds what plants publish: in K, where AC has control and where SC begins a hold, at
-all times of such a hold (`docs/verification.md`, section 10), and of initial states.
+Purpose: `PolytopeCheck` shows K, R(H), predicates, the start, Q and the way to it (`groups.py`).
+`all_published`, `starts_in_sets`: what plants publish lies in its declared set, of states in K, at
+all times of a hold that SC begins there (docs/verification.md, section 10), and of initial states.
 Non-goals: states on grids (`certificate/cell_predicates.py`); what is not affine in the states.
 
 K is a core (docs/proof-sets.md, "Polytopes"): from every state of K at a nominal time C holds for a
@@ -88,7 +88,7 @@ def all_published(model: CaseModel, groups: Sequence[Kept], topic: int) -> bool:
 def _greatest(
     terms: Terms, value: Linear, sign: int, atoms: Sequence[int], groups: Sequence[Kept]
 ) -> arb:
-    """A number that sign * value does not exceed."""
+    """An upper bound of sign * value, of all states that SC keeps."""
     total = sign * value.const + value.radius
     left = {atom: sign * factor for atom, factor in value.terms.items()}
     for tables, hold in groups:
@@ -102,7 +102,7 @@ def _greatest(
 
 
 def _on_the_way(kernel: HalfSpaces, hold: HoldImage, row: list[arb]) -> arb:
-    """No row x(t) is greater: in K, and while SC holds what it commanded there."""
+    """An upper bound of row x(t): in K, and while SC holds what it commanded there."""
     bound = kernel.bound(row, _weights(kernel, row))
     for own, loss in chain.from_iterable(zip(*x, strict=True) for x in hold.everywhere([row])):
         bound = bound.max(kernel.bound(own, _weights(kernel, own)) + loss)
@@ -145,10 +145,10 @@ def starts_in_sets(model: CaseModel) -> None:
 
 
 WORK_MAX = 1_000_000
-"""Of all claims about a group, in half-spaces times pieces of time times states: a minute or so."""
+"""Half-spaces times pieces of time times states, of all claims on a group: a minute or so."""
 BOXES_MAX = 200_000
 SMALLEST = 2.0**-16
-"""Of the group's box: a box that small is not halved any more."""
+"""A box of this share of the group's box is not halved any more."""
 ROUNDING = 1e-12
 """Far above the rounding of a sum of a dozen products of doubles, relative to their sizes."""
 
@@ -187,13 +187,13 @@ class PolytopeCheck(GroupCheck):
         self.model, self.tables = model, tables
 
     def safe(self, cells: Cells) -> None:
-        """On all of C, or RejectedError. Then what the claims are about is read."""
+        """RejectedError where `safe` is not certain on all of C; then the law and flow are read."""
         if not cells.members.all():
             raise RejectedError("`safe` is not certain on the box of a polytope group")
         self.tried(set())
 
     def tried(self, claims: set[str]) -> None:
-        """The law of SC and the flow are read; RejectedError, NotRecheckedError as `safe`."""
+        """Read SC's law and the flow; RejectedError, NotRecheckedError where they are not known."""
         del claims
         model, tables = self.model, self.tables
         if model.facts.kind != "flow":
@@ -225,7 +225,7 @@ class PolytopeCheck(GroupCheck):
 
     @contextmanager
     def _given(self, part: str) -> Iterator[Callable[[], Triples]]:
-        """The multipliers of a part of the proof, one claim after the other, and no others."""
+        """Hand out the multipliers of a part, claim by claim; RejectedError unless all are used."""
         if part not in self.tables.multipliers:
             raise RejectedError(f"there are no multipliers for {part}")
         left = self.tables.multipliers[part][::-1]
@@ -270,7 +270,7 @@ class PolytopeCheck(GroupCheck):
         within_faces: HalfSpaces,
         given: Callable[[], Triples],
     ) -> None:
-        """SC keeps a set and, on the way, C and some half-spaces."""
+        """RejectedError where SC may not keep `own` and, on the way, C and `within_faces`."""
         self._boxed_in(f"{what} in C", own, self.tables.constraint)
         if within_faces.rows:
             own.require(f"{what} in what it keeps", *within_faces.own, given())
@@ -318,9 +318,9 @@ class PolytopeCheck(GroupCheck):
         return self.tables.periods
 
     def home(self, calm: Cells | None) -> list[Task]:
-        """`calm` has to be all of the target's box; without it the DM's half-spaces are asked.
+        """Show P2b; without `calm` (all of the target's box) the DM's half-spaces are asked, too.
 
-        RejectedError where it is not.
+        RejectedError where `calm` is not all of that box.
         """
         if calm is None:
             return [*self._show_home(), *self._show_given_back()]
@@ -330,7 +330,7 @@ class PolytopeCheck(GroupCheck):
 
     @whole
     def _show_home(self) -> None:
-        """Q is kept inside the target, whose tube the estimates follow, and K leads there."""
+        """Show that SC keeps Q, within the target, and leads from K to Q in `periods` holds."""
         tables = self.tables
         home, target = tables.home, tables.target
         if home is None or target is None:
@@ -372,7 +372,7 @@ class PolytopeCheck(GroupCheck):
         instants: Sequence[int],
         given: Callable[[], Triples] | None,
     ) -> None:
-        """From `start` the state is in `inner` for all of the time, whatever is commanded."""
+        """RejectedError unless any command keeps states from `start` in `inner` all the time."""
         self._boxed_in(f"{what} in C", start, self.tables.constraint)
         faces, ends = inner
         for row, loss in FreeImage(self.flow, instants).everywhere(faces):
@@ -384,19 +384,19 @@ class PolytopeCheck(GroupCheck):
         return faces, less(ends, [self._off(row) for row in faces])
 
     def _off(self, row: Sequence[arb]) -> arb:
-        """How far estimates may move a row."""
+        """The most that the errors of estimates change the value of a row."""
         return sum((abs(a) * e for a, e in zip(row, self.errors, strict=True)), ZERO)
 
     @whole
     def free(self, horizon_ns: int) -> None:
-        """From all of R(H) the state stays in K for the horizon, whatever is commanded."""
+        """Show that from R(H) the state stays in K for the horizon, whatever is commanded."""
         instants = self._instants("R", horizon_ns)
         with self._given("R") as given:
             self._free("R(H)", self.tables.free, self.tables.core.in_balls, instants, given)
 
     @whole
     def start(self, until_ns: int) -> None:
-        """From the box of initial states the state stays in K; what is published is in its set."""
+        """Show that initial states stay in K, and that what is published of them is in its set."""
         starts_in_sets(self.model)
         own = [self.model.facts.states[i] for i in self.tables.states]
         box = HalfSpaces(tuple(s.low for s in own), tuple(s.high for s in own), (), ())
@@ -405,7 +405,7 @@ class PolytopeCheck(GroupCheck):
 
     @whole
     def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> None:
-        """Boxes are halved until each lies in R(H), or AC surely gets or keeps no control on it.
+        """Halve boxes until each lies in R(H), or AC surely gets or keeps no control on it.
 
         RejectedError where one can be halved no further, or they are too many.
         """
@@ -457,12 +457,12 @@ class PolytopeCheck(GroupCheck):
     def _estimates(
         self, what: str, estimates: HalfSpaces, states: HalfSpaces, weights: Triples
     ) -> None:
-        """Every state behind an estimate of the one set lies in the other."""
+        """Show that every state behind an estimate in `estimates` lies in `states`."""
         estimates.require(what, *self._eroded(states), weights)
 
 
 def _excess(faces: Floats, limits: Floats, box: Floats) -> Floats:
-    """By how much the worst corners of a box exceed half-spaces; up to 0 they surely do not."""
+    """The most by which a box exceeds each half-space, at a corner; up to 0: surely not."""
     reach = np.abs(faces) @ np.abs(box).max(axis=0) + np.abs(limits)
     corners = np.where(faces > 0, box[1], box[0])
     values = (faces * corners).sum(axis=1)
@@ -471,7 +471,7 @@ def _excess(faces: Floats, limits: Floats, box: Floats) -> Floats:
 
 
 def least(parts: Iterable[tuple[tuple[float, ...], arb]]) -> dict[tuple[float, ...], arb]:
-    """Per row the smallest limit."""
+    """For each row the smallest limit that it has."""
     limit_by_row: dict[tuple[float, ...], arb] = {}
     for row, limit in parts:
         known = limit_by_row.get(row)

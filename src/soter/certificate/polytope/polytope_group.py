@@ -1,9 +1,9 @@
-"""Groups as polytopes, checked again: half-spaces, and how often AC has control by them.
+"""The method of half-spaces: a group's polytopes, against the comparisons that the DM makes.
 
-Purpose: `PolytopeGroup`, the method of proof (`groups.py`): whatever estimate the DM's comparisons
-let through lies in S_0 (S_(m-2)) of every case, and from which real half-spaces on it surely gives
-control back, which is what P2b may count on; states of K by hit and run.
-Non-goals: its claims (`polytope_check.py`).
+Purpose: `PolytopeGroup` (`groups.py`) shows that every estimate which the DM's comparisons let
+through lies in S_0 (S_(m-2)) of every case, and finds real half-spaces on which the DM surely gives
+control back, for P2b. It draws states of K by hit and run.
+Non-goals: the claims about its sets (`polytope_check.py`).
 
 The DM compares the estimate with a box and then, for every half-space, the computed r x with a
 threshold. A sum of n products, in any order, is off by at most n u / (1 - n u) sum |r_i| |x_i| and
@@ -79,7 +79,7 @@ class PolytopeGroup(Group):
         return self.tables.as_cell(box)
 
     def check(self, model: CaseModel, lawful: Cells | None) -> PolytopeCheck:
-        """What shows the claims of this group; NotRecheckedError where there is a `lawful`."""
+        """The check of this group's claims; NotRecheckedError where there is a `lawful`."""
         if lawful is not None:
             raise NotRecheckedError("a law that half-spaces are to keep")
         return PolytopeCheck(model, self.tables)
@@ -110,7 +110,7 @@ class PolytopeGroup(Group):
         report.half_spaces += len(self.tables.core.bounds)
 
     def never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
-        """Asked of the half-spaces of the DM, on states that are drawn (one number a state)."""
+        """Asks the half-spaces of the DM, on states that are drawn (one number a state)."""
         tables, states = self.tables, list(drawn)
         if not states:
             return "", "no state of K was drawn"
@@ -154,7 +154,7 @@ class PolytopeGroup(Group):
 
 
 def _error(row: Sequence[float], box: HalfSpaces) -> arb:
-    """How far a computed product may be off on the box."""
+    """A bound of the rounding error of the product of `row` with a point of the box."""
     n, size = len(row), ZERO
     for r, low, high in zip(row, box.low, box.high, strict=True):
         size += abs(exact(r)) * max((abs(exact(low)), abs(exact(high))), key=float)
@@ -163,7 +163,7 @@ def _error(row: Sequence[float], box: HalfSpaces) -> arb:
 
 
 def _only(box: HalfSpaces, claimed: HalfSpaces, held: Sequence[HalfSpaces]) -> None:
-    """What passes every comparison in `held` lies in the claimed set; `box` is passed, too."""
+    """RejectedError unless what passes `box` and all comparisons of `held` is in `claimed`."""
     if not box.boxed_in(claimed):
         raise RejectedError("the DM's box is larger than that of its set")
     passed = least(
@@ -177,7 +177,7 @@ def _only(box: HalfSpaces, claimed: HalfSpaces, held: Sequence[HalfSpaces]) -> N
 
 
 def _surely(held: Sequence[HalfSpaces]) -> list[tuple[tuple[float, ...], arb]]:
-    """Half-spaces of real estimates in all of which the DM gives control back."""
+    """Half-spaces: an estimate in all of them passes every comparison of `held`."""
     half_spaces = []
     for p in held:
         count = len(p.rows)

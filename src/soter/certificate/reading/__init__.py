@@ -1,1 +1,1 @@
-"""The problem as the re-checker reads it off the checked program."""
+"""Reads the problem off the checked program, and refuses what the re-checker cannot read so."""

@@ -1,17 +1,17 @@
 """The re-checker's model of one case: what plant and SC do, as terms over the states.
 
-Purpose: `CaseModel`: for one combination of parameter values the driven topics, the commands of SC,
-the predicates, and the derivative or the next state, each read off the checked tree.
+Purpose: `CaseModel` reads, for one combination of parameter values (a *case*), the driven topics,
+SC's commands, the predicates, and the derivative or next state off the checked tree, as terms.
 Non-goals: time (`linear_flows.py`, `grid/sc_chains.py`), sets.
 
 The argument: a term stands for every value that an expression may have. The states and whatever
 else is not known (disturbances, errors, what others publish) are inputs with their ranges; what
 must hold for an expression to have a value at all is an obligation, asked where the term is used.
 
-Terms are made for states within twice the grid, and what was decided of them holds there. That is
-enough: states enter a chain in a cell, at the end of each hold its boxes were seen to lie in cells,
-and in between solutions are continuous; those of the model that is read stay in the grid, so that
-they never come to where it is another one.
+Terms are made for states on three times the width of the grid, and what was decided of them holds
+there. That is enough: states enter a chain in a cell, at the end of each hold its boxes were seen
+to lie in cells, and in between solutions are continuous. Solutions of this model stay in the grid,
+so a term is never used outside the range it was made for.
 """
 
 from __future__ import annotations
@@ -44,19 +44,19 @@ if TYPE_CHECKING:
 
 LEFT_OUT = "left out: "
 FARTHEST = exact(2.0**1000)
-"""Ends for what is left out: nothing that is asked depends on it (`left_out_states.py`)."""
+"""The ends of states that are left out: no claim depends on them (`left_out_states.py`)."""
 
 
 @dataclass(eq=False)
 class CaseModel:
-    """Terms of one case. `extents`: the grid of each state; terms hold on twice that width."""
+    """Makes the terms of one case. `extents`: each state's grid; terms hold on thrice its width."""
 
     facts: Facts
     parameter: tuple[int, ...]
     extents: tuple[tuple[float, float], ...]
 
     def new_terms(self, farthest: arb | None = None) -> tuple[Terms, list[Linear]]:
-        """Fresh terms, and the states in them; those whose axis has no ends up to `farthest`."""
+        """Fresh terms, and the states in them; states on axes without ends reach to `farthest`."""
         terms = Terms()
         states = []
         for i, (s, (low, high)) in enumerate(zip(self.facts.states, self.extents, strict=True)):
@@ -74,7 +74,7 @@ class CaseModel:
     def _variables(
         self, terms: Terms, c: Component, values: Sequence[Linear]
     ) -> dict[typed.Variable, Any]:
-        """The states of a plant: some are inputs, some parameters."""
+        """The values of a plant's states: inputs, parameters of this case, or left out."""
         assert c.plant is not None
         known: dict[tuple[int, str, int], Any] = {
             (s.owner, s.variable, s.leaf): x for s, x in zip(self.facts.states, values, strict=True)
@@ -104,10 +104,10 @@ class CaseModel:
         return variables
 
     def topics(self, terms: Terms, states: Sequence[Linear], *, errors: bool) -> dict[int, Any]:
-        """The driven topics in these states; as estimates where `errors`. Then others, too.
+        """Topic -> its value in these states, as an estimate where `errors`; other topics, too.
 
-        Not what a plant copies from a command: reading that is a NotRecheckedError, and so is a
-        topic that a plant makes of a command.
+        A topic that a plant merely copies from a command is not among them; NotRecheckedError for
+        one that a plant makes of a command otherwise.
         """
         value_by_topic: dict[int, Any] = {}
         for index, (c, expr) in driven_topics(self.facts).items():
@@ -134,7 +134,7 @@ class CaseModel:
         return value_by_topic
 
     def _with_errors(self, terms: Terms, index: int, value: Any) -> Any:  # noqa: ANN401
-        """The sum of value and error is rounded once."""
+        """A value with its errors added; each sum of value and error is rounded once."""
         parts = flat(value)
         for e in (e for e in self.facts.errors if e.owner == index):
             x = parts[e.leaf]
@@ -197,7 +197,7 @@ class CaseModel:
         return limits
 
     def in_set(self, terms: Terms, states: Sequence[Linear], topic: int) -> Proposition:
-        """That every estimate which a plant publishes on a topic lies in its declared set."""
+        """The proposition that each estimate which a plant publishes on a topic is in its set."""
         conjunction = TRUE
         for value, low, high in self.limits(terms, states, topic):
             short = value if low == 0.0 else terms.combine(((ONE, value),), -exact(low))
@@ -293,7 +293,7 @@ class CaseModel:
 def stepping(
     terms: Terms, sc: Component, known: Mapping[typed.TopicSymbol, Any], modes: Mapping[Any, Any]
 ) -> Callable[[Mapping[typed.Variable, Any]], dict[int, Any]]:
-    """By the values of its locals what a step of SC publishes, where all that it reads is known."""
+    """A function of SC's locals: what a step publishes, by topic, where it reads `known` topics."""
     around = Surroundings(sc.scope.params, known, seconds(sc.period_ns), modes=modes)
     reader = SymbolicReader(terms, around)
 
@@ -305,7 +305,7 @@ def stepping(
 
 
 def commanded(terms: Terms, control: Input, published: Sequence[Mapping[int, Any]]) -> Linear:
-    """A command that one of some steps publishes; that it lies in its set is an obligation.
+    """The term of a command that any of these steps publishes; its set becomes an obligation.
 
     NotRecheckedError where one of them publishes none.
     """
@@ -324,19 +324,19 @@ def commanded(terms: Terms, control: Input, published: Sequence[Mapping[int, Any
 
 
 def free(terms: Terms, inputs: Iterable[Input]) -> list[Linear]:
-    """Inputs that may be anything in their ranges."""
+    """New terms for inputs that may be anything in their ranges."""
     return [terms.input("box", x.name, exact(x.low), exact(x.high)) for x in inputs]
 
 
 def control_inputs(facts: Facts, terms: Terms) -> list[Linear]:
-    """Commands that may be anything in their sets."""
+    """New terms for commands that may be anything in their sets."""
     return free(terms, facts.controls)
 
 
 def boxes_of(
     model: CaseModel, states: Sequence[Linear], members: Sequence[int]
 ) -> dict[int, tuple[arb, arb]]:
-    """States of other groups range over their grids."""
+    """Atom -> the ends of its grid, for each state that is none of `members`."""
     range_by_atom = {}
     for i, x in enumerate(states):
         if i not in members:

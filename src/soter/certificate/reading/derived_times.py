@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 RELEASES_MAX = 200_000
-"""So many releases are gone through; beyond, the times are not rechecked."""
+"""The most releases that are gone through; beyond, the times are not rechecked."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Clock:
 
     @property
     def slow(self) -> int:
-        """How long after its release a publication may come."""
+        """The longest time from a release to its publication."""
         return self.late + self.response
 
     def next_at(self, time: int) -> int:
@@ -61,7 +61,7 @@ class Clock:
 
 @dataclass(frozen=True)
 class TopicPath:
-    """How a topic that the module reads comes from a sensor, straight (else `node_paths.py`)."""
+    """The way of a topic from a sensor straight to the module (else `node_paths.py`)."""
 
     sensor: Clock
 
@@ -103,14 +103,14 @@ class TopicPath:
 
 @dataclass(frozen=True)
 class Effect:
-    """How an output of the module comes to act: `least` to `most` after it is published."""
+    """The delay of an output of the module: it acts `least` to `most` after it is published."""
 
     least: int = 0
     most: int = 0
 
     @property
     def clocks(self) -> tuple[Clock, ...]:
-        """Those on the way."""
+        """The nodes on the way."""
         return ()
 
     def first(self, published: int) -> int:
@@ -147,7 +147,7 @@ class TimingSetting:
 
     @cached_property
     def periods(self) -> tuple[int, ...]:
-        """Of everything that SC has to do with."""
+        """The periods of everything that SC has to do with."""
         ways: list[TopicPath | Effect] = [*self.effects]
         ways += [path for read in self.by_sc for path in read.paths]
         clocks = [self.dm, self.sc, *(c for way in ways for c in way.clocks)]
@@ -169,7 +169,7 @@ class TimingSetting:
         return self.last_effect(release, self.starts_by(release))
 
     def last_effect(self, release: int, start: int) -> int:
-        """The same for a start.
+        """The latest instant at which an output acts, of a step that starts at `start`.
 
         In the instant of its release SC comes before other nodes. Late, it is taken to be in no
         order with them: what it publishes in an instant may be missed by a step of that instant.
@@ -183,7 +183,7 @@ class TimingSetting:
 
     @cached_property
     def clocks(self) -> list[Clock]:
-        """Of everything, as often as it is met on a way."""
+        """Every clock that the times depend on, as often as it is met on a way."""
         ways: list[TopicPath | Effect] = [*self.effects]
         ways += [path for read in (*self.by_sc, *self.by_dm) for path in read.paths]
         return [self.dm, self.sc, *(c for way in ways for c in way.clocks)]
@@ -201,7 +201,7 @@ class TimingSetting:
 
 @dataclass(frozen=True, kw_only=True)
 class DerivedTimes:
-    """In ns, each the greatest over all schedules: A, A_sc, d, j, H*, h_0.
+    """The times A, A_sc, d, j, H*, h_0 (docs/proof.md), in ns: each the greatest of all schedules.
 
     `start`: h_0 with drop-outs, and with every "AC" that is said on no state at all; `stamps`: the
     greatest stamp age of what SC reads, by topic; `in_force`: how old the state that SC read may be
@@ -229,7 +229,7 @@ def releases(of: Clock, periods: Sequence[int], after: int = 0) -> Iterator[int]
 
 
 def derive(setting: TimingSetting) -> DerivedTimes:
-    """All of them; `NotRecheckedError` where the definitions do not apply."""
+    """Derive all times; `NotRecheckedError` where the definitions do not apply."""
     check_runs(setting)
     age = age_sc = delay = jitter = 0
     stamps: dict[str, int] = {}
@@ -266,7 +266,7 @@ def check_runs(setting: TimingSetting) -> None:
 
 
 def _enforced(setting: TimingSetting, read: TopicReading) -> int:
-    """How old a state is that the DM may still say "AC" on.
+    """The greatest age of a state on which the DM may still say "AC".
 
     The stamp is no older than `max_age`, and that is enforced; what was published then is as old
     as its path makes it, and as a silent sensor makes what a node goes on publishing.
@@ -336,7 +336,7 @@ def _handed_over(setting: TimingSetting) -> int:
 
 
 def _without_state(setting: TimingSetting) -> int:
-    """When an output of SC acts for good, drop-outs and "AC" on default values included.
+    """The time from which an output of SC acts for good, drop-outs and "AC" on defaults included.
 
     A node that has read nothing publishes what it makes of a default, with a fresh stamp: the DM
     may say "AC" on it. Its last release that may see this is followed by one that does not.
@@ -352,12 +352,12 @@ def _without_state(setting: TimingSetting) -> int:
 
 @dataclass
 class Ways:
-    """The ways of a module; all of these go straight from a plant, or to it."""
+    """The ways between plants and a module, here of one without nodes on them (`node_paths.py`)."""
 
     system: System
     module: Module
     notes: dict[tuple[str, str], None] = field(default_factory=dict, kw_only=True)
-    """What has to be assumed of nodes on them, by kind and name."""
+    """The assumptions on nodes on these ways, by kind and name."""
     undeclared: dict[str, None] = field(default_factory=dict, kw_only=True)
     """Nodes on them whose times are not declared."""
 
@@ -380,7 +380,7 @@ class Ways:
 
 
 def straight(c: Component) -> TopicPath:
-    """What a plant publishes itself."""
+    """The path of a topic that a plant publishes itself."""
     return TopicPath(Clock(c.name, c.period_ns, c.phase_ns))
 
 

@@ -88,7 +88,7 @@ LARGEST_OF = frozenset({"max0", "abs", "sqrt", "choice", "spread", "min", "max"}
 
 
 def leave_out(facts: Facts, names: Collection[str]) -> None:
-    """The problem from now on: without the states of these names.
+    """Take the states of these names out of the problem.
 
     RejectedError where the module declares an axis for one.
     """
@@ -108,9 +108,9 @@ def leave_out(facts: Facts, names: Collection[str]) -> None:
 
 
 def refuse_read(model: CaseModel) -> None:
-    """That nothing which is asked depends on a state that is left out, and that it does not end.
+    """RejectedError where something that is asked depends on a state that is left out.
 
-    RejectedError where one of these is not so, NotRecheckedError where its rate may be undefined.
+    The same where its solution may end in finite time; NotRecheckedError for undefined rates.
     """
     facts = model.facts
     terms, states = model.new_terms()
@@ -156,7 +156,7 @@ FARTHEST = exact(2.0**1000)
 
 
 def nothing_reads(model: CaseModel, groups: int) -> None:
-    """`NotRecheckedError` where that is not certain, or axes have no ends where it would not do.
+    """`NotRecheckedError` where a rate or SC may read such a state, or the argument is not for it.
 
     The rates and SC's step are read with states that may be anything up to `FARTHEST`, so that no
     branch is left out because of where a grid ends.

@@ -68,7 +68,7 @@ class LinearFlow:
         )
 
     def added(self, columns: Rows, start: Fraction, end: Fraction) -> list[arb]:
-        """What each state has of |w| <= 1, through columns like those of W, in [start, end]."""
+        """The most that |w| <= 1 adds to each state in [start, end], through columns like W's."""
         most = [ZERO] * len(columns)
         back = [[-x for x in row] for row in self.a]
         for time, a in ((-start, back), (end, self.a)):
@@ -112,7 +112,7 @@ def _absolute_integral(whole: arb, over: Sequence[arb], share: arb) -> arb:
 
 
 def _reach(a: Rows) -> list[list[bool]]:
-    """Which entries of e^{At} can differ from the identity's: paths of the graph of A."""
+    """Whether each entry of e^{At} can differ from the identity's: paths of the graph of A."""
     n = len(a)
     closure = [[not a[i][j].is_zero() for j in range(n)] for i in range(n)]
     for k in range(n):
@@ -124,7 +124,7 @@ def _reach(a: Rows) -> list[list[bool]]:
 
 
 def _cleaned(a: Rows, e: Rows) -> Rows:
-    """What is 0 or 1 by structure is exactly that."""
+    """`e` as a matrix e^{At}, with the entries that are 0 or 1 by the zeros of A exactly so."""
     reach = _reach(a)
     return [
         [x if reach[i][j] else (ONE if i == j else ZERO) for j, x in enumerate(row)]
@@ -142,7 +142,7 @@ def exponential(a: Rows, start: Fraction, end: Fraction) -> Rows:
 
 
 def _exponential(a: Rows, middle: Fraction, around: Rows) -> Rows:
-    """e^{A middle} times what is around it; what is 0 or 1 by structure is exactly that."""
+    """e^{A middle} times `around`, with the entries that are 0 or 1 by the zeros of A exact."""
     return _cleaned(a, product((arb_mat(a) * exact(middle)).exp().tolist(), around))
 
 

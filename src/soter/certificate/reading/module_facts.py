@@ -1,6 +1,7 @@
-"""What the program says about one module, read again for `problem.py`.
+"""The problem of one module in one record, and small questions about it.
 
-Purpose: `Facts`: inputs with their ranges, axes, times; and small questions about them.
+Purpose: `Facts` is what nearly every file of the re-checker asks: inputs with their ranges, axes,
+times, the plants, SC and the systems they are in.
 Non-goals: reading them off the program (`problem.py`, `verification_system.py`,
 `module_times.py`).
 """
@@ -46,9 +47,9 @@ class Input:
     high: float
     variable: str = ""
     of_others: bool = False
-    """A disturbance: what somebody else publishes, and a plant of the proof reads."""
+    """Of a disturbance: that somebody else publishes it, and a plant of the proof reads it."""
     unit: str = ""
-    """As it is declared."""
+    """The unit of its declared type."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class StateParameter:
     leaf: int
     values: tuple[int, ...]
     begins: tuple[int, ...]
-    """Those with which a run may start."""
+    """The values with which a run may start."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +82,7 @@ class ModuleAbove:
 
 @dataclass(eq=False)
 class Facts:
-    """What the program says about one module. States have the range of their initial values."""
+    """The program's statements on one module. States have the range of their initial values."""
 
     system: System
     module: Module
@@ -94,7 +95,7 @@ class Facts:
     ways: Ways = field(init=False)
     setting: TimingSetting = field(init=False)
     own: DerivedTimes = field(init=False)
-    """The times that this room derives."""
+    """The times that the re-checker derives; `times` may have longer ones of the manifest."""
     states: list[Input] = field(default_factory=list)
     controls: list[Input] = field(default_factory=list)
     disturbances: list[Input] = field(default_factory=list)
@@ -104,9 +105,9 @@ class Facts:
     axes: dict[int, tuple[float, float]] = field(default_factory=dict)
     """State -> its declared extent."""
     extents: tuple[tuple[float, float], ...] = ()
-    """Of the grid of each state, as a certificate has it: that, where one is declared."""
+    """State by state the ends of its grid in the certificate; those of `axes` where declared."""
     open_ends: set[int] = field(default_factory=set)
-    """States of which nothing is claimed above that extent, and no run is taken to get there."""
+    """States with an open upper end: nothing is claimed above it, where no run is taken to get."""
     unbounded: set[int] = field(default_factory=set)
     """States whose axis has no ends: what lies beyond belongs to its outer cells."""
     turning: set[int] = field(default_factory=set)
@@ -114,14 +115,14 @@ class Facts:
     left_out: list[Input] = field(default_factory=list)
     """States of which a certificate has no sets, as nothing that is asked depends on them."""
     view: str = ""
-    """The view that this is, of a module that has some; and all of that module."""
+    """The view that this problem is of, "" without views; `whole`: the module with all views."""
     whole: typed.ModuleSymbol | None = None
     leaves: dict[int, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
     """State -> the topic leaf that is declared as its axis."""
     times: dict[str, int] = field(default_factory=dict)
-    """What every claim is held to, by names of the manifest: never less than `own`."""
+    """The times that every claim is held to, by names of the manifest: never less than `own`."""
     thread: str = ""
-    """What is assumed of the thread that keeps them; "" where no execution times are declared."""
+    """The assumption on the thread that keeps them; "" where no execution times are declared."""
     at_rest: bool = False
     """Whether a certificate has cells at rest: then a rate may jump, and no claim may rest on
     solutions being unique."""
@@ -132,16 +133,16 @@ class Facts:
     running: dict[int, int] = field(default_factory=dict)
     """Topic of the module -> the same in the system that runs."""
     above: ModuleAbove | None = None
-    """Claims are about times at which this one is in AC; None: about all times."""
+    """The module above: claims are about times at which it is in AC; None: about all times."""
 
     @property
     def delay_ns(self) -> int:
-        """How old (d) the state behind a command may be when it acts."""
+        """d: the greatest age of the state behind a command, when the command acts."""
         return self.times["d_ns"]
 
     @property
     def jitter_ns(self) -> int:
-        """By how much (j) the instants vary at which outputs act."""
+        """j: the most by which the instants vary at which outputs act."""
         return self.times["j_ns"]
 
     @property
@@ -151,12 +152,12 @@ class Facts:
 
     @property
     def start_ns(self) -> int:
-        """Until then anything may act: the first output of SC on a state may take so long."""
+        """Until then, in ns, any command may act: SC's first output on a state may take so long."""
         return max(self.times["h0_ns"], self.own.start)
 
     @property
     def decide_ns(self) -> int:
-        """From a state to the first verdict in force that has seen it or a later one.
+        """The longest time, in ns, from a state to a verdict in force on it or a later one.
 
         A read is at most A old: from A after the state on every DM sees it, the next one is due
         within Delta, starts and answers late.
@@ -166,7 +167,7 @@ class Facts:
 
     @property
     def between_ns(self) -> int:
-        """From the state behind a verdict to that behind the next one, which may be quite new."""
+        """The longest time, in ns, from the state behind a verdict to that behind the next one."""
         return self.times["A_ns"] + self.times["Delta_ns"] + self.times["J_dm_ns"]
 
     @property
@@ -204,7 +205,7 @@ class Facts:
         return [c for c in flying if c.module in own and c.role in ("ac", "sc")]
 
     def read_by_dm(self, ttf: typed.TypedExpr | None) -> list[typed.TopicSymbol]:
-        """What `safer`, and this form of `ttf`, read; nothing where they are computed."""
+        """The topics that `safer` and this form of `ttf` read; none where they are computed."""
         return list(topic_reads(*(p for p in (ttf, self.symbol.safer) if p is not None)))
 
     def cases(self) -> Iterator[tuple[int, ...]]:
@@ -213,7 +214,7 @@ class Facts:
 
 
 def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.TypedExpr]]:
-    """Topic -> the plant that drives it, and how."""
+    """Topic -> the plant that drives it, and the expression that it publishes there."""
     return {
         c.scope.topics[topic]: (c, expr)
         for c in facts.plants
@@ -247,7 +248,7 @@ def bounded_topics(facts: Facts) -> list[int]:
 
 
 def named(name: str, of: Type) -> Iterator[tuple[int, str, Type]]:
-    """Number, name and type of each leaf of something."""
+    """(number, name, type) of each leaf of a value called `name`."""
     for k, (path, leaf) in enumerate(leaves(of)):
         yield k, leaf_name(name, path), leaf
 
@@ -258,12 +259,12 @@ def reads(kind: type, code: Iterable[object]) -> bool:
 
 
 def modes_read(code: Iterable[object]) -> bool:
-    """Whether it looks at the mode of a module."""
+    """Whether a piece of code reads the mode of a module."""
     return reads(ModeRead, code)
 
 
 def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:
-    """What moves a plant and is published by others, in the order in which it is read."""
+    """The topics that move a plant and that others publish, in the order in which it reads them."""
     assert c.plant is not None
     moves = [*(e for _, e in c.plant.lets), *c.plant.der.values(), *c.plant.next.values()]
     mentioned = topic_reads(*moves)

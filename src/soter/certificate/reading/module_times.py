@@ -118,7 +118,7 @@ def _check_elsewhere(system: System, clocks: dict[str, Clock], in_step: Iterable
 
 
 def delayed(system: System, followed: Iterable[Component]) -> str:
-    """Who of some components may start or end after its release in the thread; "" if nobody.
+    """One of the components that may start or end after its release in the thread; "" if none may.
 
     DiffersError, NotRecheckedError where the thread has too much to do, or too many releases.
     """
@@ -130,7 +130,7 @@ def delayed(system: System, followed: Iterable[Component]) -> str:
 
 
 def _there(c: Component) -> bool:
-    """Whatever is written in Soter is in the thread; of externs those that the system takes in."""
+    """Whether a component runs in the thread: Soter code, or an extern taken in (`inline`)."""
     if c.node is None:
         return c.role == "dm"
     return c.inline or not c.extern
@@ -314,7 +314,7 @@ def _check_late_commands(facts: Facts, setting: TimingSetting) -> None:
 
 
 def _check_map(facts: Facts, setting: TimingSetting) -> None:
-    """All that is read and all that acts has to be of one instant, in which the map steps.
+    """Check that all that is read and all that acts is of one instant, in which the map steps.
 
     Else `NotRecheckedError`: ages and delays are not counted beside a map.
     """
@@ -341,12 +341,12 @@ def _check_map(facts: Facts, setting: TimingSetting) -> None:
 
 
 DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
-"""Times that stand in the program, and in the manifest as they are there."""
+"""Times that the program declares: a manifest has them unchanged."""
 DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
 """Times that follow: a manifest may claim more schedules than there are, never fewer."""
 TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
 BEYOND, BEYOND_NS = 4, 1_000_000_000
-"""More than so many times a time, all times together and so much: a way to keep this busy."""
+"""A time beyond this multiple of ours, plus all times and so many ns, would only cost work."""
 
 
 def compare_times(facts: Facts, given: dict[str, Any]) -> None:

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 
 NODES_MAX = 16
-"""On a path; more is no path that a person wrote."""
+"""Nodes on a path, at most: no person wrote a longer one."""
 LOOKS_MAX = 20_000
-"""At topics, on all ways together."""
+"""The most looks at topics, on all ways together."""
 NOW = Clock("now", 1)
 """What shows the state of the very instant in which it is read."""
 
@@ -54,12 +54,12 @@ TEXTS = {
     "beside": "{}, of which the proof knows nothing, is heard by nodes before the module: "
     "whatever it says, and however old that is, they show the plants of the proof",
 }
-"""What is assumed of a node, by the kind of a note."""
+"""The assumption on a node, by the kind of a note."""
 
 
 @dataclass(frozen=True)
 class NodePath(TopicPath):
-    """From a sensor over nodes that follow each other."""
+    """The path of a topic from a sensor over nodes that follow each other."""
 
     nodes: tuple[Clock, ...] = ()
 
@@ -70,7 +70,7 @@ class NodePath(TopicPath):
 
     @property
     def before(self) -> TopicPath:
-        """What its last node reads."""
+        """The path of what its last node reads."""
         rest = self.nodes[:-1]
         return NodePath(self.sensor, rest) if rest else TopicPath(self.sensor)
 
@@ -126,13 +126,13 @@ class NodePath(TopicPath):
 
 @dataclass(frozen=True)
 class NodeEffect(Effect):
-    """Over nodes, `least` to `most` after the last."""
+    """An effect by way of nodes: it acts `least` to `most` after the last of these publishes."""
 
     nodes: tuple[Clock, ...] = ()
 
     @property
     def clocks(self) -> tuple[Clock, ...]:
-        """Those on the way."""
+        """The nodes on the way."""
         return self.nodes
 
     def first(self, published: int) -> int:
@@ -164,7 +164,7 @@ class NodeWays(Ways):
     number: Callable[[typed.TypedExpr], int]
     """The value of a time of the `verify` block."""
     looked: int = 0
-    """How often a topic was looked at."""
+    """The number of looks at topics until now."""
 
     @cached_property
     def own(self) -> set[int]:
@@ -182,7 +182,7 @@ class NodeWays(Ways):
         return tuple(dict.fromkeys(paths))
 
     def _to(self, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
-        """The same for a part of it; `behind`: the nodes that were followed already."""
+        """The ways to a topic; `behind`: the nodes that were followed already."""
         self._looks()
         paths: list[TopicPath] = []
         for c in self._writers(index):
@@ -203,7 +203,7 @@ class NodeWays(Ways):
         return paths
 
     def _over(self, c: Component, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
-        """What a node publishes is as old as what it reads; what it is itself is as it publishes.
+        """The paths through a node: what it publishes is as old as what it reads.
 
         A node behind the module that reads no sensor on its own is part of what is abstracted:
         its state is what it last published.
@@ -314,7 +314,7 @@ class NodeWays(Ways):
             raise NotRecheckedError("more ways between plants and module than are followed")
 
     def _names(self, c: Component) -> list[str]:
-        """How the `verify` block may call a node."""
+        """The names by which the `verify` block may call a node."""
         home = holder_of(self.system, self.module)
         return [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
 
@@ -336,7 +336,7 @@ class NodeWays(Ways):
         return any(index in (i, self.system.topics[i].queue_of) for i in c.reads)
 
     def _steps(self, c: Component, index: int) -> None:
-        """That a node publishes a topic in every step: seen, or of an extern assumed."""
+        """NotRecheckedError unless a node publishes a topic in every step; assumed of an extern."""
         assert c.node is not None
         if c.node.extern:
             self.notes["extern", c.name] = None
@@ -345,7 +345,7 @@ class NodeWays(Ways):
             raise NotRecheckedError(f"`{c.name}` may not publish `{name}` in every step")
 
     def _clock(self, c: Component) -> Clock:
-        """When a node steps; its times are zero where they are not declared."""
+        """The period and delays of a node; times that are not declared are zero."""
         late, response = (self._declared(c, of) for of in ("late_of", "response_of"))
         clock = Clock(c.name, c.period_ns, c.phase_ns, late or 0, response or 0)
         if clock.slow > clock.period:
@@ -353,7 +353,7 @@ class NodeWays(Ways):
         return clock
 
     def _noted(self, c: Component) -> None:
-        """That the times of a node on a path are assumed where they are not declared."""
+        """Note a node on a path whose times are not declared, and so assumed."""
         if None in (self._declared(c, "late_of"), self._declared(c, "response_of")):
             self.undeclared[c.name] = None
 
@@ -391,7 +391,7 @@ def _always(body: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool
 
 
 def assumed(ways: Ways) -> Said:
-    """Of nodes between the plants and the module."""
+    """The assumptions about nodes between the plants and the module."""
     for kind, name in ways.notes:
         yield f"{kind} {name}", TEXTS[kind].format(name)
     yield "nodes run", "no node between plants and module faults or skips a step"

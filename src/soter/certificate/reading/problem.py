@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 PARAMETER_VALUES_MAX = 4096
 LARGEST_ERROR = 2.0**1000
-"""With a larger one a sum that nobody reads may be no number, and end the plant."""
+"""With a larger error the sum of value and error may be no number, and end the plant."""
 
 
 def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
@@ -89,7 +89,7 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
 
 
 def _plants_of(system: System, module: Module) -> tuple[Component, ...]:
-    """Those that drive what SC, a predicate or an axis reads, or that an axis names."""
+    """The plants that drive what SC, a predicate or an axis reads, or that an axis names."""
     sc = system.components[module.sc]
     wanted = {sc.scope.topics[t] for t in read_by_sc(sc)}
     wanted |= {module.scope.topics[t] for t in topic_reads(*module.symbol.predicates)}
@@ -153,7 +153,7 @@ def _read_states(facts: Facts, c: Component) -> None:
 
 
 def _read_disturbances(facts: Facts, c: Component) -> None:
-    """Its own, and what somebody else publishes: that moves the plant as disturbances do."""
+    """A plant's own disturbances, and what others publish that moves it, as disturbances do."""
     for d in c.disturbances:
         for k, name, of in named(f"{c.name}.{d.variable.name}", d.variable.type):
             if not isinstance(of, FloatType):
@@ -180,7 +180,7 @@ def _values_of(of: Type, name: str) -> tuple[int, ...]:
 
 
 def _read_topics(facts: Facts) -> None:
-    """Commands, errors of what is read, and what is read and no plant drives."""
+    """Enter the commands, the errors of what is read, and topics that are read and not driven."""
     module, sc, symbol = facts.module, facts.sc, facts.symbol
     by_sc = [sc.scope.topics[t] for t in read_by_sc(sc)]
     errors_of = {*by_sc, *(module.scope.topics[t] for t in facts.read_by_dm(symbol.ttf))}
@@ -221,7 +221,7 @@ def _leaves_of(facts: Facts, index: int, kind: InputKind) -> Iterator[Input]:
 
 
 def _read_axes(facts: Facts) -> None:
-    """Extents that the module declares, by state. What it leaves open is a choice of the prover."""
+    """Enter the declared axis of each state; what is not declared is a choice of the prover."""
     for group in facts.symbol.verify.groups:
         for axis in group.axes:
             state = _state_of_axis(facts, axis)
@@ -260,7 +260,7 @@ def _topic_of_axis(facts: Facts, topic: typed.TopicSymbol) -> int:
 
 
 def error_of(facts: Facts, state: int) -> float:
-    """By how much the estimate of a state may be off, in the topic leaf that is its axis.
+    """The error of a state's estimate, in the topic leaf that is its axis.
 
     NotRecheckedError where no topic has it as its axis.
     """

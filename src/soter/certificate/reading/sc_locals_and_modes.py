@@ -39,11 +39,11 @@ if TYPE_CHECKING:
 
 
 MODES_MAX = 4
-"""So many modules may SC look at: its step is read for every combination."""
+"""SC may look at so many modules' modes: its step is read for every combination."""
 
 
 def modes_in(code: Sequence[object]) -> list[Key]:
-    """Modules whose mode is read."""
+    """The modules whose mode a piece of code reads."""
     modules = [
         n.module for n in nodes([x for x in code if x is not None]) if isinstance(n, typed.ModeRead)
     ]
@@ -87,7 +87,7 @@ def only_modes_of_others(facts: Facts) -> None:
 
 
 def assumed(facts: Facts) -> Said:
-    """Of the modules whose modes SC, `ttf` or `safer` read; and of those that `safer` reads."""
+    """The assumptions on modules whose modes SC, `ttf` or `safer` read, and on P2b for `safer`."""
     flying, module = facts.flying, facts.flying_module
     sc = flying.components[module.sc]
     assert sc.node is not None
@@ -109,7 +109,7 @@ WIDEST = 2**31
 def every_step(
     terms: Terms, sc: typed.NodeSymbol, with_modes: Callable[[Any], Callable[[Any], dict[int, Any]]]
 ) -> Iterator[dict[int, Any]]:
-    """What it may publish; `with_modes`: by modes, and then by values of its locals."""
+    """What each step of SC may publish; `with_modes`: a function of modes, then of its locals."""
     for modes in every_mode(sc.step):
         published = with_modes(modes)
         for known_locals in _combinations(terms, sc.locals):
@@ -177,7 +177,7 @@ def _as_input(terms: Terms, of: Type) -> Linear | Proposition:
 
 
 def one_of(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
-    """Whatever one of the alternatives is; those that enclose the same numbers count once."""
+    """A term for any of the alternatives; those that enclose the same numbers count once."""
     shapes = _Shapes(terms)
     kept: dict[object, Linear] = {}
     for x in alternatives:
@@ -194,7 +194,7 @@ def one_of(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
 
 
 class _Shapes:
-    """Equal for terms that were built alike, over the same inputs: their enclosures are equal.
+    """Keys that are equal for terms built alike, over the same inputs: their enclosures are equal.
 
     Two of them need not be the same number. One stands for both, as it encloses the same numbers.
     """
@@ -205,7 +205,7 @@ class _Shapes:
         self._names: dict[object, int] = {}
 
     def of(self, x: Linear) -> object:
-        """Of a term."""
+        """The key of a term."""
         parts = frozenset((self._atom(a), key_of(c)) for a, c in x.terms.items())
         return (key_of(x.const), key_of(x.radius), parts, x.nonnegative)
 

@@ -153,7 +153,7 @@ def _only_known_fields(of: type) -> None:
 
 
 def _safe_controller(sc: t.NodeSymbol) -> None:
-    """Its step is all it does: nothing else may fault, latch it, or change what it publishes."""
+    """NotRecheckedError unless SC only does its step, and all parts of that are on the list."""
     if sc.extern:
         raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
     if sc.takeover:
@@ -168,7 +168,7 @@ def _safe_controller(sc: t.NodeSymbol) -> None:
 
 
 def _topics(facts: Facts) -> None:
-    """Nobody but the module publishes its outputs, and nothing that it reads is a queue."""
+    """NotRecheckedError where others publish the module's outputs, or SC's topics are a queue."""
     outputs = set(facts.flying_module.outputs)
     own = facts.commanding
     for c in (c for c in facts.flying.components if c not in own):
@@ -204,7 +204,7 @@ def equations(plant: t.PlantSymbol) -> list[object]:
 
 
 def _code(root: object, where: str) -> None:
-    """Every part of a piece of code, and of every function that it calls, is on the list."""
+    """NotRecheckedError unless all parts of some code, and of what it calls, are on the list."""
     for part in parts_of([root]):
         if type(part) not in CODE:
             name = _SAID.get(type(part), type(part).__name__.removeprefix("Typed").lower())

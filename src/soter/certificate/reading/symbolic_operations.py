@@ -49,7 +49,7 @@ class SymbolicInt(Linear):
 
 @dataclass(eq=False)
 class Rows:
-    """A row of numbers out of several, at an index that depends on inputs."""
+    """One of several rows of numbers, at an index that depends on inputs: not read yet."""
 
     elements: Sequence[tuple[Value, ...]]
     index: Linear
@@ -65,7 +65,7 @@ def truth_of(x: bool | Proposition) -> Proposition:
 
 
 def plain(x: Proposition) -> bool | Proposition:
-    """A bool where it is decided."""
+    """A proposition as a bool where it is decided."""
     return x.value if x.kind == "constant" else x
 
 
@@ -129,7 +129,7 @@ EVERYWHERE = frozenset({"sin", "cos", "tanh", "atan"})
 
 
 class Operations:
-    """What operators give. `rounded`: as the machine computes it; else as real numbers.
+    """The operators over terms. `rounded`: as the machine computes them; else over real numbers.
 
     A function of a known number (`sqrt(2.0)`) is what the machine makes of it, in a flow, too.
     """
@@ -138,7 +138,7 @@ class Operations:
         self.terms = terms
         self.is_rounded = rounded
         self.everywhere = False
-        """Those of `EVERYWHERE` are real functions, also where no error of theirs is known."""
+        """Whether functions of `EVERYWHERE` are exact, also beyond their error bounds' domains."""
 
     @property
     def path(self) -> Value:
@@ -341,7 +341,7 @@ class Operations:
         return self._like(self.terms.lookup(values, indices, shape), first[0])
 
     def _like(self, x: Linear, *of: Value) -> Value:
-        """An int where it is made of ints."""
+        """`x`, as an int where one of `of` is one."""
         return self.whole(x) if _is_whole(*of) else x
 
     def whole(self, x: Linear) -> Value:

@@ -46,15 +46,15 @@ STEPS_MAX = 200_000
 
 @dataclass(eq=False)
 class CallFrame:
-    """Variables, and what was published: under which condition, and what then."""
+    """A call's variables, and what it published: topic -> (under which condition, which value)."""
 
     variables: dict[t.Variable, Value]
     published: dict[t.TopicSymbol, tuple[Value, Value]] = field(default_factory=dict)
     result: Type = BOOL
-    """Of the function that is read."""
+    """The result type of the function that is read."""
 
     def copy(self) -> CallFrame:
-        """Its values may become others."""
+        """A copy, for the other side of a branch."""
         return CallFrame(dict(self.variables), dict(self.published), self.result)
 
 
@@ -66,7 +66,7 @@ class CodeReader:
         self._steps = 0
 
     def tried(self, path: Value, run: Callable[[], Value]) -> tuple[bool, Value]:
-        """What is computed under a condition; False where it faults: then it must not hold."""
+        """(True, what `run` gives under `path`); (False, None): it faults, so `path` must fail."""
         outside, self.operations.path = self.operations.path, path
         try:
             return True, run()
@@ -262,7 +262,7 @@ class CodeReader:
         return self.operations.join(e.type, c, a, b) if fine and well else (a if fine else b)
 
     def called(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
-        """What a function gives; NotRecheckedError for extern ones."""
+        """The result of a call, its body read; NotRecheckedError for an extern function."""
         if fun.body is None:
             raise NotRecheckedError(f"`{fun.name}` is an extern function: its values are unknown")
         inner = CallFrame(dict(zip(fun.parameters, arguments, strict=True)), result=fun.result)
@@ -327,13 +327,13 @@ class CodeReader:
 
 @dataclass(eq=False)
 class Surroundings:
-    """What names mean: values of parameters, topics, and the period of the step in seconds."""
+    """The values of names: of parameters and topics, and the period of the step in seconds."""
 
     params: Mapping[t.ParamSymbol, Value]
     topics: Mapping[t.TopicSymbol, Value]
     period: float | None = None
     modes: Mapping[t.ModuleSymbol | str, Value] = field(default_factory=dict)
-    """Of other modules, where they may be read."""
+    """Other module -> its mode, where it may be read."""
 
 
 class SymbolicReader(CodeReader):
@@ -346,7 +346,7 @@ class SymbolicReader(CodeReader):
     def step(
         self, body: Sequence[t.TypedStmt], variables: Mapping[t.Variable, Value]
     ) -> dict[t.TopicSymbol, Value]:
-        """What a step publishes; NotRecheckedError where it always faults."""
+        """The value that a step publishes on each topic; NotRecheckedError if it always faults."""
         frame = CallFrame(dict(variables))
         if not self.tried(self.operations.path, lambda: self.block(body, frame))[0]:
             raise NotRecheckedError("SC faults wherever it steps")
@@ -355,7 +355,7 @@ class SymbolicReader(CodeReader):
         return {topic: value for topic, (_, value) in frame.published.items()}
 
     def value(self, e: t.TypedExpr, frame: CallFrame, *, rows: bool = False) -> Value:
-        """By its static type an int stays an int, whatever it went through, and a bool is one.
+        """The value of an expression; by its static type an int stays an int, a bool a bool.
 
         `rows`: a row of a table may stay unread, as one of its numbers is asked for next.
         NotRecheckedError for a bool that is neither known nor a proposition.

@@ -67,9 +67,9 @@ def flown(facts: Facts, name: str) -> Sequence[Any] | None:
 
 
 def seen_from_what_is_abstracted(facts: Facts, topics: set[int]) -> None:
-    """A topic has to come from the plant whose abstraction drives it, and not from another one.
+    """Check that each topic comes from the plant whose abstraction drives it.
 
-    DiffersError where it does not.
+    DiffersError where one does not.
     """
     outer = holder_of(facts.flying, facts.flying_module)
     driven = driven_topics(facts)
@@ -84,7 +84,7 @@ def seen_from_what_is_abstracted(facts: Facts, topics: set[int]) -> None:
 
 
 def assumed(facts: Facts) -> Said:
-    """That the vehicle behaves like what abstracts it."""
+    """The assumptions that the vehicle behaves like the plants that abstract it."""
     for link in facts.symbol.verify.abstracts:
         known = start_behind(facts.flying, facts.flying_module, link) is not None
         begins = f"the start of {link.instance}" if known else f"the initial states of {link.name}"
@@ -108,7 +108,7 @@ def judged(facts: Facts) -> Said:
 def _own_parameters(
     module: Module, instances: tuple[typed.InstanceSymbol, ...]
 ) -> tuple[typed.SetSymbol, ...]:
-    """What is set for the module itself holds for the plants of its proof, too.
+    """The `set`s of the module's own parameters, repeated for each plant of its proof.
 
     Its topics are not its own: they keep what is set around it.
     """
@@ -126,9 +126,9 @@ def _with_controllers(
 
 
 def as_it_runs(facts: Facts) -> None:
-    """An abstraction is proved with the topics and periods that the running system has.
+    """Check that the system of the proof has the topics and periods of the running system.
 
-    NotRecheckedError where it is not.
+    NotRecheckedError where it has not.
     """
     system, flying = facts.system, facts.flying
     module, running = facts.module, facts.flying_module

@@ -1,7 +1,7 @@
 """One view of a module, read again: the parts of its predicates that its plants show.
 
-Purpose: `seen` (the module with those parts), `entered` (those of `enters`), `left_out` (what no
-view of a certificate shows), `without_ages` (`ttf` without the parts that ask for an age).
+Purpose: `seen` gives the module with those parts, `entered` those of `enters`; `left_out` says what
+no view of a certificate shows; `without_ages` is `ttf` without the parts that ask for an age.
 Non-goals: sharing code with `language/elaborate/views_for_proofs.py` and
 `verify/problem/supported_constructs.py`, which the prover goes by.
 
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module
 
     Part = tuple[typed.TypedExpr, bool]
-    """What must hold: the expression, or (False) that it does not."""
+    """An expression, and whether it must hold (True) or must not (False)."""
 
 
 ELSEWHERE = (typed.ModeRead, typed.MarginRead, typed.AgeRead, typed.TimeRead, typed.InControl)
-"""What may be read beside topics."""
+"""The reads of something else than a topic's value: of modes, margins, ages and times."""
 
 
 def seen(module: Module, name: str) -> Module:
@@ -56,9 +56,9 @@ def seen(module: Module, name: str) -> Module:
 
 
 def entered(symbol: typed.ModuleSymbol, block: typed.TypedVerifyBlock) -> typed.TypedExpr | None:
-    """What `enters` of a module says of what the plants of a view drive; None: there is none.
+    """The parts of `enters` that read only what the plants of a view drive; None: no `enters`.
 
-    All of `enters` implies it. True where nothing of it speaks of them alone.
+    All of `enters` implies it. True where no part reads these topics alone.
     """
     if symbol.verify.enters is None:
         return None
@@ -66,7 +66,7 @@ def entered(symbol: typed.ModuleSymbol, block: typed.TypedVerifyBlock) -> typed.
 
 
 def left_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
-    """What these views of a module do not show of it together, in words; empty: nothing."""
+    """Why these views of a module together do not show all of it; "" where they do."""
     for view in symbol.verify.views:
         if view.name not in views:
             return f"view `{view.name}` of module `{symbol.name}` is not there"
@@ -114,7 +114,7 @@ def _in(part: Part, shown: Collection[typed.TopicSymbol]) -> bool:
 
 
 def _parts(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
-    """What must hold for `e` to be `wanted`."""
+    """The parts that must all hold for `e` to be `wanted`."""
     if isinstance(e, typed.TypedUnary) and e.op == "!":
         yield from _parts(e.operand, wanted=not wanted)
     elif isinstance(e, typed.TypedBinary) and e.op == ("&&" if wanted else "||"):
@@ -128,7 +128,7 @@ def _parts(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
 
 
 def _body(call: typed.TypedCall) -> typed.TypedExpr | None:
-    """What a function returns, with the arguments in it, if that is all that it does."""
+    """The expression that a function returns, arguments put in; None where it does more."""
     steps = call.fun.body or ()
     only = steps[0] if len(steps) == 1 else None
     if not isinstance(only, typed.TypedReturn):
@@ -143,13 +143,13 @@ def _body(call: typed.TypedCall) -> typed.TypedExpr | None:
 
 
 def _of(e: typed.TypedExpr, shown: set[typed.TopicSymbol], *, wanted: bool) -> typed.TypedExpr:
-    """That all parts hold which are shown; true where there are none."""
+    """The expression that all parts of `e` hold which are shown; true where there are none."""
     own = [part for part in _parts(e, wanted=wanted) if _in(part, shown)]
     return _joined("&&", e.span, own, wanted=True)
 
 
 def _joined(op: str, span: Span, parts: Sequence[Part], *, wanted: bool) -> typed.TypedExpr:
-    """All of them, or one of them; each as it is where it says `wanted`, else not."""
+    """The parts joined by `op`; each as it is where its truth is `wanted`, else negated."""
     joined: typed.TypedExpr = typed.Literal(BOOL, span, value=op == "&&")
     for e, truth in parts:
         joined = typed.TypedBinary(BOOL, span, op, joined, e if truth == wanted else _not(e))

@@ -81,7 +81,7 @@ def above(x: arb) -> float:
 
 
 def key_of(x: arb) -> object:
-    """What is equal for equal balls only."""
+    """A key for a ball, equal for equal balls only."""
     if not x.is_finite():
         return (arb, id(x))
     return (arb, *x.mid().man_exp(), *x.rad().man_exp())
@@ -152,7 +152,7 @@ def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb]:
 
 
 def line_or_range(offset: arb, spread: arb, low: arb, high: arb) -> tuple[arb, arb, arb]:
-    """The less spread of a line and a range: a weight for the slopes, an offset, a spread.
+    """A line, or a range where that has less spread: a weight for slopes, an offset, a spread.
 
     What is in slope x + offset +- spread and in [low, high] is in weight slope x + the rest.
     """
@@ -236,7 +236,7 @@ def line_sqrt(low: arb, high: arb) -> Line:
 
 
 def line_soft_sign(low: arb, high: arb) -> Line:
-    """X / (1 + |x|): it rises, is odd, and concave on x >= 0.
+    """The function x / (1 + |x|): it rises, is odd, and concave on x >= 0.
 
     There it is at most slope x + (1 - sqrt(slope))^2, which a tangent reaches; and least at ends.
     """

@@ -1,4 +1,4 @@
-"""The re-checker's terms become straight-line programs over Arb balls: a step over a whole cell.
+"""Terms (`terms.py`) become functions over a whole set of states, programs of `straight_line.py`.
 
 Purpose: `compile_step`: a function from the form of a set of states to the forms of what a step
 makes of it, with the ranges wanted and the propositions that must hold; `compile_lines`: to rows
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 
 class AffineForms:
-    """What is known of linear forms over the form of a set, and the values that are made of it."""
+    """Rows and ranges of terms over the form of a set, as values of one program (`make`)."""
 
     def __init__(
         self,
@@ -67,7 +67,7 @@ class AffineForms:
         self.symbols = range(symbols)
         n = len(states)
         self.length = (4 + symbols + noisy) * n
-        """Of a form: its ends, centres, coefficients on symbols, rests; noises."""
+        """How many numbers a form has: ends, centres, coefficients on symbols, rests; noises."""
         inputs = [make.input(i) for i in range(self.length)]
         self.centre = dict(zip(states, inputs[2 * n :], strict=False))
         self.symbol = {a: inputs[3 * n + i * symbols :] for i, a in enumerate(states)}
@@ -76,23 +76,23 @@ class AffineForms:
         self.rows: dict[int, Row] = {
             a: ({a: make.one}, make.zero, noise) for a, noise in zip(states, noises, strict=True)
         }
-        """Of each atom: its line."""
+        """Atom -> its line, a row that encloses it."""
         self.bounds: dict[int, Ends] = {
             a: (inputs[2 * i], inputs[2 * i + 1]) for i, a in enumerate(states)
         }
-        """Of each atom: the ends of its range."""
+        """Atom -> the ends of its range."""
         self._known: dict[tuple[str, int], Any] = {}
         self._keep: list[object] = []
 
     def enter_box(self, index: int, atom: Atom) -> None:
-        """An input that the form does not describe: its box, or its domain."""
+        """Enter line and range of an input that the form does not describe: its box, or domain."""
         low, high = self.boxes.get(index, (atom.low, atom.high))
         middle, half = (low + high) * HALF, (high - low) * HALF
         self.rows[index] = {}, self.make.constant(middle), self.make.constant(half)
         self.bounds[index] = self.make.constant(low), self.make.constant(high)
 
     def cached(self, kind: str, x: object, made_of: Callable[[Any], Any]) -> Any:  # noqa: ANN401
-        """What is made of x, once."""
+        """The value `made_of(x)`, computed once for each kind and x."""
         key = (kind, id(x))
         if key not in self._known:
             self._keep.append(x)
@@ -118,7 +118,7 @@ class AffineForms:
         return sums, self.make.sum(constants), self.make.sum(spreads)
 
     def over_form(self, row: Row) -> tuple[Value, list[Value], Value]:
-        """Centre, coefficients on the symbols, radius of the rest."""
+        """A row over the form: its centre, coefficients on the symbols, radius of the rest."""
         factors, constant, spread = row
         total = self.make.sum
         return (
@@ -128,13 +128,13 @@ class AffineForms:
         )
 
     def ends_of_row(self, row: Row) -> Ends:
-        """Of the interval of a row over the form."""
+        """The ends of the interval in which a row lies over the form."""
         centre, symbols, rest = self.over_form(row)
         radius = self.make.sum([rest, *map(abs, symbols)])
         return centre - radius, centre + radius
 
     def range_of(self, x: Linear) -> Ends:
-        """The ends of its range; limits that are reached exactly stay exact."""
+        """The ends of the range of a term; limits that are reached exactly stay exact."""
         ends: Ends = self.cached("range", x, self._make_range)
         return ends
 
@@ -167,7 +167,7 @@ class AffineForms:
 
 
 RANGES = ("spread", "table")
-"""Kinds of which nothing but a range is known."""
+"""Kinds of atoms of which nothing but a range is known."""
 
 
 def make_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> None:
@@ -186,7 +186,7 @@ def make_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> Non
 
 
 def _at_most_its_range(forms: AffineForms, index: int) -> None:
-    """A line with a spread above that of the range says less than the range."""
+    """Replace the line of an atom by its range, where that has the smaller spread."""
     row, offset, rest = forms.rows[index]
     ends = offset, rest, *forms.bounds[index]
     weight, offset, rest = forms.make.parts("line_or_range", 3, *ends)
@@ -224,7 +224,7 @@ def _univariate(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _product(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """A b = a_m b + b_m a - a_m b_m + (a - a_m) (b - b_m), a_m and b_m in the middle."""
+    """The product a b = a_m b + b_m a - a_m b_m + (a - a_m) (b - b_m), a_m, b_m in the middle."""
     make = forms.make
     (al, ah), (bl, bh) = (forms.range_of(x) for x in atom.arguments)
     am, bm = (make.apply("mid", (low + high) * HALF) for low, high in ((al, ah), (bl, bh)))
@@ -254,7 +254,7 @@ def _extreme(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _choice(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """A where the condition holds, else b; (a + b)/2 +- |a - b|/2 where it is not certain."""
+    """The choice: a if the condition holds, else b; (a + b)/2 +- |a - b|/2 if it is not certain."""
     make = forms.make
     a, b, difference = atom.arguments
     assert atom.condition is not None
@@ -275,7 +275,7 @@ def _choice(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _spread(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """Anything up to the weighted sizes of its arguments."""
+    """Any number whose size is at most the weighted sum of the arguments' sizes."""
     sizes = [
         weight * forms.make.apply("max", *map(abs, forms.range_of(x)))
         for weight, x in zip(atom.weights, atom.arguments, strict=True)
@@ -285,7 +285,7 @@ def _spread(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
 
 
 def _any(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
-    """The first alternative, and what the others are off it."""
+    """The row of the first alternative, spread so far that it holds the others, too."""
     count = (len(atom.arguments) + 1) // 2
     alternatives, gaps = atom.arguments[:count], atom.arguments[count:]
     row, constant, spread = forms.row(alternatives[0])
@@ -331,7 +331,7 @@ def _make_truth(forms: AffineForms, x: Proposition) -> Value:
 
 
 def demand(forms: AffineForms, must: Sequence[Proposition]) -> None:
-    """Give nothing where something is not certain."""
+    """Demand of the program that it gives nothing where one of these is not certain."""
     for truth in must:
         forms.make.apply(DEMAND, truth_of(forms, truth))
 
@@ -435,7 +435,7 @@ def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, 
 
 
 def states_of(length: int, n: int) -> int:
-    """How many states and memories a form has: 4 + n entries each, n more for a memory."""
+    """The number of states and memories of a form: 4 + n entries each, n more for a memory."""
     return (length + n * n) // (4 + 2 * n)
 
 

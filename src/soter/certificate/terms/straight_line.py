@@ -1,18 +1,17 @@
-"""The re-checker's straight-line programs over balls: operations, and the walk along them.
+"""Straight-line programs over balls: written down once, run on every cell.
 
-Purpose: `OPERATIONS`: by name, functions of balls, of truths as bits (0: may be false, 1: may be
-true), products of intervals, tables, states between two instants; each is an enclosure of what it
-names. `Builder` makes values out of inputs, constants and operations; `Function` computes those
-that are asked for, of any inputs. What needs no input is computed at once; what is asked twice is
-one value; what nothing depends on is left out. Sums and products of matrices, as lists of rows, are
-computed of balls at once, and written down of values.
-Non-goals: what is to be computed (`compile_terms.py`); lines over functions of one number
-(`arb_balls.py`); exponentials (`reading/linear_flows.py`, `grid/flow_enclosures.py`).
+Purpose: a `Builder` writes a program down as a list of values, each an input, a constant or one of
+the `OPERATIONS` on earlier values; a `Function` computes those that are asked for, of any inputs.
+What needs no input is computed at once; what is asked twice is one value; what nothing depends on
+is left out. A truth is bits: 0: may be false, 1: may be true. Sums and products of matrices, as
+lists of rows, are computed of balls at once, and written down of values.
+Non-goals: what is to be computed (`compile_terms.py`, `grid/flow_chains.py`); lines over functions
+of one number (`arb_balls.py`); exponentials (`linear_flows.py`, `flow_enclosures.py`).
 
-Argument: an operation encloses what it names for balls that enclose its arguments (Arb, and
-`arb_balls.py`, `straight_line.py`), so by induction along the program each value encloses what it
-stands for, whatever the inputs enclose. A value that is demanded is a truth: unless it is certain,
-nothing is given.
+Argument: each operation encloses what it names for balls that enclose its arguments (by Arb, by
+`arb_balls.py`, or as its function below says), so by induction along the program each value
+encloses what it stands for, whatever the inputs enclose. A value that is demanded is a truth:
+unless it is certain, nothing is given.
 """
 
 from __future__ import annotations
@@ -100,7 +99,7 @@ def swept(
 def compared(
     low: arb, high: arb, low_after: arb, high_after: arb, own: arb, rest: arb, grown: arb
 ) -> tuple[arb, arb]:
-    """The ends of a state some time after a range, as they are known and by that comparison."""
+    """The ends of a state some time after a range: the known ones, narrowed as in `swept`."""
     down, up = arb((own * low + rest).lower()), arb((own * high + rest).upper())
     return (
         low_after.max(low + down.min(ZERO) * grown),
@@ -121,7 +120,7 @@ def bits(yes: bool, no: bool) -> int:
 
 
 def by_truth(truth: int, yes: arb, no: arb, both: arb) -> arb:
-    """What is so where a proposition is true, where it is false, where neither is certain."""
+    """`yes` where a proposition is certainly true, `no` where it is false, else `both`."""
     return yes if truth == 2 else (no if truth == 1 else both)
 
 
@@ -184,7 +183,7 @@ CONSTANT, INPUT = "constant", "input"
 
 
 class Value:
-    """What an operation makes of other values; a constant and an input need none.
+    """One value of a program: an operation's result on other values, a constant, or an input.
 
     `content`: the number of a constant, the place of an input, which part of a tuple. Values are
     added, multiplied and compared in size as balls are, and together with balls, so that code which
@@ -234,7 +233,7 @@ class Value:
 
 
 class Builder:
-    """The values of a program, in the order in which they were made."""
+    """Writes a program down: its values, in the order in which they were made."""
 
     def __init__(self) -> None:
         self.values: list[Value] = []
@@ -249,7 +248,7 @@ class Builder:
         return self._known[key]
 
     def constant(self, x: Any) -> Value:  # noqa: ANN401  a ball, a truth, a table
-        """Of a number; equal balls are one value."""
+        """The value of a number; equal balls are one value."""
         key = CONSTANT, (content_of(x) if isinstance(x, (arb, int, float)) else id(x))
         if key not in self._known:
             self._known[key] = Value(self, CONSTANT, (), x)
@@ -261,10 +260,10 @@ class Builder:
         return self._value(INPUT, (), place)
 
     def apply(self, operation: str, *arguments: Any, content: Any = None) -> Value:  # noqa: ANN401
-        """What an operation of `OPERATIONS` makes of values and constants.
+        """Enter an operation of `OPERATIONS` on values and constants, and return its result.
 
-        Or `PART`: number `content` of a tuple; or `DEMAND`: from here on nothing is given unless
-        the truth is certain.
+        Or `PART`: number `content` of a tuple; or `DEMAND`: from here on the program gives nothing
+        unless the truth is certain.
         """
         values = [x if isinstance(x, Value) else self.constant(x) for x in arguments]
         if operation == DEMAND:
@@ -280,9 +279,9 @@ class Builder:
         return self._value(operation, tuple(values), content) if same is None else same
 
     def _same(self, operation: str, x: Value, y: Value) -> Value | None:
-        """What needs no operation: 0 times what is unbounded is 0.
+        """The value of x op y where no operation is needed, else None.
 
-        It is a number wherever the obligations hold, and elsewhere nothing is given.
+        0 times what is unbounded is 0: wherever the obligations hold that is a number.
         """
         if operation == "mul":
             if self.zero in (x, y):
@@ -295,12 +294,12 @@ class Builder:
         return x if y is self.zero else None
 
     def parts(self, operation: str, count: int, *arguments: Number) -> list[Value]:
-        """The same of an operation that gives so many values."""
+        """As `apply`, for an operation that gives `count` values."""
         whole = self.apply(operation, *arguments)
         return [self.apply(PART, whole, content=k) for k in range(count)]
 
     def sum(self, parts: Iterable[Number]) -> Value:
-        """Of all of them, constants first."""
+        """The sum of all of them, constants first."""
         total = self.zero
         for x in sorted(parts, key=_is_variable):
             total += x
@@ -312,7 +311,7 @@ def _is_variable(x: Number) -> bool:
 
 
 def applied(operation: str, *arguments: Any, parts: int = 0) -> Any:  # noqa: ANN401
-    """What an operation makes of balls, or of values of one program; of so many parts, if any."""
+    """Apply an operation to balls, or enter it for values; `parts`: it gives a tuple of so many."""
     for x in arguments:
         if isinstance(x, Value):
             make = x.make
@@ -323,9 +322,9 @@ def applied(operation: str, *arguments: Any, parts: int = 0) -> Any:  # noqa: AN
 
 
 class Function:
-    """What a program gives of a form: the values asked for, or None where a demand is not certain.
+    """Runs a program on a form: the values asked for, or None where a demand is not certain.
 
-    `after`: the values in two tuples, so many of them in the first one.
+    `after`: gives them as two tuples, with so many in the first one.
     """
 
     def __init__(
@@ -353,7 +352,7 @@ class Function:
         """Equal for functions only that give the same of every form: places tell its length."""
 
     def __call__(self, form: tuple[Any, ...]) -> Any:  # noqa: ANN401  as was asked for
-        """Of one form; of values of another program: values of that one.
+        """The values for one form; for a form of another program's values: values of that one.
 
         AssertionError for a form of another length: constants stand behind it.
         """
@@ -389,7 +388,7 @@ class Function:
 
 
 def _needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Value]:
-    """What outputs and demands depend on, in the order in which it was made."""
+    """The values on which outputs and demands depend, in the order in which they were made."""
     needed = {id(v) for v in outputs}
     for v in reversed(values):
         if id(v) in needed or v.operation == DEMAND:
@@ -399,7 +398,7 @@ def _needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Value]:
 
 
 def _step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
-    """An operation and its places: of one argument, of both, or None and what takes them all."""
+    """(operation, place, None), (operation, place, place), or (operation, None, getter of all)."""
     operation: Any = itemgetter(v.content) if v.operation == PART else OPERATIONS[v.operation]
     places = [place[id(x)] for x in v.arguments]
     if len(places) == 1:
@@ -410,7 +409,7 @@ def _step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
 
 
 def content_of(constant: Any) -> object:  # noqa: ANN401  a ball, a pair of balls, a table, a truth
-    """Equal for equal constants only; of what is no number or table equal to nothing else."""
+    """A key, equal for equal constants only; what is no number or table has a key of its own."""
     if isinstance(constant, tuple):
         return tuple(content_of(x) for x in constant)
     if isinstance(constant, arb) and constant.is_finite():
@@ -459,5 +458,5 @@ def beside(a: Rows, b: Rows) -> Rows:
 
 
 def sum_of_sizes(row: Sequence[Any], sizes: Sequence[Any]) -> Any:  # noqa: ANN401
-    """What factors make of numbers of these sizes at most; 0 of none."""
+    """A bound of |row . x| for all x with |x_i| at most `sizes`; 0 where there are none."""
     return dot(list(map(abs, row)), sizes) if sizes else ZERO

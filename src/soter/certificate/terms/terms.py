@@ -1,9 +1,9 @@
 """The re-checker's terms: what code computes, as linear forms over inputs and nonlinear atoms.
 
-Purpose: `Linear` (a linear form with a radius for the rounding of the program), `Proposition` (a
-proposition about linear forms), and `Terms`, which builds them. Linear combinations cancel here,
-once, before any cell is looked at.
-Non-goals: reading programs (`symbolic_reading.py`), evaluating over cells (`compile_terms.py`).
+Purpose: `Terms` builds a `Linear` (a linear form with a radius for the rounding of the program) or
+a `Proposition` for each expression that is read; an `Atom` is an input, or what is not linear.
+Linear combinations cancel here, once, before any cell is looked at: nothing is evaluated yet.
+Non-goals: reading programs (`symbolic_reading.py`), enclosing terms (`compile_terms.py`).
 
 A term stands for the number the *machine* computes: every operation of the program adds
 |result| 2^-53 + 2^-1074 to the radius, the result being bounded over the whole domain. Plants are
@@ -85,7 +85,7 @@ class Atom:
 
 @dataclass(eq=False)
 class Proposition:
-    """A proposition; "below": argument < 0."""
+    """A proposition; "below": argument < 0, or <= 0 where it is not `strict`."""
 
     kind: Literal["constant", "below", "not", "and", "or"]
     parts: tuple[Proposition, ...] = ()
@@ -135,7 +135,7 @@ def choice_of_truths(c: Proposition, a: Proposition, b: Proposition) -> Proposit
 
 
 def conjuncts(a: Proposition) -> list[Proposition]:
-    """The propositions that together say the same."""
+    """The parts of a conjunction: propositions that together say the same as it."""
     if a.kind == "and":
         return [c for p in a.parts for c in conjuncts(p)]
     if a.kind == "not" and a.parts[0].kind == "or":
@@ -151,7 +151,7 @@ class Terms:
 
     atoms: list[Atom] = field(default_factory=list)
     obligations: list[Proposition] = field(default_factory=list)
-    """What must hold so that no step fault and no NaN arises."""
+    """The propositions that must hold so that no step fault and no NaN arises."""
     path: Proposition = TRUE
     """Under which condition the code being read runs."""
     limit: int = 20_000
@@ -190,7 +190,7 @@ class Terms:
         return self._atom(Atom(name, (x,), low=least, high=most), nonnegative=nonnegative)
 
     def turns(self, x: Linear) -> bool:
-        """Whether it may be any number of turns further."""
+        """Whether a term may stand for numbers any number of turns further (`turning`)."""
         return not self.turning.isdisjoint(x.terms)
 
     # ------------------------------------------------------------ linear operations
@@ -236,7 +236,7 @@ class Terms:
         return combination
 
     def _tighten(self, x: Linear) -> None:
-        """Bounds from the atoms, where they cancelled."""
+        """Bound a combination anew from its atoms: some may have cancelled."""
         low, high = x.const - x.radius, x.const + x.radius
         for index, coefficient in x.terms.items():
             atom = self.atoms[index]
@@ -268,14 +268,14 @@ class Terms:
         return self._atom(Atom("product", (a, b), low=x.lower(), high=x.upper()), nonnegative=kept)
 
     def divide(self, a: Linear, b: Linear) -> Linear:
-        """A / b; that b is not 0 becomes an obligation."""
+        """The quotient a / b; that b is not 0 becomes an obligation."""
         if b.is_constant and b.radius.is_zero() and not b.const.is_zero():
             return self.combine(((1 / b.const, a),))
         self.oblige(either(self.below(b), self.below(self.combine(((-ONE, b),)))))
         return self._saturating(a, b) or self.multiply(a, self.function("inverse", b))
 
     def _saturating(self, a: Linear, b: Linear) -> Linear | None:
-        """A / b where b = k |y| + c with k, c > 0, and a is y times something; else None.
+        """The quotient a / b if b = k |y| + c, k, c > 0, and a is y times something; else None.
 
         y / b is a soft sign of k y / c, over k, and no more than 1 / k; y times an inverse is more.
         """
@@ -458,7 +458,7 @@ def influence(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
 
 
 def closure(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
-    """Indices of every atom below the roots."""
+    """Indices of every atom that the roots are made of, also through other atoms."""
     indices: set[int] = set()
     todo: list[Linear | Proposition] = list(roots)
     while todo:

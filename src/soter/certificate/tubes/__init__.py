@@ -1,1 +1,1 @@
-"""Modules with `rest`: a tube in Arb for what their decision modules decide in flight."""
+"""Modules with `rest`, whose decision module follows SC from each estimate: tubes in Arb."""

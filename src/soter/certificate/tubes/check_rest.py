@@ -66,7 +66,7 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
 
 
 def _contracts(problem: RestProblem) -> Iterator[tuple[str, str]]:
-    """What is taken for granted of maps (condition 7)."""
+    """The assumption about each map that `safe` reads (condition 7)."""
     for index in problem.maps:
         name = problem.facts.system.topics[index].name
         free = f"where `safe` holds with a value of {name}, with its default at the start"
@@ -74,7 +74,7 @@ def _contracts(problem: RestProblem) -> Iterator[tuple[str, str]]:
 
 
 def _far(problem: RestProblem) -> Iterator[tuple[str, str]]:
-    """Of states that SC reads, or that rest hangs on: what it does beyond is not looked at."""
+    """The assumption that each followed state without a smaller set stays below `REACH`."""
     for s in problem.followed:
         if max(map(abs, problem.sets[s])) > REACH:
             name = problem.facts.states[s].name
@@ -82,13 +82,13 @@ def _far(problem: RestProblem) -> Iterator[tuple[str, str]]:
 
 
 def read_all(flat: System, entry: dict[str, Any]) -> None:
-    """Read and compare everything as for a check, and follow nothing."""
+    """Read an entry, compare it with the program, and show no claim; raises as `recheck_rest`."""
     problem, _, ways = _compared(flat, entry)
     ModuleTube(problem, ways)
 
 
 def rest_of(flat: System, entry: dict[str, Any]) -> ModuleTube:
-    """What follows SC as the DM of an entry does; as `recheck_rest` where they differ."""
+    """The tube that follows SC as the DM of an entry does; raises as `recheck_rest`."""
     problem, _, ways = _compared(flat, entry)
     return ModuleTube(problem, ways)
 
@@ -96,7 +96,7 @@ def rest_of(flat: System, entry: dict[str, Any]) -> ModuleTube:
 def _show(
     problem: RestProblem, claims: set[str], box: dict[int, Range], ways: dict[int, Range]
 ) -> None:
-    """Every claim that is made."""
+    """Show every claim; NotRecheckedError, RejectedError where one is not shown."""
     if "P2a" in claims:
         answers(problem)
         keeps(problem, box, ways)
@@ -123,7 +123,7 @@ def _moves(problem: RestProblem) -> dict[str, list[str | None]]:
 def _compared(
     flat: System, entry: dict[str, Any]
 ) -> tuple[RestProblem, dict[int, Range], dict[int, Range]]:
-    """The problem, B and Y; all else in an entry is that of the program."""
+    """The problem, B and Y (`rest_claims.py`); RejectedError where an entry differs otherwise."""
     only_keys(entry, KEYS, "a module")
     rest = entry["rest"]
     problem = read_rest(flat, entry["module"])
@@ -160,7 +160,7 @@ def _compared(
 
 
 def _compare_inputs(facts: Facts, given: object) -> None:
-    """Commands, disturbances, errors and others, each with its range."""
+    """RejectedError where the manifest has another input, or another range of one."""
     known = [
         {"name": x.name, "kind": x.kind, "low": x.low.hex(), "high": x.high.hex()}
         for x in (*facts.controls, *facts.disturbances, *facts.errors, *facts.others)
@@ -173,7 +173,7 @@ def _compare_inputs(facts: Facts, given: object) -> None:
 
 
 def _compare_shield(own: dict[str, int] | None, given: object) -> None:
-    """Cells, and times for which a command counts and any may act: longer ones are sound."""
+    """RejectedError for other cells, or for times shorter than the program's (`shield_of`)."""
     if own is None:
         return
     if not isinstance(given, dict) or given.keys() != own.keys():
@@ -186,7 +186,7 @@ def _compare_shield(own: dict[str, int] | None, given: object) -> None:
 
 
 def _compare_reads(problem: RestProblem, given: dict[str, Any]) -> None:
-    """What the DM reads of each state that is followed, and E."""
+    """RejectedError where the DM reads a followed state elsewhere, or with another error E."""
     own = {problem.leaf(s): s for s in problem.followed}
     if given.keys() != own.keys():
         raise NotRecheckedError("the states that its check follows are others here")
@@ -199,7 +199,7 @@ def _compare_reads(problem: RestProblem, given: dict[str, Any]) -> None:
 
 
 def _ranges(problem: RestProblem, given: dict[str, Any], what: str) -> dict[int, Range]:
-    """B or Y, of each followed state that does not move."""
+    """B or Y, as `what` says: a range for each followed state that `moves` does not name."""
     names = {problem.facts.states[s].name: s for s in problem.own}
     if given.keys() != names.keys():
         raise RejectedError(f"`{what}` is not of the states that `rest` does not move")

@@ -1,22 +1,22 @@
 """What a module with `rest` claims before anything flies, checked again by another tube.
 
 Purpose: condition 3 (`answers`) and the two rules of rest ("Decisions by tubes", proof-flight.md):
-`keeps`, of the box B and the ways Y of a certificate, and `drifts`, of what `moves` says; `slope`:
-a ball around every derivative of a term in one input, at kinks around Clarke's.
+`keeps` shows rule 1 of the box B and the ways Y that a certificate names: a range each for every
+followed state that `moves` does not name. `rest` holds only in B, and SC then keeps the states in
+Y. `drifts` shows rule 2, of what `moves` says. `slope`: every derivative of a term in one input.
 Non-goals: the start and single estimates (`tube_chains.py`); finding B and Y.
 
-The argument is the chain rule, atom by atom, with the range of each atom for its value: by the mean
-value theorem (Lebourg's, of functions that are Lipschitz) a term differs between two values of the
-input by something in that ball times how far these are apart.
+`slope` is a ball, by the chain rule, atom by atom, over the range of each; at kinks it encloses
+Clarke's derivative. By the mean value theorem (Lebourg's, of Lipschitz functions) a term differs
+between two values of the input by a number in that ball times how far these are apart.
 
 Rule 1: outside of B, in the sets of states, `rest` certainly does not hold, B is in Y, and from all
 of B, whatever acted before, a chain of SC is in Y until all states in which some later output
 begins to act are in B again. States that `moves` names are anything in their sets, whenever they
 are read. So are states of other groups, where rates and answers of SC fall into groups that read
 nothing of each other: of each group the rule holds by itself, as that of products does; one that no
-command moves is the same at every instant. These sets are boxes of doubles, and real states between
-two doubles may be missing from them although plants can publish them. None is met: C here is the
-states of C in these boxes (`rest_problem.py`), of every tube.
+command moves is the same at every instant. The sets are boxes of doubles, as C is meant here
+(`rest_problem.py`).
 
 Rule 2, of a state z and V = sum c_i |x_i|, x_i others: +-z' + V' is at most 0 for all states in Y,
 all disturbances, and commands each of which SC answers to something that was read in Y, or in what
@@ -57,15 +57,15 @@ if TYPE_CHECKING:
     from soter.certificate.tubes.tube_chains import Box
 
     Ranges = Mapping[int, Range]
-    """By state."""
+    """State -> its range."""
 
 
 class NoSlopeError(Exception):
-    """The term may jump, or nothing is known of it."""
+    """A term may jump in the input, or has an atom whose slope is not known here."""
 
 
 def slope(terms: Terms, x: Linear, at: int) -> arb:
-    """Of a term in the input that is atom `at`; NoSlopeError where there may be none."""
+    """A ball around all slopes of a term in the input that is atom `at`; NoSlopeError if none."""
     slopes: dict[int, arb] = {at: ONE}
 
     def of(x: Linear) -> arb:
@@ -98,7 +98,7 @@ def _of_one(factor: Callable[[arb], arb]) -> Callable[[Atom, list[arb]], arb]:
 
 
 def _kinked(beneath: arb, between: arb) -> Callable[[Atom, list[arb]], arb]:
-    """The same of max(x, 0) and |x|: one of two functions where x keeps its sign."""
+    """The rule of max(x, 0) and |x|: slope 1 above 0, `beneath` below, `between` for both signs."""
 
     def rule(atom: Atom, slopes: list[arb]) -> arb:
         (x,) = atom.arguments
@@ -137,13 +137,13 @@ _RULES: dict[str, Callable[[Atom, list[arb]], arb]] = {
 
 
 HALVINGS, SPLITS, PIECES = 24, 8, (1, 2, 4)
-"""How often a slab outside of B, and B itself, is halved; how many steps a hold then has."""
+"""How often a slab outside of B, and B itself, is halved; steps of a hold after 0, 1, 2 cuts."""
 PARTS = 16
-"""Of the ways on each side of 0, for rule 2."""
+"""Into so many parts Y is cut on each side of 0, for rule 2."""
 
 
 def answers(problem: RestProblem) -> None:
-    """SC faults on nothing that its topics may hold, and answers within its sets.
+    """Show that SC faults on nothing that its topics may hold, and answers within its sets.
 
     What has no set may be anything up to `REACH`. NotRecheckedError where that is not shown, and
     where SC reads what is no float.
@@ -167,7 +167,7 @@ def answers(problem: RestProblem) -> None:
 
 
 def keeps(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
-    """Rule 1 of B and Y, by state; NotRecheckedError where it is not shown.
+    """Show rule 1 of B (`box`) and Y (`ways`), by state; NotRecheckedError where it is not shown.
 
     RejectedError where B is not in Y, or Y not in the sets.
     """
@@ -190,7 +190,7 @@ def keeps(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
 
 
 def _groups(model: RestModel, own: Sequence[int]) -> list[tuple[int, ...]]:
-    """States that are followed together: rates, or commands in these, read one for another."""
+    """Groups of states: no rate of one, nor a command in it, reads a state of another group."""
     terms, states = model.new_terms()
     controls = control_inputs(model.facts, terms)
     commands, (rates, _) = model.commands(terms, states), model.rates(terms, states, controls)
@@ -252,7 +252,7 @@ def _ends(ranges: Ranges, states: tuple[int, ...]) -> Box:
 
 
 def _holds_only_in(problem: RestProblem, box: Ranges) -> None:
-    """`rest` holds nowhere in the sets of states outside of a box, by what is certain."""
+    """Show that `rest` holds nowhere in the states' sets outside of a box; NotRecheckedError."""
     model = RestModel(problem.facts, (), problem.facts.extents)
     rest = Truths(
         model,
@@ -297,14 +297,14 @@ def _between(low: arb, high: arb) -> arb:
 
 
 class AtRest(NamedTuple):
-    """Where all states are once it rests, and what SC then answers."""
+    """The range of each state once `rest` holds, and of each command that SC then answers."""
 
     states: dict[int, tuple[arb, arb]]
     commands: list[tuple[arb, arb]]
 
 
 def drifts(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
-    """What `moves` says of each followed state; NotRecheckedError where it is not shown."""
+    """Show rule 2 of each state that `moves` names; NotRecheckedError where it is not shown."""
     if not problem.moving:
         return
     try:
@@ -324,7 +324,7 @@ def drifts(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
 
 
 def _answered(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
-    """What SC answers to whatever it reads in Y, and in what leads to Y within d."""
+    """The range of each command that SC answers to reads in Y, or in what leads to Y within d."""
     model = RestModel(problem.facts, (), problem.facts.extents)
     own, box = problem.own, _ends(ways, problem.own)
     if problem.times.delay:
@@ -366,13 +366,13 @@ def _bounded(
 
 
 def _grows(problem: RestProblem, z: int, sign: arb, there: AtRest) -> arb:
-    """How fast at most."""
+    """An upper bound of `sign` z'."""
     terms, _, rates = _rates(problem, there)
     return terms.combine(((sign, rates[z]),)).high
 
 
 def _factor(problem: RestProblem, z: int, sign: arb, x: int, there: AtRest) -> float:
-    """A c that is enough for x, as all larger ones are, or 0; inf where none is found."""
+    """A c for which c |x| outweighs what x adds to z'; 0: x adds nothing; inf: there is no c."""
     found = [
         _factor_beside(problem, (z, x), (sign, side), far, there)
         for side, far in zip((-ONE, ONE), there.states[x], strict=True)
@@ -384,7 +384,7 @@ def _factor(problem: RestProblem, z: int, sign: arb, x: int, there: AtRest) -> f
 def _factor_beside(
     problem: RestProblem, of: tuple[int, int], signs: tuple[arb, arb], far: arb, there: AtRest
 ) -> tuple[float, bool]:
-    """The same on one side of x = 0, `signs[1]`, as far as `far`, and whether x adds anything."""
+    """`_factor` on the side `signs[1]` of x = 0, as far as `far`; whether x adds anything there."""
     (z, x), (sign, side) = of, signs
 
     def within(span: tuple[arb, arb]) -> tuple[Terms, list[Linear], list[Linear]]:
@@ -418,7 +418,7 @@ def _most(x: arb) -> float:
 
 
 def _ratio(adds: arb, falls: arb) -> float:
-    """How often at least what falls must be taken, so that it is no less than what is added."""
+    """A c with `adds` <= c `falls`; 0 where nothing is added, inf where there is none."""
     if not (adds.is_finite() and falls.is_finite()):
         return inf
     if adds <= 0 and falls >= 0:
@@ -427,7 +427,7 @@ def _ratio(adds: arb, falls: arb) -> float:
 
 
 def _rates(problem: RestProblem, there: AtRest) -> tuple[Terms, list[Linear], list[Linear]]:
-    """Terms, states and their rates in them; a state that is 0 is a number."""
+    """(terms, states, rates) over the ranges `there`; a state that is surely 0 is a constant."""
     facts, terms = problem.facts, Terms()
     states = []
     for s, state in enumerate(facts.states):

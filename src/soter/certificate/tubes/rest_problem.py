@@ -1,17 +1,17 @@
 """The problem of a module with `rest`, read again: "Decisions by tubes" (docs/proof-flight.md).
 
-Purpose: `RestProblem`: which states are followed, in which leaf the DM sees each and how far that
-may be off, the sets of states, what `moves` says, and every time constant, from the program alone.
+Purpose: `read_rest` reads a `RestProblem` off the program alone: which states are followed, in
+which leaf the DM sees each and how far that may be off, the sets of states, what `moves` says, and
+every time constant. `RestModel` makes the terms that tubes and claims are about.
 Non-goals: tubes (`tube_chains.py`), what is claimed (`rest_claims.py`).
 
 The argument: a state is followed if an answer of SC, a condition or the rate of a followed state
-depends on it. All others are not in what is asked: they only have to have a solution for as long as
-is asked, which they do where their rates grow no faster than they do (Gronwall).
+depends on it. No question depends on the others: they only need a solution for as long as a run is
+asked about, and have one where their rates grow no faster than they do (Gronwall).
 
-C is the states at which `safe` holds and that lie in the sets of states, boxes of doubles; where
-more than a state is published, that it can be is asked too. Plants can publish all of that. A few
-real states between these doubles and what the declared sets leave are not in C: this is the
-theorem for a smaller C, of which every tube is asked that it stays there (`tube_chains.py`).
+C: `safe` holds, the states lie in their sets (boxes of doubles), and what plants publish lies in
+its set. Plants can publish all of that. A few real states between these doubles and the ends of
+declared sets are not in C: this is the theorem for a smaller C, in which every tube has to stay.
 """
 
 from __future__ import annotations
@@ -59,16 +59,16 @@ if TYPE_CHECKING:
 
 NANOSECOND = Fraction(1, 10**9)
 WIDE = 2.0**1000
-"""Ends for what nothing bounds; terms that depend on it say nothing."""
+"""The ends of a map's numbers that are not known; a box beyond it is not certainly in C."""
 REACH = 1e100
-"""No followed state without a set is taken to be beyond it."""
+"""Every followed state without a smaller set is assumed to stay below it."""
 FARTHEST = arb(2) ** 10**6
-"""Ends for followed states without a set."""
+"""How far from 0 the terms of a `RestModel` with `far` hold, in states without a set."""
 
 
 @dataclass(frozen=True)
 class RestTimes:
-    """In ns. `alpha`: no output of SC is complete earlier after an estimate; `switches`: N_T."""
+    """In ns; `alpha`: from an estimate to a complete output of SC, at least; `switches`: N_T."""
 
     horizon: int
     alpha: int
@@ -80,12 +80,12 @@ class RestTimes:
 
     @property
     def start_alpha(self) -> int:
-        """The same of the start, where H is h_0."""
+        """`alpha` for the start of a run, where h_0 stands for H."""
         return max(0, self.start - self.period - self.jitter)
 
     @property
     def holds(self) -> Times:
-        """Of a chain, for all runs at once."""
+        """The times of a chain that follows all runs at once."""
         ns = (self.period, self.delay, self.jitter)
         delta, delay, jitter = (t * NANOSECOND for t in ns)
         return Times(delta, delay, jitter, jitter, (-delay, NOW))
@@ -93,7 +93,7 @@ class RestTimes:
 
 @dataclass(eq=False)
 class RestProblem:
-    """Of one module. `leaves`: of each followed state the topic and leaf that its DM reads."""
+    """One module's problem; `leaves`: followed state -> (topic, leaf) in which its DM reads it."""
 
     facts: Facts
     rest: RestSymbol
@@ -101,20 +101,20 @@ class RestProblem:
     followed: tuple[int, ...]
     leaves: dict[int, tuple[int, int]]
     sets: dict[int, Range]
-    """Of each state: doubles between which what shows it lies in its declared set."""
+    """State -> doubles between which every topic that shows it stays in its declared set."""
     drifts: dict[int, Range]
-    """How far below and above what it was SC moves a state that `moves` names; inf: anywhere."""
+    """State that `moves` names -> how far down and up SC may move it once at rest; inf: any way."""
     maps: tuple[int, ...] = ()
     """`static` topics that `safe` reads and no plant drives."""
 
     @property
     def first_map(self) -> dict[int, Value]:
-        """What is known of the world at the start: the default of each map."""
+        """The value of each map at the start of a run: its default."""
         return {index: self.facts.system.topics[index].default for index in self.maps}
 
     @property
     def map_leaves(self) -> dict[int, list[str]]:
-        """What the DM reads of each map, as `topic.leaf`."""
+        """The fields of each map that the DM reads, as `topic.leaf`."""
         topics = {index: self.facts.system.topics[index] for index in self.maps}
         return {i: [name for _, name, _ in named(t.name, t.type)] for i, t in topics.items()}
 
@@ -125,7 +125,7 @@ class RestProblem:
 
     @property
     def moving(self) -> tuple[int, ...]:
-        """Followed states that it names."""
+        """Followed states that `moves` names."""
         return tuple(s for s in self.followed if s in self.drifts)
 
     @property
@@ -145,23 +145,23 @@ class RestProblem:
         )
 
     def leaf(self, state: int) -> str:
-        """What the DM reads of a followed state, as `topic.field`."""
+        """The field in which the DM reads a followed state, as `topic.field`."""
         topic, k = self.leaves[state]
         declared = self.facts.system.topics[topic]
         path = [p for p, _ in leaves(declared.type)][k]
         return leaf_name(declared.name, path)
 
     def error(self, state: int) -> float:
-        """E: how far whatever the module reads of a state may be off."""
+        """E of a state: the largest error of the topics in which the module reads it."""
         shown = {at for at, s in shows(self.facts).items() if s == state}
         return max((e.high for e in self.facts.errors if (e.owner, e.leaf) in shown), default=0.0)
 
 
 @dataclass(eq=False)
 class RestModel(CaseModel):
-    """Terms of a module with `rest`; `far`: over states that nothing bounds, too.
+    """Makes the terms of a module with `rest`; `far`: states without a set go up to `FARTHEST`.
 
-    `known`: the values of maps; one that is not among them may have any.
+    `known`: the values of maps; a map that is not in it may have any value.
     """
 
     far: bool = True
@@ -235,7 +235,7 @@ def maps_of(facts: Facts) -> tuple[int, ...]:
 
 
 def _only_safe_reads_maps(facts: Facts, rest: RestSymbol) -> None:
-    """What a map may be (condition 5 and 7), and that neither SC nor `rest` reads it."""
+    """NotRecheckedError for a map that conditions 5 and 7 forbid, or that SC or `rest` reads."""
     rest_reads = {facts.module.scope.topics[t] for t in topic_reads(rest.condition)}
     by_sc = {facts.sc.scope.topics[t] for t in read_by_sc(facts.sc)}
     for index in maps_of(facts):
@@ -254,7 +254,7 @@ def _only_safe_reads_maps(facts: Facts, rest: RestSymbol) -> None:
 
 
 def _refuse(facts: Facts) -> None:
-    """What the theorem does not have (condition 8), or this room."""
+    """NotRecheckedError for what the theorem (condition 8), or this folder, does not cover."""
     symbol = facts.symbol
     wrong = {
         "plants that move in steps": facts.kind != "flow",
@@ -273,7 +273,7 @@ def _refuse(facts: Facts) -> None:
 
 
 def shield_of(problem: RestProblem) -> dict[str, int] | None:
-    """How commands are judged, by the program; None: they are not.
+    """The constants of the module's shield, by the program; None where it has no shield.
 
     NotRecheckedError, RejectedError where no argument for it is known here. `acted_ns` (W): a
     command replaced longer before a release acts on no state read there. The state is A old at
@@ -301,7 +301,7 @@ def shield_of(problem: RestProblem) -> dict[str, int] | None:
 
 
 def shows(facts: Facts) -> dict[tuple[int, int], int]:
-    """(topic, leaf) -> the state that it plainly is, of all that plants drive."""
+    """(topic, leaf) -> the state that a plant publishes there, where it is just a state."""
     found = {}
     for topic, (plant, expr) in driven_topics(facts).items():
         for k, (path, _) in enumerate(leaves(facts.system.topics[topic].type)):
@@ -312,10 +312,10 @@ def shows(facts: Facts) -> dict[tuple[int, int], int]:
 
 
 def _sets(facts: Facts) -> dict[int, Range]:
-    """Of each state; -inf and inf where nothing bounds it.
+    """The set of each state; (-inf, inf) where nothing bounds it.
 
-    A declared set less the error, of every topic that shows the state: what is in it can be
-    published with any error, also once the sum is rounded.
+    It is the declared set, less the error, of every topic that shows the state: a state in it can
+    be published with any error, also once the sum is rounded.
     """
     ranges = dict.fromkeys(range(len(facts.states)), (-inf, inf))
     errors = {(m.topic, m.leaf): m.bound for c in facts.plants for m in c.measured}
@@ -330,9 +330,9 @@ def _sets(facts: Facts) -> dict[int, Range]:
 
 
 def _followed(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
-    """States that what is asked depends on, by what SC, conditions and their rates read.
+    """The states on which SC's answers, the conditions, or rates of such states depend.
 
-    NotRecheckedError where another one might end before what is asked does.
+    NotRecheckedError where the solution of another state might end in finite time.
     """
     model = RestModel(facts, (), facts.extents, far=False)
     terms, states = model.new_terms()
@@ -359,9 +359,9 @@ def _followed(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
 
 
 def constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -> Proposition:
-    """C in the sets of states: `safe`, and that what is published lies in its set.
+    """The proposition C: `safe` holds, and what plants publish lies in its declared set.
 
-    Obligations are entered in `terms`.
+    What must be true so that it is defined is entered in `terms.obligations`.
     """
     held = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
     for topic in bounded_topics(model.facts):
@@ -370,14 +370,14 @@ def constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -> Prop
 
 
 def _estimate(facts: Facts) -> dict[int, tuple[int, int]]:
-    """In which topic and leaf the DM sees each state: one that SC reads too, where there is one."""
+    """State -> (topic, leaf) in which the DM sees it: one that SC reads too, where there is one."""
     by_dm, by_sc = (set(of) for of in read_by(facts))
     known = [(at, s) for at, s in shows(facts).items() if at[0] in by_dm]
     return {s: at for at, s in sorted(known, key=lambda of: of[0][0] in by_sc)}
 
 
 def _sees_only(facts: Facts, estimate: set[int]) -> None:
-    """Condition 2: SC sees plants by topics that the check reads."""
+    """NotRecheckedError where SC sees a plant by a topic that the DM does not read: condition 2."""
     _, by_sc = read_by(facts)
     for topic in by_sc:
         if topic not in estimate:
@@ -386,7 +386,7 @@ def _sees_only(facts: Facts, estimate: set[int]) -> None:
 
 
 def _drifts(facts: Facts, rest: RestSymbol) -> dict[int, Range]:
-    """What `moves` says, by state."""
+    """State that `moves` names -> how far down and up it says that SC may move it."""
     found, known = {}, shows(facts)
     for move in rest.moves:
         topic = facts.module.scope.topics[move.topic]

@@ -65,26 +65,26 @@ if TYPE_CHECKING:
 
 
 COLUMNS = 40
-"""Unknowns that are kept as they are."""
+"""How many unknowns a body keeps as they are, at most."""
 
 
 class TubeFlow(LocalFlow):
-    """A flow that is cut as its tube says; where two commands may act is a step of its own."""
+    """The flow of a tube; the time in which two commands may act is always a step of its own."""
 
     apart = True
 
     def steps(self, span: Fraction) -> int:
-        """A span is never cut: the tube says where."""
+        """Always 1: the tube says where a span is cut."""
         del span
         return 1
 
 
 @dataclass(eq=False)
 class Body:
-    """States in `box` and in rows of a constant and factors of unknowns in [-1, 1].
+    """All states of a run at an instant: each in its interval of `box`, and in its row.
 
-    `memory`: rows of the commands that may still act, the latest first, with their `ranges`; none
-    where any may have acted.
+    A row: a constant, and factors of unknowns in [-1, 1] that all rows share. `memory`: the rows of
+    commands that may still act, the latest first, with `ranges`; empty where any may have acted.
     """
 
     box: Box
@@ -94,7 +94,7 @@ class Body:
 
     @classmethod
     def of(cls, box: Box) -> Body:
-        """All of a box, whatever acted before."""
+        """All states of a box, whatever commands acted before."""
         rows = []
         for i, (low, high) in enumerate(box):
             row = [(low + high) * HALF, *[ZERO] * len(box)]
@@ -104,15 +104,15 @@ class Body:
 
 
 class TubeChain(FlowChain):
-    """Steps of one tube; `NotCertainError` where nothing is found."""
+    """Makes the bodies of one tube; `NotCertainError` where a step finds no enclosure."""
 
     # ------------------------------------------------------------ steps
 
     def hold(self, body: Body, pieces: int) -> tuple[Body, list[Box]]:
-        """SC's next command and where it leads, up to the earliest instant of the one after it.
+        """Follow SC's next command until the one after it may act: the body then, and the boxes.
 
-        The boxes on the way; where commands act late the first one has all states in which this
-        one begins to act.
+        Where commands may act late the first box has all states in which this command begins to
+        act. `pieces`: into how many steps the hold is cut.
         """
         fresh = not body.memory and self.depth > 0
         start = self._opened(body)
@@ -121,13 +121,13 @@ class TubeChain(FlowChain):
         return self._closed(start, way, new), _boxes(tube, self.n)
 
     def anything(self, body: Body, span: Fraction) -> tuple[Body, list[Box]]:
-        """Any commands for so long."""
+        """Follow any commands for `span` s: the body then, and the boxes until then."""
         start = self._opened(Body(body.box, body.rows, [], []))
         way, tube = self._led(start, self._any(start), [(span, NOW)])
         return self._closed(start, way, None), _boxes(tube, self.n)
 
     def window(self, body: Body, span: Fraction) -> Body:
-        """The states at some instant of the next `span`, under any commands."""
+        """All states at some instant of the next `span` s, under any commands."""
         start = self._opened(Body(body.box, body.rows, [], []))
         way = self._moved(start, (NOW, span), self._any(start), self.flow.ranges, [])
         return self._closed(start, way, None)
@@ -135,7 +135,7 @@ class TubeChain(FlowChain):
     # ------------------------------------------------------------ bodies
 
     def _opened(self, body: Body) -> OpenedForm:
-        """The unknowns z of a step: states, what acted, what SC answers beside its rows, 1."""
+        """The rows z of a step: states, old commands, the error of each new one's row, and 1."""
         count, any_before = self.depth * self.q, not body.memory
         known = len(body.rows[0])
         pad = max(0, 1 + self.n - known)
@@ -153,7 +153,7 @@ class TubeChain(FlowChain):
         return OpenedForm([*body.box, *ranges], z, [])
 
     def _closed(self, start: OpenedForm, way: StateRows, new: CommandRows | None) -> Body:
-        """What came of it, over unknowns; `new`: what acts now, None: anything."""
+        """The body after a step; `new`: the command that acts now, None where any may."""
         rows = product(way.rows, start.z)
         memory, ranges = [], []
         if new is not None and self.depth:
@@ -166,7 +166,7 @@ class TubeChain(FlowChain):
         return Body(list(way.box), rows, memory, ranges)
 
     def _with_own(self, row: list[Any], i: int, way: StateRows) -> list[Any]:
-        """A row with its rest; that of its range where this is much the smaller one."""
+        """A state's row, its rest a new unknown; if its range is half as wide, that alone."""
         own = [ZERO] * self.n
         own[i] = way.rest[i]
         low, high = way.box[i]
@@ -195,7 +195,7 @@ def _own_unknown(i: int, rows: int, left: Sequence[Sequence[Any]]) -> list[Any]:
 
 
 def _fewer(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
-    """The same with `COLUMNS` unknowns and one a row: those stay that a box loses most of."""
+    """Rows with `COLUMNS` shared unknowns and one each; those stay that rows share most."""
     every = [*rows, *memory]
     columns = [c for c in zip(*(row[1:] for row in every), strict=True) if any(c)]
     sizes = [[float(abs(x.mid())) for x in c[: len(rows)]] for c in columns]
@@ -211,11 +211,11 @@ def _fewer(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
 
 
 NOWHERE = 1
-"""The bits of what is certainly false."""
+"""The bits of a proposition that is certainly false."""
 
 
 class Truths:
-    """Conditions on true states, over boxes of some of them."""
+    """A condition (`said`) on true states, asked of boxes of `members`; other states: anywhere."""
 
     def __init__(
         self,
@@ -237,11 +237,11 @@ class Truths:
         ]
 
     def certain(self, box: Box) -> bool:
-        """Whether it holds, and is defined, in all of a box."""
+        """Whether the condition certainly holds, and is defined, in all of a box."""
         return self._within(box) and all(t == CERTAIN for t in self._of(box))
 
     def nowhere(self, box: Box) -> bool:
-        """Whether it holds in none of it."""
+        """Whether the condition certainly holds in no state of a box."""
         return self._within(box) and self._of(box)[0] == NOWHERE
 
     def _within(self, box: Box) -> bool:
@@ -263,10 +263,10 @@ BEYOND, FINE = arb(2) ** 1100, 1400
 
 
 class ModuleTube:
-    """Tubes of a module that was read.
+    """Follows SC of one module, whose problem was read, in tubes.
 
-    `ways`: of states that its `moves` does not name where they are once it rests (Y); without them
-    it rests only where no condition reads these.
+    `ways`: Y, in which the states stay that `moves` does not name, once it rests. Where it has no
+    range for one of them nothing is known of that state at rest.
     """
 
     def __init__(self, problem: RestProblem, ways: Mapping[int, Range]) -> None:
@@ -283,20 +283,20 @@ class ModuleTube:
 
     @property
     def reads(self) -> list[str]:
-        """What an estimate is made of, as `topic.field`, in the order of the states; and maps."""
+        """The fields of an estimate, as `topic.field`, in the order of the states; then maps'."""
         maps = [name for names in self.problem.map_leaves.values() for name in names]
         return [*(self.problem.leaf(s) for s in self.problem.followed), *maps]
 
     @property
     def judges(self) -> bool:
-        """Whether its DM looks at commands, too: then more is good than what is good here.
+        """Whether the DM judges commands, too: then it may accept estimates that `good` refuses.
 
-        What is good here is good with any command, until the next verdict is in force.
+        For `good` every command has to be harmless until the next verdict is in force.
         """
         return self.problem.facts.symbol.shield is not None
 
     def good(self, estimate: Mapping[str, float]) -> str | None:
-        """None where the estimate is good, else why that is not certain."""
+        """None where an estimate, a number for each of `reads`, is good; else why it may not be."""
         box, maps = [], {}
         for index, names in self.problem.map_leaves.items():
             numbers = [estimate[name] for name in names]
@@ -314,14 +314,14 @@ class ModuleTube:
         return self.followed(box, times.alpha, times.horizon)
 
     def starts(self) -> str | None:
-        """The same of every start: until h_0 anything acts."""
+        """None where all initial states are good, else why not; until h_0 any command may act."""
         states, times = self.problem.facts.states, self.problem.times
         box = [(exact(states[s].low), exact(states[s].high)) for s in self.problem.followed]
         self._within(self.problem.first_map)
         return self.followed(box, times.start_alpha, times.start)
 
     def _within(self, maps: Mapping[int, Value]) -> None:
-        """C is that of these maps from here on."""
+        """Make `constraint` the C of these maps, where it is not so already."""
         seen = [x.hex() for of in maps.values() for x in flat(of)]
         if seen != self._seen:
             model = RestModel(self.problem.facts, (), self.problem.facts.extents, known=maps)
@@ -347,7 +347,7 @@ class ModuleTube:
         return self._window(body, (latest - earliest) * NANOSECOND, 0)
 
     def _window(self, body: Body, span: Fraction, cut: int) -> str | None:
-        """From `body` on an output of SC begins to act within `span`."""
+        """As `followed`, from `body`: an output of SC begins to act within the next `span` s."""
         try:
             inside = self.chain.window(body, span) if span else body
             why = None
@@ -364,7 +364,7 @@ class ModuleTube:
             return "a tube has no end"
 
     def _settles(self, body: Body, pieces: int) -> str | None:
-        """From an output of SC on, that acts in `body`."""
+        """As `followed`, where an output of SC begins to act in the states of `body`."""
         if self.at_rest(body.box):
             return None
         late = bool(self.chain.span)
@@ -382,18 +382,18 @@ class ModuleTube:
         return "SC is not certainly at rest in time"
 
     def stays(self, box: Box) -> bool:
-        """Whether all of a box is in C, and where it is known which ends no run crosses."""
+        """Whether all of a box is certainly in C, and no end of it is beyond `WIDE`."""
         near = all(low >= -WIDE and high <= WIDE for low, high in box)
         return near and self.constraint.certain(box)
 
     def stay(self, boxes: Sequence[Box]) -> bool:
-        """Whether all of these boxes are: one around them is asked first, as one is cheaper."""
+        """Whether `stays` holds of all these boxes; one box around them is asked first: cheaper."""
         sides = [zip(*of_state, strict=True) for of_state in zip(*boxes, strict=True)]
         around = [(reduce(arb.min, lows), reduce(arb.max, highs)) for lows, highs in sides]
         return self.stays(around) or (len(boxes) > 1 and all(map(self.stays, boxes)))
 
     def at_rest(self, box: Box) -> bool:
-        """Whether all of a box is in Q, and what rest may move it to in C."""
+        """Whether all of a box is in Q, and all that SC may move it to from there (M) in C."""
         if not self.rest.certain(box):
             return False
         moved, endless = [], False

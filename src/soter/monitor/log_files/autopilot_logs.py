@@ -37,7 +37,7 @@ CODES = {
     "d": "d", "n": "4s", "N": "16s", "Z": "64s", "c": "h", "C": "H", "e": "i", "E": "I", "L": "i",
     "M": "b", "q": "q", "Q": "Q",
 }  # fmt: skip
-"""What `struct` calls each letter of a format."""
+"""Letter of a format -> its code of `struct`."""
 DIVISORS = {"c": 1e2, "C": 1e2, "e": 1e2, "E": 1e2, "L": 1e7}
 TEXTS, FLOATS = "nNZ", "gfdcCeEL"
 TIMES_NS = {"TimeUS": 1000, "T": 10**6, "TimeMS": 10**6}
@@ -48,7 +48,7 @@ NO_END = "the autopilot lost power while it wrote, or the file was cut"
 
 @dataclass
 class _Format:
-    """What `FMT` says of a kind of messages. `instance`: the field that tells its sensors apart."""
+    """A kind of messages, from its `FMT`. `instance`: the field that tells its sensors apart."""
 
     name: str
     length: int
@@ -61,7 +61,7 @@ class _Format:
         self.layout = struct.Struct("<" + "".join(CODES[letter] for letter in self.letters))
 
     def content(self, raw: Sequence[Any]) -> dict[str, Any]:
-        """A binary message, of what `layout` reads of it."""
+        """The content of a binary message, from what `layout` reads of it."""
         made: dict[str, Any] = {}
         for letter, name, value in zip(self.letters, self.columns, raw, strict=True):
             if letter in TEXTS:
@@ -82,11 +82,11 @@ class _Format:
         ]
 
     def of_text(self, raw: Sequence[Any]) -> dict[str, Any]:
-        """A message of a text, of what `typed` reads of it."""
+        """The content of a message of a text, from what `typed` reads of it."""
         return dict(zip(self.columns, raw, strict=True))
 
     def channel(self, raw: Sequence[Any]) -> str:
-        """Its name, and the instance where that is not the first."""
+        """The channel of a message: its name, and the instance where that is not the first."""
         if not self.instance:
             return self.name
         number = raw[self.columns.index(self.instance)]
@@ -94,7 +94,7 @@ class _Format:
         return f"{self.name}#{number}" if number not in (0, "", "0") else self.name
 
     def time_ns(self, raw: Sequence[Any]) -> int | None:
-        """When it was written, where it says so."""
+        """The time at which a message was written; None where it does not say so."""
         for name, unit_ns in TIMES_NS.items():
             if name in self.columns:
                 given = raw[self.columns.index(name)]
@@ -141,7 +141,7 @@ def dataflash_messages(
 
 
 class _DataflashReading:
-    """Formats so far, and the time of the last message that had one."""
+    """Reads a log by the formats met so far; `now_ns`: the time of the last message with one."""
 
     def __init__(self, path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> None:
         self.path, self.wanted, self.facts = path, wanted, facts
@@ -284,13 +284,13 @@ class _Field:
 
     @property
     def codes(self) -> str:
-        """What `struct` calls it."""
+        """The codes of `struct` for the field."""
         if self.inner is not None:
             return "".join(f.codes for f in self.inner) * max(1, self.count)
         return f"{self.count or 1}s" if self.code == "s" else self.code * max(1, self.count)
 
     def read(self, values: Iterator[Any]) -> Any:  # noqa: ANN401 - a number, text, list or table
-        """What it holds, of the numbers that follow."""
+        """The value of the field, taken from the numbers that follow."""
         if self.code == "s":
             return next(values).partition(b"\0")[0].decode("utf-8", "replace")
         if self.count:
@@ -302,14 +302,14 @@ class _Field:
 
 
 def _content(fields: tuple[_Field, ...], values: Iterator[Any]) -> dict[str, Any]:
-    """Its fields by name; those that only fill room are read over."""
+    """The fields of a message by name, without those that only fill room."""
     read = {f.name: f.read(values) for f in fields}
     return {name: value for name, value in read.items() if not name.startswith("_padding")}
 
 
 @dataclass(frozen=True)
 class _Topic:
-    """What is logged under an id: `name` with its instance; padding at its end may be left out."""
+    """The topic logged under an id: `name` with its instance; end padding may be left out."""
 
     name: str
     fields: tuple[_Field, ...]
@@ -319,7 +319,7 @@ class _Topic:
 
     @classmethod
     def of(cls, name: str, fields: tuple[_Field, ...]) -> _Topic:
-        """ValueError where nothing of it says when."""
+        """The topic of these fields; ValueError where no `timestamp` is among them."""
         longest = sum(f.size for f in fields)
         while fields and fields[-1].name.startswith("_padding"):
             fields = fields[:-1]
@@ -347,7 +347,7 @@ def ulog_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> It
 
 
 class _UlogReading:
-    """Formats and topics so far."""
+    """Reads a log by the formats and topics met so far."""
 
     def __init__(
         self, path: Path, file: BinaryIO, wanted: dict[str, Wanted], facts: FileFacts
@@ -401,7 +401,7 @@ class _UlogReading:
         return kind, body
 
     def _data(self, body: bytes) -> Iterator[Arrived]:
-        """A message; of a topic nobody wants one that says no later time does not say when it was.
+        """A message of a wanted topic; of any other its time alone, if that is later than before.
 
         Some say 0 all the time, or once a time of long ago or long after.
         """
@@ -435,7 +435,7 @@ class _UlogReading:
             self.unknown += 1
 
     def _subscribe(self, body: bytes) -> None:
-        """What an id means; ValueError where it means something else already."""
+        """Note which topic an id stands for; ValueError where it stands for another already."""
         instance, number = struct.unpack_from("<BH", body)
         name = body[3:].decode("ascii")
         channel = f"{name}#{instance}" if instance else name
@@ -445,7 +445,7 @@ class _UlogReading:
         self.facts.there.setdefault(channel, 0)
 
     def _flags(self, body: bytes) -> None:
-        """Where data stand that were appended; SoterError of a kind that nobody here knows."""
+        """Take note of where data were appended; SoterError for a newer kind of ULog."""
         ahead, *offsets = struct.unpack("<8x8s3Q", body[:40])
         if ahead[0] & ~1 or any(ahead[1:]):
             raise unusable(self.path, "it is a ULog of a kind that is newer than its readers")
@@ -454,13 +454,13 @@ class _UlogReading:
             raise ValueError
 
     def _topic(self, name: str) -> _Topic:
-        """What is logged by a format; its instances share it."""
+        """The topic of a format, made once; its instances share it."""
         if name not in self.known:
             self.known[name] = _Topic.of(name, self._fields(name, DEPTH_MAX))
         return self.known[name]
 
     def _fields(self, name: str, depth: int) -> tuple[_Field, ...]:
-        """What a format is made of; ValueError where it is longer than a message, or in itself."""
+        """The fields of a format; ValueError where it is longer than a message, or in itself."""
         made: list[_Field] = []
         for text in filter(None, self.formats[name].split(";")):
             match = FIELD.fullmatch(text)

@@ -1,9 +1,9 @@
 """The files of bags of ROS: read within bounds, and whether their parts make a whole bag.
 
-Purpose: one file of ROS 1 and one SQLite file of ROS 2, read within bounds: records that point to
-one another in circles, chunks that unpack to gigabytes and databases that compute their rows end
-with an error. Whether a bag is whole: of ROS 1 its chunks against its index; of ROS 2 its databases
-against SQLite's own checks, what lies beside them, and the counts of metadata.
+Purpose: `ros1_messages` and `sqlite_messages` read one file of ROS 1, or one SQLite file of ROS 2,
+within bounds: records that point to one another in circles, chunks that unpack to gigabytes and
+databases that compute their rows end with an error. They check that a bag is whole: chunks against
+the index (ROS 1); databases against SQLite's checks, files beside them and metadata (ROS 2).
 Non-goals: values (neither kind has checksums, so one that was changed in its place is not seen);
 folders (`ros_bags.py`). Imports the extra `logs`.
 """
@@ -71,7 +71,7 @@ def _wrong(told: str) -> ContradictionError:
 
 
 class WholeBag1:
-    """A bag of ROS 1 that is open; `unpack`: bounded, for each way to unpack that `rosbags` has."""
+    """Reads an open bag of ROS 1; `unpack`: the bounded form of each way to unpack of `rosbags`."""
 
     def __init__(
         self, reader: Reader, unpack: Mapping[Callable[[bytes], bytes], Callable[[bytes], bytes]]
@@ -109,7 +109,7 @@ class WholeBag1:
                 raise _wrong(f"{where} has messages of other times than it says")
 
     def _walk(self) -> None:
-        """Every record of the file, one behind the other up to its end."""
+        """Step over every record of the file to its end, and compare them with its head."""
         file = self.reader.bio
         assert file is not None
         file.seek(0, 2)
@@ -231,7 +231,7 @@ HAS_METADATA = "SELECT 1 FROM sqlite_master WHERE type = 'table' AND name = 'met
 
 
 def counts_said(text: Any, file: str) -> dict[str | None, int]:  # noqa: ANN401 - what a row has
-    """What metadata in a database say of its messages by topic, None: of all; {} of nothing."""
+    """The numbers of messages by topic, None: of all, by a database's metadata; {}: it has none."""
     from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
 
@@ -265,7 +265,7 @@ def require_counts(said: Mapping[str | None, int], there: Mapping[str, int]) -> 
 
 
 def wrong_count(topic: str | None, said: int, read: int) -> ContradictionError:
-    """Another number of messages than metadata say."""
+    """A ContradictionError for another number of messages than metadata say."""
     of = "in all" if topic is None else f"of `{topic[:80]}`"
     told = f"its metadata count {said:,} messages {of}, and {read:,} stand there"
     return ContradictionError(told, REINDEX + ", of what is there")
@@ -275,7 +275,7 @@ STEPS_PER_BYTE, STEPS_MIN = 100, 10_000_000
 """Instructions that SQLite is given for a file: so many a byte, and so many at all."""
 STEPS_AT_ONCE = 1_000_000
 IN_ORDER = "SELECT topic_id, timestamp, data FROM messages ORDER BY id"
-"""As they were written: a clock that was set back is not hidden by sorting."""
+"""Messages as they were written: sorting would hide a clock that was set back."""
 
 
 class _BoundedReader1(Reader1):
@@ -338,7 +338,7 @@ def _offered(connections: Iterable[Connection]) -> Writers:
 def sqlite_messages(
     path: Path, wanted: dict[str, Wanted], facts: FileFacts, *, packed: bool
 ) -> Iterator[Arrived]:
-    """The same of one SQLite file of ROS 2; `packed`: its messages are, by zstd.
+    """As `ros1_messages`, of one SQLite file of ROS 2; `packed`: its messages are, by zstd.
 
     Raises UndecodableError where its database or its messages are none of a bag.
     """
@@ -412,7 +412,7 @@ def _decoder_of(connection: Connection, wanted: Wanted, ros: int) -> Callable[[b
 
 
 def _require_tables(path: Path) -> None:
-    """That a database holds what it says, and computes nothing when it is read."""
+    """UndecodableError where a database would compute something when it is read, or is none."""
     address = f"file:{quote(str(path))}?mode=ro&immutable=1"
     connection = sqlite3.connect(address, uri=True)
     try:

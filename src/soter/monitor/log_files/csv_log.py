@@ -1,8 +1,8 @@
 """The columns of a CSV, packed by gzip or not.
 
-Purpose: rows within bounds: of a cell, a line and all that is unpacked. `BoundedGzip`: a file that
-says what Python's `gzip` reads of it, but neither unpacks without an end nor steps over gigabytes
-of zeros, byte by byte, behind its end.
+Purpose: `read_csv` reads rows within bounds: of a cell, a line and all that is unpacked.
+`BoundedGzip` gives what Python's `gzip` would, but neither unpacks without an end nor steps over
+gigabytes of zeros, byte by byte, behind its end.
 Non-goals: what the cells mean (`monitor/typed_samples.py`).
 """
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 GZIP = 31
-"""What zlib calls the format."""
+"""The `wbits` by which zlib unpacks a gzip."""
 PART = 1 << 16
 PADDING_MAX = 1 << 20
 """Bytes of zeros that may stand behind what is packed."""
@@ -48,7 +48,7 @@ UNPACKED_MAX = 4 << 30
 
 
 class BoundedGzip(io.RawIOBase):
-    """Reading raises zlib.error (no gzip, or too much) and EOFError (its end is missing)."""
+    """An unpacked gzip; reading raises zlib.error (no gzip, too much), EOFError (no end)."""
 
     def __init__(self, packed: BinaryIO) -> None:
         self._packed = packed
@@ -57,7 +57,7 @@ class BoundedGzip(io.RawIOBase):
         self._read = self._said = 0
 
     def readable(self) -> bool:
-        """It is."""
+        """Always True."""
         return True
 
     def readinto(self, into: memoryview) -> int:  # type: ignore[override]
@@ -153,7 +153,7 @@ def read_csv(path: Path, mapping: LogMap, wanted: Wanted, *, partial: bool = Fal
 
 
 def _time(path: Path, mapping: LogMap, clock: list[str], where: str) -> int:
-    """When a row counts: of a number in its unit, or of seconds and nanoseconds."""
+    """The time of a row, in ns: a number in its unit, or seconds and nanoseconds."""
     if len(clock) == 1:
         return moment(path, clock[0], mapping.time_ns, where)
     if mapping.time_ns != SECOND_NS:
@@ -168,7 +168,7 @@ def _stamp_columns(source: StampSource) -> list[str]:
 
 
 def _stamp(path: Path, row: Mapping[str, str], source: StampSource, where: str) -> int | None:
-    """When a row was measured; None where its cells are empty."""
+    """The time at which a row was measured, in ns; None where its cells are empty."""
     names = _stamp_columns(source)
     if any(not row[n].strip() for n in names):
         return None
@@ -177,7 +177,7 @@ def _stamp(path: Path, row: Mapping[str, str], source: StampSource, where: str) 
 
 
 def csv_head(path: Path) -> list[str]:
-    """What its columns are called; SoterError D016."""
+    """The names of a CSV's columns; SoterError D016."""
     try:
         with opened(path) as data, _text(path, data) as file:
             return [h.strip() for h in next(csv.reader(_lines(file, FileFacts())), [])]
@@ -244,7 +244,7 @@ def _text(path: Path, data: BinaryIO) -> IO[str]:
 
 
 def _lines(file: IO[str], facts: FileFacts) -> Iterator[str]:
-    """Its lines; csv.Error where one is longer than any can be."""
+    """The lines of a file; csv.Error where one is longer than any can be."""
     line = "\n"
     while next_line := file.readline(LINE_MAX + 1):
         facts.at_byte += len(line)

@@ -1,11 +1,11 @@
-"""The columns of a log, whatever file they come from, and what is told of any such file.
+"""The columns of a log, whatever file they come from, and what readers of all files share.
 
-Purpose: times in ns and cells, row by row, of what a mapping asks for; whatever cannot be read is
-D016 and says where. `RowChoice`: whether a cell is what a `where` says, however its file writes it,
-and what stood there where none was. `remedies`: help for whoever has a file of MATLAB, or one under
-a wrong name. `FileFacts.readable`: what stands before a damage. `Writers`: where several nodes, or
-several channels of one name, give a topic its values, that is told with how many each gave, as they
-are read as one stream.
+Purpose: `Columns` holds times in ns and cells, row by row, of what a mapping asks for (`Wanted`).
+`unusable`, `damaged`: D016, which says where a file cannot be read. `RowChoice`: whether a cell is
+what a `where` says, however its file writes it, and what stood there where none was. `remedies`:
+help for a file of MATLAB, or one under a wrong name. `FileFacts.readable`: what stands before a
+damage. `Writers` counts how many values each of several nodes, or channels of one name, gave a
+topic: they are read as one stream.
 Non-goals: the files (`csv_log.py`, `read_columns.py`), what the cells mean
 (`monitor/typed_samples.py`), a choice by time (`LogMap.counts`), sources of a mapping, of which
 each has a channel.
@@ -37,11 +37,11 @@ if TYPE_CHECKING:
 Arrived = tuple[int, "int | None", str, Any]
 """Log time, time of publishing where a file has it, channel and content of a message."""
 FIGURES_NS = 10**15
-"""Beyond, nine figures of a time in seconds are not all that matters of it."""
+"""The longest time in ns: of a longer one nine figures of its seconds would not be enough."""
 
 READABLE = "with `--partial` what stands before it is read, which is no verdict (exit 4)"
 REINDEX = "`ros2 bag reindex FOLDER` writes `metadata.yaml` anew"
-"""What helps where a bag of ROS 2 and its metadata differ."""
+"""The advice where a bag of ROS 2 and its metadata differ."""
 
 
 @dataclass
@@ -70,12 +70,12 @@ class Columns:
 
     @property
     def log_ns(self) -> tuple[int, int]:
-        """When the log begins and ends."""
+        """The times at which the log begins and ends."""
         return self.ends_ns or (self.times_ns[0], self.times_ns[-1])
 
     @property
     def remarks(self) -> list[str]:
-        """What was found that is no error."""
+        """Notes on what was found that is no error."""
         if not self.equal:
             return self.notes
         told = f"{self.equal:,} of {len(self.times_ns):,} have the time of the one before them"
@@ -87,7 +87,7 @@ class Columns:
 
 @dataclass
 class FileFacts:
-    """What is known of a file once its messages were read.
+    """The findings on a file once its messages were read.
 
     `there`: messages by channel; `unchecked`: whether some stood where no checksum covers them;
     `notes`: what was found that is no error; `at_byte` of `size`: where it is being read;
@@ -102,13 +102,13 @@ class FileFacts:
     damage: Damage | None = None
 
     def size_of(self, file: BinaryIO) -> int:
-        """How long a file is, which is then read from its beginning."""
+        """Note the length of a file, and go back to its beginning."""
         self.size = file.seek(0, 2)
         file.seek(0)
         return self.size
 
     def readable(self, path: Path, rows: Iterable[Row], *, partial: bool) -> Iterator[Row]:
-        """What is given; with `partial` up to the first damage, which is then known here.
+        """The rows, with `partial` up to the first damage, which is then noted here.
 
         DamagedLogError where nothing stands before it, or nobody asked for a part.
         """
@@ -145,7 +145,7 @@ class Damage:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a mapping asks of a channel.
+    """The needs of a mapping of one channel.
 
     `optional`: of `names`, those that go through a list that may be too short. `message`: the type
     that its messages have to be of, None for any. `unnamed`: nobody asks for this channel in
@@ -159,14 +159,14 @@ class Wanted:
     unnamed: bool = False
 
     def columns(self) -> Columns:
-        """None of its rows yet."""
+        """Columns for what is wanted, without rows."""
         return Columns(
             cells={n: [] for n in self.names}, stamps_ns={source: [] for source in self.stamps}
         )
 
 
 def unusable(path: Path, why: str, *helps: str) -> SoterError:
-    """D016."""
+    """SoterError D016 for a log that cannot be used."""
     text = f"the log `{path}` cannot be used: {why}"
     return SoterError((Diagnostic("D016", text, helps=tuple(h for h in helps if h)),))
 
@@ -176,7 +176,7 @@ class DamagedLogError(SoterError):
 
 
 def damaged(path: Path, why: str, *helps: str) -> DamagedLogError:
-    """D016 of such a file."""
+    """SoterError D016 for a file that is cut, or contradicts itself."""
     return DamagedLogError(unusable(path, why, *helps))
 
 
@@ -268,7 +268,7 @@ DATES = (
 
 
 def no_time(path: Path, given: object, where: str) -> SoterError:
-    """D016 of what should be a time."""
+    """SoterError D016 for a value that should be a time."""
     text = str(given).strip()
     help_ = DATES if DATE.match(text) else COMMAS if "," in text else ""
     return unusable(path, f"`{str(given)[:40]}` in {where} is no time", help_)
@@ -284,7 +284,7 @@ def moment(path: Path, given: object, unit_ns: Fraction, where: str) -> int:
 
 TRUTHS = {"true": True, "false": False}
 CODE = re.compile(r"[+-]?0[0-9]")
-"""What begins so is no number but a name that has figures."""
+"""A text that begins so is no number, but a name that has figures."""
 SHOWN = 5
 
 
@@ -312,7 +312,7 @@ class RowChoice:
 
     @property
     def helps(self) -> list[str]:
-        """Of columns that left rows out, what stood there instead."""
+        """The values, in words, that left rows out, for each column that did."""
         told = []
         for name, seen in self._seen.items():
             values = [f"{value} ({n:,} times)" for value, n in [*seen.items()][:SHOWN]]
@@ -326,7 +326,7 @@ class RowChoice:
 
 
 def _is(cell: object, wanted: str) -> bool:
-    """The same text, truth (`true`, `True`) or number (`1`, `1.0`)."""
+    """Whether a cell is the same text, truth (`true`, `True`) or number (`1`, `1.0`) as wanted."""
     text, wanted = "" if cell is None else str(cell).strip(), wanted.strip()
     if text == wanted:
         return True
@@ -371,7 +371,7 @@ BY_MAGIC = (
 
 
 def remedies(path: Path) -> tuple[str, ...]:
-    """What it seems to be, where that is known, and what is read."""
+    """Helps: what a file seems to be, where that is known, and which files are read."""
     try:
         with opened(path, pipes=False) as file:
             head = file.read(64)
@@ -384,11 +384,11 @@ def remedies(path: Path) -> tuple[str, ...]:
 
 
 WRITERS_SHOWN = 8
-"""So many writers of a channel are named."""
+"""How many writers of a channel are named at most."""
 
 
 class Writers:
-    """What was met so far, channel by channel."""
+    """Counts the writers of each channel."""
 
     def __init__(self) -> None:
         self._messages: dict[str, Counter[str]] = {}
@@ -397,18 +397,18 @@ class Writers:
         self._offered: dict[str, int] = {}
 
     def note(self, channel: str, writer: str) -> None:
-        """A message; `writer`: a node, or what else tells its writers apart."""
+        """Count a message; `writer`: a node, or what else tells its writers apart."""
         self._messages.setdefault(channel, Counter())[writer] += 1
         self._changes[channel] += self._last.setdefault(channel, writer) != writer
         self._last[channel] = writer
 
     def offer(self, channel: str, publishers: int) -> None:
-        """How many publishers a bag of ROS 2 lists for a channel; it does not name them."""
+        """Note how many publishers a bag of ROS 2 lists for a channel; it does not name them."""
         self._offered[channel] = max(publishers, self._offered.get(channel, 0))
 
     @property
     def notes(self) -> list[str]:
-        """What is told of channels with several writers."""
+        """Notes on channels with several writers."""
         told = []
         for channel, messages in self._messages.items():
             if len(messages) < 2:

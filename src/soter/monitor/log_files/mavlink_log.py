@@ -1,9 +1,9 @@
 """The messages of a telemetry log of MAVLink (`.tlog`), as ground stations write it.
 
-Purpose: frames of MAVLink 1 and 2, each with its checksum, decoded by `pymavlink` in the dialect of
-all; a file that is cut or damaged ends with the place. Channels are names of messages, whose
-`header.srcSystem` and `header.srcComponent` say whose they are. Times are those at which the ground
-station had it, us since 1970; `[time] from = "time_boot_ms"` takes the autopilot's own.
+Purpose: `mavlink_messages` reads frames of MAVLink 1 and 2, each with its checksum, decoded by
+`pymavlink` in its dialect `all`; D016 says where a file is cut or damaged. Channels are names of
+messages, whose `header.srcSystem` and `header.srcComponent` say whose they are. Times are those at
+which the ground station had them; `[time] from = "time_boot_ms"` takes the autopilot's own.
 Non-goals: frames of a dialect of one's own, which are counted; signatures.
 """
 
@@ -28,7 +28,7 @@ AROUND = {0xFE: 8, 0xFD: 12}
 """Bytes of a frame around its payload, by the one that it begins with."""
 SIGNED, SIGNATURE_BYTES = 1, 13
 OLD = 0x55
-"""What a frame of MAVLink 0.9 begins with."""
+"""The first byte of a frame of MAVLink 0.9."""
 
 
 def mavlink_messages(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
@@ -85,13 +85,13 @@ class _OddFrames:
         self._wrong: dict[str, tuple[int, DamagedLogError]] = {}
 
     def right(self, name: str) -> None:
-        """A message with its checksum."""
+        """Count a message whose checksum is right."""
         if name in self._wrong:
             raise self._wrong[name][1]
         self._right.add(name)
 
     def wrong(self, name: str, wanted: bool, why: str) -> None:
-        """One without."""
+        """Count a message whose checksum is wrong; DamagedLogError where that is a damage."""
         told = f"the `{name}` at byte {self.facts.at_byte:,} is damaged: {why[:100]}"
         count, first = self._wrong.get(name, (0, damaged(self.path, told)))
         if wanted or name in self._right:
@@ -100,7 +100,7 @@ class _OddFrames:
 
     @property
     def notes(self) -> list[str]:
-        """What is told of them."""
+        """Notes on such frames, which were stepped over."""
         told = [
             f"{n:,} messages have the number of `{name}` and another checksum: of another dialect, "
             "or damaged; they were stepped over"

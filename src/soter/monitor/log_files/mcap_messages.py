@@ -1,6 +1,6 @@
 """The messages of an MCAP, in the order in which they stand there.
 
-Purpose: their content: JSON, ROS (cdr, ros1), protobuf.
+Purpose: `mcap_messages` decodes their content: JSON, ROS (cdr, ros1), protobuf.
 Non-goals: the records of the file and whether they are whole (`report/mcap_reading.py`), the order
 of times (`read_columns.py`).
 """
@@ -78,7 +78,7 @@ def _require_mcap(path: Path, file: BinaryIO) -> None:
 
 
 class _Reading:
-    """Decoders so far."""
+    """Reads messages, and makes the decoder of each channel once."""
 
     def __init__(self, wanted: dict[str, Wanted], facts: FileFacts) -> None:
         self.wanted, self.facts = wanted, facts

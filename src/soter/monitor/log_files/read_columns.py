@@ -58,7 +58,7 @@ class NoTimeError(Exception):
 
 
 def part_of(message: Any, name: str) -> Any:  # noqa: ANN401 - what a message has
-    """What stands at a path, None where protobuf knows that nobody set it; raises NoPartError."""
+    """The part of a message at a path, None where protobuf has it unset; raises NoPartError."""
     current, is_set = message, True
     for part in name.split("."):
         is_set = is_set and _is_set(current, part)
@@ -148,7 +148,7 @@ UNSORTED = (
 def read_messages(
     path: Path, mapping: LogMap, wanted: dict[str | None, Wanted], *, partial: bool = False
 ) -> dict[str | None, Columns]:
-    """What each channel holds; `partial`: of a damaged file up to there. SoterError D016."""
+    """Read each wanted channel; `partial`: of a damaged file up to there. SoterError D016."""
     by_channel = _named(path, mapping, wanted)
     columns_by_channel: dict[str | None, Columns] = {k: w.columns() for k, w in wanted.items()}
     facts, order = FileFacts(), _Order()
@@ -189,7 +189,7 @@ def read_messages(
 def _ends_of_log(
     mapping: LogMap, counted: list[tuple[int, int]], others: list[tuple[int, str]]
 ) -> tuple[tuple[int, int], int, list[str]]:
-    """When the log begins and ends; how long other channels go on; what is to be told of it."""
+    """Begin and end of the log; how long other channels go on after it; notes on these."""
     near, notes = _near(counted, others)
     whole = _ends(counted, near)
     ends = _ends(counted, []) if mapping.where else whole
@@ -201,7 +201,7 @@ def _ends_of_log(
 
 
 def _named(path: Path, mapping: LogMap, wanted: dict[str | None, Wanted]) -> dict[str, Wanted]:
-    """What is wanted of each channel; SoterError D016 where a topic names none."""
+    """`wanted` by the channels' names; SoterError D016 where a topic names none."""
     for t in mapping.topics:
         if None in wanted and t.names and t.channel is None:
             raise unusable(path, f"the mapping of `{t.topic.name}` names no `channel`")
@@ -216,7 +216,7 @@ class _Order:
         self.times, self.most_ns, self.place = 0, 0, ""
 
     def note(self, now: int, where: str) -> None:
-        """A message that counts."""
+        """Take note of a message that counts."""
         back = 0 if self.latest_ns is None else self.latest_ns - now
         self.latest_ns = now if back <= 0 else self.latest_ns
         self.times += back > 0
@@ -225,7 +225,7 @@ class _Order:
 
     @property
     def notes(self) -> list[str]:
-        """What is told of it."""
+        """A note that time goes back, if it does."""
         if not self.times:
             return []
         most = f"by at most {seconds_text(self.most_ns)} s, at {self.place}"
@@ -262,7 +262,7 @@ def _near(
 
 
 def _ends(counted: list[tuple[int, int]], others: list[int]) -> tuple[int, int]:
-    """When the log begins and ends, in the clock of the messages that count.
+    """Begin and end of the log, in the clock of the messages that count.
 
     counted: log time and time of each; others: log times of what stands on other channels, in
     whose clock a message that counts is as far off as the one next to the end is.
@@ -282,7 +282,7 @@ READERS = {
     ".tlog": mavlink_messages,
     ".rlog": mavlink_messages,
 }
-"""Who reads what, by its name; anything else is a bag or an MCAP."""
+"""Ending of a file's name -> what reads its messages; any other file is a bag or an MCAP."""
 
 
 def messages_of(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iterator[Arrived]:
@@ -294,7 +294,7 @@ def messages_of(path: Path, wanted: dict[str, Wanted], facts: FileFacts) -> Iter
 
 
 def _time(path: Path, mapping: LogMap, arrived: Arrived, where: str) -> int:
-    """When a message counts: its log time, or what the mapping says."""
+    """The time for which a message counts: its log time, or the one that the mapping names."""
     log_ns, publish_ns, _, message = arrived
     name = mapping.time
     if name in (None, LOG_TIME):
@@ -353,7 +353,7 @@ CLOCKS = "several CSVs are one log where their times are of one clock: `[time]` 
 def read_columns(
     log: Path | Sequence[Path], mapping: LogMap, *, partial: bool = False
 ) -> dict[str | None, Columns]:
-    """What each channel of a mapping holds; a CSV is the channel None. SoterError D016, D007.
+    """Read each channel of a mapping; a CSV is the channel None. SoterError D016, D007.
 
     Of several CSVs a channel is the name of one, as the mapping writes it. `partial`: of a damaged
     file what stands before the damage.
@@ -389,7 +389,7 @@ def _of_several(
     *,
     partial: bool,
 ) -> dict[str | None, Columns]:
-    """What each of several CSVs holds, by the name under which the mapping knows it."""
+    """The columns of each of several CSVs, by the name under which the mapping knows it."""
     other = next((p for p in paths if not is_table(p)), None)
     if other is not None:
         raise unusable(other, "of several files that are one log each is a CSV, and this is none")

@@ -1,7 +1,7 @@
 """The messages of bags of ROS 1 (a file) and ROS 2 (a folder, or one of its files).
 
-Purpose: what kind of bag it is, and that its files are ordinary ones; a bag of ROS 2 is read file
-by file, its metadata only for what these are.
+Purpose: `bag_messages` finds out what kind of bag it is, and that its files are ordinary ones; it
+reads a bag of ROS 2 file by file, and its metadata only for what these are.
 Non-goals: the files (`bag_files.py`, `mcap_messages.py`).
 """
 
@@ -32,7 +32,7 @@ METADATA = "metadata.yaml"
 METADATA_MAX = 4 << 20
 MARK = "rosbag2_bagfile_information"
 SPLIT = re.compile(r"(.+)_\d+\.(db3|mcap)(\.zstd)?")
-"""How ROS 2 calls the parts of a bag."""
+"""The names that ROS 2 gives the parts of a bag."""
 FILES_MAX = 10_000
 STORAGES = {"sqlite3": ".db3", "mcap": ".mcap"}
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
@@ -40,7 +40,7 @@ ROS1_MAGIC = b"#ROSBAG V2.0\n"
 
 @dataclass(frozen=True)
 class _Bag2:
-    """What the metadata of a bag of ROS 2 says of its files; `packed`: "", "file" or "message".
+    """The files of a bag of ROS 2, by its metadata; `packed`: "", "file" or "message".
 
     `counts`: messages by topic, None: of all.
     """
@@ -127,7 +127,7 @@ def _alone(path: Path) -> _Bag2:
 
 
 def _whole(part: Path) -> str:
-    """What to do about a part of a bag."""
+    """Advice, in words, for someone who gives a part of a bag alone."""
     return f"give the folder, `{part.parent}` ({REINDEX}), or move the part to one of its own"
 
 
@@ -192,7 +192,7 @@ def _of_folder(bag: _Bag2, wanted: dict[str, Wanted], facts: FileFacts) -> Itera
 
 
 def _bag2(path: Path) -> _Bag2:
-    """What the metadata says; SoterError D016."""
+    """The files that the metadata of a bag names; SoterError D016."""
     from ruamel.yaml import YAML  # noqa: PLC0415 - comes with rosbags
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415 - the same
 
@@ -223,7 +223,7 @@ def _bag2(path: Path) -> _Bag2:
 
 
 def _packing(path: Path, storage: object, mode: str, form: str) -> str:
-    """What is packed of a bag, "file" or "message", "": nothing; D016 for what cannot be read."""
+    """Whether a bag packs each "file", each "message", or neither (""); SoterError D016."""
     if storage not in STORAGES:
         raise unusable(
             path, f"it is stored as `{str(storage)[:40]}`: {', '.join(STORAGES)} are read"

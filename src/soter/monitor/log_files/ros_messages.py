@@ -1,10 +1,10 @@
 """Messages of ROS 1 and 2, decoded as their definition in the log says.
 
-Purpose: from the text of a definition, which is as untrusted as the rest of a log, to a function of
-bytes. `rosbags` makes Python code of definitions: only names that are names get there, and no
-definition whose messages could be larger than the bytes that they are made of. `is_plain`: one pass
-over the tokens of IDL: the parser of `rosbags` takes exponential time for parentheses in
-parentheses, and calculates constants of any size: definitions of messages have neither.
+Purpose: `decoder` makes a function of bytes of a definition, whose text is as untrusted as the rest
+of a log. `rosbags` makes Python code of definitions: only names that are names get there, and no
+definition whose messages could be larger than the bytes that they are made of. `is_plain` refuses,
+in one pass over the tokens of IDL, what definitions of messages do not have: parentheses in
+parentheses, for which the parser of `rosbags` takes exponential time, and calculated constants.
 Non-goals: where definitions stand (`mcap_messages.py`, `ros_bags.py`); whether it is IDL at all.
 """
 
@@ -37,15 +37,15 @@ TOKEN = re.compile(
     re.ASCII,
 )
 PARENTHESES_MAX, ANGLES_MAX = 1, 2
-"""How deep they stand in one another: `@default (value=0)`, `sequence<string<5>>`."""
+"""How deep brackets may be nested: `@default (value=0)`, `sequence<string<5>>`."""
 VALUES_MAX = 2000
 """Annotations, values and sizes of arrays: the parser is slow at each of them."""
 OPERATORS = set('*/%^|&~"')
-"""Of constants that are calculated; and a quotation mark that nothing closes."""
+"""Operators of calculated constants, and a quotation mark that nothing closes."""
 
 
 def is_plain(text: str) -> bool:
-    """Whether nothing in it is nested deeply or calculated."""
+    """Whether nothing in a text of IDL is nested deeply or calculated."""
     parentheses = angles = values = 0
     before = ""
     for match in TOKEN.finditer(text):
@@ -126,7 +126,7 @@ def require_type(channel: str, name: str, wanted: MessageType | None) -> None:
 
 
 def definitions_in(text: str, name: str, form: Format) -> Definitions:
-    """What a log says of a type, and of those it is made of; raises UndecodableError."""
+    """The definitions, in a log, of a type and of those in it; raises UndecodableError."""
     require_ros_package()
     from rosbags.typesys import get_types_from_idl, get_types_from_msg  # noqa: PLC0415 - an extra
 
@@ -155,14 +155,14 @@ def _idl_files(text: str) -> list[str]:
 
 
 def known_definitions(wanted: MessageType | None, ros: int) -> Definitions:
-    """Those of the mapping, where a log has none."""
+    """The definitions for a log that has none: those of the mapping, or the standard ones."""
     return wanted.definitions[ros] if wanted is not None else MessageTypes().definitions[ros]
 
 
 def decoder(
     name: str, definitions: Definitions, encoding: Literal["cdr", "ros1"]
 ) -> Callable[[bytes], Any]:
-    """What turns the bytes of a message into one; both raise UndecodableError."""
+    """A function from the bytes of a message to the message; both raise UndecodableError."""
     from rosbags.typesys.store import Typestore  # noqa: PLC0415 - an extra
 
     full = ros2_name(name)
