@@ -1,7 +1,7 @@
-"""What stands beside the core, and how the core finds it.
+"""The add-ons beside the core, and how the core finds them.
 
-Purpose: the table of add-ons. The core imports no module of them (`.importlinter`): it asks for one
-by its name when somebody uses it, and does everything else without.
+Purpose: the table of add-ons. The core imports no module of them (`.importlinter`): it imports one
+by name when somebody uses it (`by_name`), and works without them otherwise.
 Non-goals: entry points, which a checkout without metadata has not.
 """
 
@@ -16,7 +16,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 @dataclass(frozen=True)
 class AddOn:
-    """Packages and modules of one add-on; `needs`: add-ons that these import."""
+    """Packages and modules of one add-on; `needs`: other add-ons that they import."""
 
     parts: tuple[str, ...]
     needs: tuple[str, ...] = ()

@@ -12,7 +12,7 @@ from pathlib import Path
 
 
 def other_format(given: object, read: int) -> str:
-    """Why a file of another format is not read, a clause; "" where it is of the one that is."""
+    """Why a file of format `given` is not read, as a clause; "" where it is the format `read`."""
     if given == read and type(given) is int:
         return ""
     if type(given) is not int:
@@ -23,16 +23,16 @@ def other_format(given: object, read: int) -> str:
 
 VERSION = "1.0.0"
 DISTRIBUTION = "soter-rta"
-"""What pip is told; a test holds it, and every page that names it, to `pyproject.toml`."""
+"""The name on the Python index; a test compares it, and each page with it, to `pyproject.toml`."""
 
 
 def pip_install(extra: str) -> str:
     """The command that brings the packages of an extra to the Python that runs this.
 
-    `pip` alone is said where it is this Python's own; pipx and uv keep Soter where no `pip` of the
-    shell installs, and what uv makes has no pip at all.
+    It says `pip` alone where the shell's `pip` is this Python's own; pipx and uv keep Soter where
+    that `pip` does not install, and an environment of uv has no pip at all.
     """
-    import shlex  # noqa: PLC0415 - whoever lacks nothing imports neither
+    import shlex  # noqa: PLC0415 - needed only where a package is missing
     import shutil  # noqa: PLC0415 - the same
 
     wanted, python = f"'{DISTRIBUTION}[{extra}]'", shlex.quote(sys.executable or "python")

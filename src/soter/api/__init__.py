@@ -1,8 +1,8 @@
-"""The only door: what `import soter` gives, and what the command line is made of.
+"""The public interface: what `import soter` gives, and what the command line is made of.
 
-Purpose: `load` a program, then check, bind, simulate, build and format it; each command of
-`soter` is one method of `Program`. A user's mistake is a `SoterError` with diagnostics, never
-anything else. Rooms below are imported when they are needed: `check` loads neither NumPy nor cffi.
+Purpose: `load` reads a program, which can then be checked, bound, simulated, built and formatted;
+each command of `soter` is one method of `Program`. A user's mistake is always a `SoterError` with
+diagnostics. Other packages are imported when needed: `check` loads neither NumPy nor cffi.
 Non-goals: printing, exit codes (`cli/`).
 """
 
@@ -61,13 +61,13 @@ LATER = {
     "Run": "soter.simulate.result",
     "ENGINES": "soter.simulate.run_options",
 }
-"""What `check` does not need: the module that it is imported from when it is asked for."""
+"""Public name -> the module from which it is imported when somebody asks for it."""
 
 ALL = "SOTER_TRACEBACK"
 
 
 def _shown(error: SoterError) -> list[str]:
-    """What Python and IPython show of an error that nobody caught."""
+    """The lines that Python and IPython show for a SoterError that nobody caught."""
     from soter.diagnostics.render import traceback_lines  # noqa: PLC0415 - only then
 
     return traceback_lines(error)
@@ -81,7 +81,7 @@ def _hook(kind: type[BaseException], error: BaseException, trace: TracebackType 
 
 
 setattr(SoterError, "_render_traceback_", _shown)  # noqa: B010 - IPython asks for that name
-if sys.excepthook is sys.__excepthook__:  # else somebody else shows errors
+if sys.excepthook is sys.__excepthook__:  # else another package shows errors
     sys.excepthook = _hook
 
 

@@ -1,9 +1,9 @@
-"""What callers give: times, parameters, modules, and the files that they name.
+"""Checks and converts what callers give: times, parameters, modules, and paths of files.
 
-Purpose: times, parameters of traces and chosen modules, as the rooms below want them, each refused
-in words where it is wrong; `ttf` and `safer` of modules that have neither. Of files: read and lay
-out a source; say before a run what could not be written after it; write sequences and advice, with
-every failure as a diagnostic.
+Purpose: turns times, parameters of traces and names of modules into the values that other packages
+take, with a diagnostic for wrong ones; computes `ttf` and `safer` of modules that have neither. It
+reads and formats sources, refuses before a run what could not be written after it, and writes
+sequences and advice, with every failure as a diagnostic.
 Non-goals: bindings and `params` of runs (`simulate/`), options of searches
 (`explore/search_options.py`); what stands in a log or on a page (`report/`).
 """
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 
 
 def require_utf8(*names: object) -> None:
-    """`SoterError` U003 for a path that no report, certificate or document could say.
+    """`SoterError` U003 for a path that is not UTF-8: no report or document could print it.
 
-    What the current folder is called, and those above it, is no matter.
+    The names of the current folder and of those above it do not count.
     """
     here = ""
     with suppress(OSError):
@@ -55,7 +55,7 @@ def require_utf8(*names: object) -> None:
 
 
 def time_ns(what: str, given: float | str | None) -> int | None:
-    """A length of time from outside in ns; `SoterError` U001."""
+    """The time that a caller gave as `what`, in ns; None if none; `SoterError` U001."""
     if given is None:
         return None
     from soter.language.model.types import WrongTextError, duration_ns  # noqa: PLC0415 - see `soter.api`
@@ -68,7 +68,7 @@ def time_ns(what: str, given: float | str | None) -> int | None:
 
 
 def end_of(system: System, until: float | str | None) -> int:
-    """When a run ends, in ns; `SoterError` U001 where nobody says."""
+    """When a run ends, in ns; `SoterError` U001 if neither caller nor system says."""
     from soter.simulate.run_options import until_ns  # noqa: PLC0415 - see `soter.api`
 
     if until is not None:
@@ -83,7 +83,7 @@ def end_of(system: System, until: float | str | None) -> int:
 
 
 def chosen_modules(flat: System, module: str | None) -> list[Module]:
-    """The modules of a full or declared name, all by default; `SoterError` U001 for none."""
+    """The modules with this full or declared name, or all; `SoterError` U001 if there are none."""
     modules = [m for m in flat.modules if module is None or module in (m.name, m.symbol.name)]
     if not modules:
         there = ", ".join(f"`{m.name}`" for m in flat.modules) or "none"
@@ -94,7 +94,7 @@ def chosen_modules(flat: System, module: str | None) -> list[Module]:
 
 
 def add_stale_monitors(checked: CheckResult) -> None:
-    """D022 for each model monitor of a sound program that was written for another model."""
+    """Adds D022 for each model monitor in a sound program that is made for another model."""
     if not checked.ok or checked.loaded is None:
         return
     if any("soter monitor --emit" in file.source.text for file in checked.loaded.files):
@@ -103,7 +103,7 @@ def add_stale_monitors(checked: CheckResult) -> None:
 
 
 def values_of(program: TypedProgram, params: Mapping[str, object] | None) -> dict[str, Value]:
-    """The values of parameters by full name; `SoterError` U001, U004."""
+    """Full parameter name -> value, from what a caller gave; `SoterError` U001, U004."""
     if not params:
         return {}
     from soter.simulate.run_options import param_values  # noqa: PLC0415 - see `soter.api`
@@ -112,7 +112,7 @@ def values_of(program: TypedProgram, params: Mapping[str, object] | None) -> dic
 
 
 def params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[str, object]:
-    """Parameters for a trace: durations in ns."""
+    """Parameter values as JSON for a trace, durations in ns."""
     from soter.language.model.values import to_json  # noqa: PLC0415 - see `soter.api`
 
     params: dict[str, object] = {}
@@ -126,7 +126,7 @@ def params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[s
 def params_from_json(
     program: TypedProgram, given: Mapping[str, object], file: Path
 ) -> dict[str, Value]:
-    """The parameters of a trace; `SoterError` D010."""
+    """Parameter values from the JSON of a trace; `SoterError` D010."""
     from soter.explore.trace import no_trace  # noqa: PLC0415 - see `soter.api`
     from soter.language.model.values import ValueShapeError, from_json  # noqa: PLC0415 - the same
 
@@ -147,10 +147,10 @@ def complete(
     known: Known | None = None,
     bound: Mapping[str, object] | None = None,
 ) -> list[str]:
-    """Compute `ttf` and `safer` for modules that have neither; a note on each.
+    """Computes `ttf` and `safer` for modules that have neither; returns a note on each.
 
     `known`: as `soter.verify.deploy.missing_predicates.complete` takes it. `bound`: what externs
-    are bound to, where all of them will answer; files that are not there are told before the work.
+    are bound to, if all of them will be called; missing files are reported before the work.
     """
     if all(m.symbol.ttf is not None for m in system.modules):
         return []
@@ -164,7 +164,7 @@ def complete(
 
 
 def read_text(path: str) -> str:
-    """The text of a source file; `SoterError` D001, D005 where there is none."""
+    """The text of a source file; `SoterError` D001, D005 if it cannot be read."""
     from soter.language.load.loader import read_text as read  # noqa: PLC0415 - shadows this one
 
     diagnostics = Diagnostics()
@@ -175,7 +175,7 @@ def read_text(path: str) -> str:
 
 
 def format_text(name: str, text: str) -> str:
-    """A program's text, well laid out; `SoterError` where it does not parse."""
+    """A program's text in the standard layout; `SoterError` if it does not parse."""
     from soter.diagnostics.diagnostic import Source  # noqa: PLC0415 - see `soter.api`
     from soter.language.syntax.printer import format_source  # noqa: PLC0415 - see `soter.api`
 
@@ -187,7 +187,7 @@ def format_text(name: str, text: str) -> str:
 
 
 def require_writers(log: str | Path | None, report: str | Path | None) -> None:
-    """Say before a run, not after it, that its log cannot be written."""
+    """Raises SoterError before a run if its log or report could not be written after it."""
     if log is not None:
         from soter.report.mcap_reading import require_log_package  # noqa: PLC0415 - an extra
 
@@ -202,7 +202,7 @@ def require_writers(log: str | Path | None, report: str | Path | None) -> None:
 
 
 def run_log(log: str | Path | RunLog | None) -> RunLog | None:
-    """What writes the log of a run while it goes on; `SoterError` D007."""
+    """The writer of a run's log while it goes on; None without a log; `SoterError` D007."""
     if not isinstance(log, (str, Path)):
         return log
     from soter.simulate.run_log import RunLog  # noqa: PLC0415 - an extra
@@ -211,7 +211,7 @@ def run_log(log: str | Path | RunLog | None) -> RunLog | None:
 
 
 def require_writable(path: Path) -> None:
-    """D006 where a log or a report cannot be written there or replaces something else; U003."""
+    """Raises D006 if no log or report can be written at `path` or it would replace another file."""
     require_utf8(path)
     require_no_certificate(path)
     reason = ""
@@ -232,7 +232,7 @@ def require_writable(path: Path) -> None:
 
 
 def require_no_certificate(path: Path, cert: Path | None = None) -> None:
-    """D006 where a file would lie in a certificate, or in what is to be `cert`: it breaks it."""
+    """Raises D006 if a file would lie in a certificate, or in `cert` to come, and break it."""
     for folder in path.resolve().parents:
         sealed = (folder / "SEAL").is_file() and (folder / "manifest.json").is_file()
         if sealed or (cert is not None and folder == cert.resolve()):
@@ -248,7 +248,7 @@ def _made_by_a_run(path: Path) -> bool:
 
 
 def write_advice(advice: Sequence[Advice], program: str, path: Path) -> None:
-    """The figure of every module of a program; `SoterError` D006 where it cannot be written."""
+    """Writes a page with the figure of each module; `SoterError` D006 if it cannot be written."""
     from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
     from soter.report.html import write_document  # noqa: PLC0415 - the same
     from soter.report.proof_page import advice_main  # noqa: PLC0415 - only then
@@ -263,7 +263,7 @@ def write_advice(advice: Sequence[Advice], program: str, path: Path) -> None:
 def write_sections(
     path: Path, title: str, headline: str, verdict: str, sections: Sequence[PageSection]
 ) -> None:
-    """A page of sentences and tables, as `sections_main` takes them; `SoterError` D006."""
+    """Writes a page of sentences and tables, as `sections_main` takes them; `SoterError` D006."""
     from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
     from soter.report.html import write_document  # noqa: PLC0415 - the same
     from soter.report.templates import sections_main  # noqa: PLC0415 - only then
@@ -275,7 +275,7 @@ def write_sections(
 
 
 def write_test_page(result: TestResult) -> Path:
-    """The sequence page of a violated test, beside its trace."""
+    """Writes the sequence page of a violated test beside its trace, and returns its path."""
     from soter.explore.trace_view import view_of  # noqa: PLC0415 - see `soter.api`
 
     assert result.replayed is not None
@@ -288,7 +288,7 @@ def write_test_page(result: TestResult) -> Path:
 
 
 def write_sequence(view: SequenceView, path: Path, kind: str) -> Path:
-    """`SoterError` D006 where it cannot be written, D007 where a package is missing."""
+    """Writes a sequence; `SoterError` D006 if it cannot be written, D007 without a package."""
     from soter.report.atomic_write import LogError, LogUnavailableError, ReportError  # noqa: PLC0415 - see `soter.api`
 
     try:

@@ -1,6 +1,6 @@
-"""A campaign of a program: its system, its folder, its flights, what they say.
+"""Runs a campaign of a program: its system, folder, flights, arms, and warnings.
 
-Purpose: `campaign`, what `soter campaign` and `Program.campaign` do.
+Purpose: `campaign` is what `soter campaign` and `Program.campaign` do.
 Non-goals: flying (`campaign/`), printing.
 """
 
@@ -44,7 +44,7 @@ LOCAL, RAY = "local", "ray"
 
 @dataclass(frozen=True)
 class FlownArm:
-    """One arm on the seeds of a campaign. `folder`: where every flight of it stands."""
+    """One arm flown on the seeds of a campaign; `folder` has all of its flights."""
 
     name: str
     text: str
@@ -58,11 +58,11 @@ class FlownArm:
 
 @dataclass(frozen=True)
 class Campaign:
-    """What was flown. `folder`: where every flight stands; `wall_s`: of this call alone.
+    """What was flown. `folder` has every flight; `wall_s`: the time of this call alone.
 
-    `flown`: flights of this call; the others stood in the folder. `arms`: the same seeds by other
-    rules, the campaign itself first; `lateness`: what was measured for them, in words.
-    `horizon_s`: how far AC was flown on where it was taken off; 0: saves were not counted.
+    `flown`: number of flights in this call; the others were in the folder. `arms`: the same seeds
+    by other rules, the campaign itself first; `lateness`: what was measured for them, in words.
+    `horizon_s`: how far AC was flown on after it lost control; 0: saves were not counted.
     """
 
     system: str
@@ -79,19 +79,19 @@ class Campaign:
     horizon_s: float = 0.0
     program_sha256: str = ""
     params: Mapping[str, str] = field(default_factory=dict)
-    """Parameters that are not at their defaults, with their values as a program writes them."""
+    """Parameter that is not at its default -> its value as a program writes it."""
     asked_arms: tuple[str, ...] = ()
-    """The names that `arms` came from: `swept` stands for several."""
+    """The arms that were asked for; `swept` stands for several of `arms`."""
     forced: tuple[str, ...] = ()
-    """Modules whose mode the system forces, with who is in control."""
+    """Modules whose mode the system forces, as text with who is in control."""
     faults: tuple[tuple[str, str], ...] = ()
-    """What goes wrong, as it was written, and which assumption it keeps; "": none."""
+    """Each fault as it was written, and the assumption that it keeps; "": none."""
     occurred: Mapping[str, int | None] = field(default_factory=dict)
-    """How often each of them was there in all flights; None: always."""
+    """Fault -> how often it occurred in all flights; None: always."""
     diagnostics: tuple[Diagnostic, ...] = ()
-    """Warnings: what these flights are no evidence of."""
+    """Warnings of what these flights are no evidence for."""
     properties: tuple[str, ...] = ()
-    """What each flight was judged by, as the program writes it."""
+    """The properties that judged each flight, as the program writes them."""
 
 
 def campaign(
@@ -109,7 +109,7 @@ def campaign(
     lateness_s: float = 20.0,
     progress: Progress | None = None,
 ) -> Campaign:
-    """Fly `flights` seeds, or as many as make `hours` of flight (1 h by default).
+    """Flies `flights` seeds, or as many as make `hours` of flight (1 h by default).
 
     Flight k is the run of seed `seed` + k, so `soter run --seed` flies it again. `workers`:
     threads; "local", which is the default: one a core; "ray": the cores of a Ray cluster. The
@@ -167,7 +167,7 @@ def campaign(
 
 
 def _horizon(saves: float | str | None) -> int:
-    """How far AC is flown on, ns; 0: not at all. SoterError U001."""
+    """How far AC is flown on after it lost control, in ns; 0: not at all. SoterError U001."""
     horizon_ns = time_ns("saves", saves) or 0
     if saves is not None and horizon_ns <= 0:
         raise mistake("U001", "saves need a time for which AC is flown on", "as `--saves 10s`")
@@ -175,13 +175,13 @@ def _horizon(saves: float | str | None) -> int:
 
 
 def _require_judged(flat: System) -> None:
-    """SoterError C006 where flights could not tell anything."""
+    """Raises SoterError C006 if nothing would judge the flights."""
     if not flat.properties and not flat.measures:
         raise SoterError((_unjudged(flat, Severity.ERROR),))
 
 
 def _warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
-    """What somebody might take these flights for, and what they are not."""
+    """Yields warnings of conclusions that these flights do not support."""
     if not flat.properties:
         yield _unjudged(flat, Severity.WARNING)
     if r.distinct < r.flights:
@@ -205,7 +205,7 @@ def _unjudged(flat: System, severity: Severity) -> Diagnostic:
 
 
 def _threads(workers: int | str | None) -> int:
-    """How many threads fly; 0: none, a Ray cluster does. SoterError U001, D007."""
+    """The number of threads that fly; 0: a Ray cluster does. SoterError U001, D007."""
     if workers == RAY:
         require_ray()
         return 0
@@ -217,7 +217,7 @@ def _threads(workers: int | str | None) -> int:
 
 
 def _faults(flat: System) -> tuple[tuple[str, str], ...]:
-    """A fault of several components is inside where it is for each of them."""
+    """Faults by text, each with the assumption that it keeps if it does for all components."""
     places_by_fault: dict[str, list[str | None]] = {ORDER: [None]} if flat.shuffled else {}
     for f in (f for f in flat.faults if f.on is None):
         places_by_fault.setdefault(f.text, []).append(f.inside)
@@ -227,7 +227,7 @@ def _faults(flat: System) -> tuple[tuple[str, str], ...]:
 
 
 def own_folder(flat: System, path: str, until: Any, seed: int) -> Path:  # noqa: ANN401
-    """Where a campaign of this system lies that was given no folder; SoterError U001..."""
+    """The default folder of a campaign of this system; SoterError U001..."""
     return _folder(path, _about(flat, path, end_of(flat, until), seed, 0))
 
 
@@ -250,8 +250,8 @@ def _about(flat: System, path: str, until_ns: int, seed: int, horizon_ns: int) -
 def _others(
     flat: System, names: Sequence[str], folder: Path, seconds: float
 ) -> tuple[Lateness | None, list[Arm]]:
-    """What is flown beside the system, and the lateness that was measured for it."""
-    arms_of(flat, [n for n in names if n != PAPER], ())  # names that are none
+    """The measured lateness, if an arm needs it, and the arms to fly beside the system."""
+    arms_of(flat, [n for n in names if n != PAPER], ())  # raises for wrong names
     lateness = None
     if PAPER in names:
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -285,7 +285,7 @@ def _flown(
     wanted = store.flights[:count]
 
     def again(other: System, numbers: Sequence[int]) -> Iterator[FlightOutcome]:
-        compiled = Fleet(other, fleet.until_ns, core=fleet.core)  # externs as they are bound
+        compiled = Fleet(other, fleet.until_ns, core=fleet.core)  # with the same externs
         for some in flights_of(compiled, numbers, about.first_seed, workers):
             yield from some
 
@@ -336,7 +336,7 @@ def _folder(path: str, about: CampaignIdentity) -> Path:
 def written(
     flown_campaign: Campaign, path: str, report: str | Path | None, *, parquet: bool = False
 ) -> list[Path]:
-    """Write the page and the tables that are asked for; SoterError D006, D007.
+    """Writes the page and the tables that are asked for; SoterError D006, D007.
 
     `path`: of the program; `report`: "" for a page beside the flights.
     """
@@ -352,6 +352,6 @@ def written(
 
 
 def settings_of(args: Mapping[str, Any]) -> dict[str, Any]:
-    """The arguments of `campaign` among those of a command line."""
+    """The keyword arguments for `campaign` among those of a command line."""
     names = ("hours", "flights", "until", "seed", "workers", "output", "arms", "saves")
     return {n: args[n] for n in names}

@@ -1,7 +1,7 @@
-"""What `Program.check` reports, as plain data: systems, modules, and what execution times come to.
+"""What `Program.check` reports, as plain data: systems, modules, execution times, costs of steps.
 
-Purpose: `CheckReport` and its parts, and a flat system told as one; `TimingReport` of a system: its
-thread, what is missing, P1c of its modules.
+Purpose: `check_report` makes a `CheckReport` of a checked program; `timing_reports` makes a
+`TimingReport` for each system with execution times: its trusted thread, and P1c of its modules.
 Non-goals: checking (`soter.language`), the analysis of times (`soter.timing`,
 `soter.verify.problem`), printing (`cli/`).
 """
@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 
 
 TIMES_FORMAT = 1
-"""Of the files that `soter measure` writes."""
+"""Version of the format of the files that `soter measure` writes."""
 
 
 @dataclass(frozen=True)
 class ThreadRow:
-    """A component of the thread; all times in ns, from its release.
+    """A component of the trusted thread; all times in ns, from its release.
 
-    `start`, `response`: at the latest, over all executions; None where no bound is known.
+    `start`, `response`: latest start and end over all executions; None if no bound is known.
     """
 
     name: str
@@ -51,7 +51,7 @@ class ThreadRow:
 
 @dataclass(frozen=True)
 class SwitchReport:
-    """P1c of a module with these times: `holds`, `fails` or `undecided`; None: not known."""
+    """P1c of a module with declared times: `holds`, `fails` or `undecided`; a None is unknown."""
 
     module: str
     verdict: str
@@ -67,10 +67,10 @@ class SwitchReport:
 class TimingReport:
     """The thread of the trusted part of one system (docs/timing.md).
 
-    `verdict`: `fits`, `misses` or `undecided`; `busy_ns` of every `hyperperiod_ns` at most;
-    `exact`: whether the figures are reached; `schedule`: the steps before a miss; `elsewhere`: who
-    runs in a process of its own; `missing`: who has no `wcet`; `assumed`: how counts of
-    instructions became times, where they did.
+    `verdict`: `fits`, `misses` or `undecided`; the thread is busy for at most `busy_ns` of every
+    `hyperperiod_ns`; `exact`: whether some execution reaches the figures; `schedule`: the steps
+    before a miss; `elsewhere`: components with processes of their own; `missing`: those without
+    `wcet`; `assumed`: how counts of instructions became times, or "".
     """
 
     system: str
@@ -87,9 +87,9 @@ class TimingReport:
 
 
 def times_in(path: str | Path) -> tuple[str, str, dict[str, int], str]:
-    """The program (its hash) and the system of a file of times, `wcet_ns` by component, `assumed`.
+    """Program hash, system, component -> `wcet_ns`, and `assumed` from a file of times.
 
-    `SoterError` U011 where it is no such file; OSError where it cannot be read.
+    `SoterError` U011 if it is no such file; OSError if it cannot be read.
     """
     why = ""
     try:
@@ -111,11 +111,10 @@ def times_in(path: str | Path) -> tuple[str, str, dict[str, int], str]:
 
 
 def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> dict[str, str]:
-    """Gives components that say no `wcet` the one of a file; `SoterError` U011 as `times_in`.
+    """Gives components without `wcet` the one of a file; `SoterError` U011 as `times_in`.
 
-    Gives what these times assume, by the name of their system. U011 also where they are those of
-    something else: of another program than that of this hash, of a system or of components that it
-    does not have.
+    Returns system name -> what these times assume. U011 also if the file is of a program with
+    another hash than `sha256`, or of a system or components that this program does not have.
     """
     program, name, times, assumed = times_in(path)
     components = systems[name].components if name in systems else ()
@@ -137,7 +136,7 @@ def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> 
 
 
 def externs_of(program: TypedProgram) -> tuple[str, ...]:
-    """Names of the nodes, plants and functions that it leaves to Python or C."""
+    """Names of the nodes, plants and functions that a program leaves to Python or C."""
     tables: list[Mapping[str, Any]] = [program.nodes, program.plants, program.funs]
     return tuple([name for table in tables for name, s in table.items() if s.extern])
 
@@ -145,9 +144,9 @@ def externs_of(program: TypedProgram) -> tuple[str, ...]:
 def timing_reports(
     systems: list[System], assumed: Mapping[str, str] | None = None
 ) -> tuple[tuple[TimingReport, ...], tuple[Diagnostic, ...]]:
-    """Of every system whose thread declares execution times, and what does not hold of them.
+    """Reports on every system with execution times, and errors of times that do not hold.
 
-    `assumed`: what the times of a system assume, by its name.
+    `assumed`: system name -> what its times assume.
     """
     timed = [s for s in systems if any(c.wcet_ns is not None or c.jitter_ns for c in s.components)]
     if not timed:
@@ -192,9 +191,9 @@ def _switches(system: System, diagnostics: Diagnostics) -> tuple[SwitchReport, .
 
 
 def _where_proved(system: System) -> list[tuple[System, Module]]:
-    """Each module where its plants are: of a deployed system, in the one that it deploys.
+    """Each module with the plants of its system, or of the system that its system deploys.
 
-    Both have the same thread (M025), here with the times that are known of the deployed one.
+    Both have the same trusted thread (M025); it gets the times known for the deployed one.
     """
     there = system.proved
     if there is None:
@@ -279,14 +278,14 @@ class SystemReport:
     externs: tuple[str, ...]
     modules: tuple[ModuleReport, ...]
     unproved: tuple[str, ...]
-    """What is taken for granted about the modules, in words."""
+    """What a check assumes about the modules, in words."""
     assumptions: tuple[str, ...]
     """Everything a run of the system rests on, in words."""
 
 
 @dataclass(frozen=True)
 class StepReport:
-    """What the step of a node, or a decision of a module, takes at worst.
+    """The most that a step of a node, or a decision of a module, takes.
 
     `externs`: functions it may call, whose own code is not counted.
     """
@@ -308,11 +307,11 @@ class CheckReport:
     systems: tuple[SystemReport, ...]
     warnings: tuple[Diagnostic, ...]
     steps: tuple[StepReport, ...]
-    """Of every node and module of the program that has code of its own."""
+    """Costs for every node and module of the program that has code of its own."""
     timings: tuple[TimingReport, ...] = ()
-    """Of every system whose thread declares execution times."""
+    """Reports on every system whose trusted thread declares execution times."""
     untimely: tuple[Diagnostic, ...] = ()
-    """What does not hold of them, as errors: deadlines, the times of a proof, P1c."""
+    """Errors of these times: missed deadlines, times of a proof, or P1c that do not hold."""
 
     def _repr_html_(self) -> str:
         from soter.report.tables import notebook_table  # noqa: PLC0415 - in notebooks only
@@ -356,9 +355,9 @@ def check_report(
 def step_reports(
     program: TypedProgram, flat: Mapping[str, System]
 ) -> tuple[tuple[StepReport, ...], list[Diagnostic]]:
-    """What all steps take, nodes first, in the order they were declared; then what follows SC.
+    """Costs of all steps, nodes first, in declared order, then of code that follows SC.
 
-    And of what `verify` and all that flies will refuse to follow, a warning each.
+    Also warnings of code that `verify` and deployed modules will refuse to follow.
     """
     costs = {s.name: cost for s, cost in program.costs.items()}
     warned: list[Diagnostic] = []

@@ -1,11 +1,11 @@
-"""What `soter build` says and packs of a deployed system: what it inherits, and from which proof.
+"""Builds packages, and says which proof a deployed system inherits.
 
-Purpose: the certificate is checked again, compared with the program and the parameters at hand, and
-its verdicts are told of the modules of the deployed system that it covers. `recorded_inputs`: of a
-system that deploys another, the values that its topics from outside have in a run of that one,
-plants included, and the trace of the deployed system under them, for the replay of an image.
-Non-goals: what is covered (`verify/deploy/proof_transfer.py`), the checker (`soter.recheck`);
-reading a recording (`runtime/cortex_m/soter_recording.c`), worlds that nobody wrote.
+Purpose: `deployed` checks the certificate again, compares it with the program and the parameters,
+and reports its verdicts for the modules of the deployed system that it covers. `build` makes the
+package. `recorded_inputs` records, for the replay of an image, the values of topics from outside in
+a run of the system that was proved, with its plants.
+Non-goals: what is covered (`verify/deploy/proof_transfer.py`), the checker (`soter.recheck`),
+reading a recording (`runtime/cortex_m/soter_recording.c`).
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 def recorded_inputs(system: System, until_ns: int, seed: int) -> Recording:
     """The values of topics from outside in a run of the proved system, in order of time.
 
-    None where that system is deployed itself, or has unbound externs; SoterError: `NativeProgram`.
+    None if that system is deployed itself, or has unbound externs; SoterError of `NativeProgram`.
     """
     there = system.proved
     if there is None or any(x.extern and x.binding is None for x in there.components):
@@ -94,7 +94,7 @@ def recording_text(recording: Recording) -> str:
 
 
 def replayed_sha256(native: NativeProgram, recording: Recording, until_ns: int, seed: int) -> str:
-    """The hash of the trace of a run that reads what was recorded; no extern may be due in it."""
+    """SHA-256 of the trace of a run that reads the recording; no extern may be due in it."""
     library, digest, given = native.loaded().library, hashlib.sha256(), iter(recording)
     state = library.new_state(seed)
     waiting = next(given, None)
@@ -111,36 +111,36 @@ MAPPINGS = "soter.mapping.read_mapping"
 FILE = "inherited.json"
 SCHEMA = 1
 SETS_CONFIRMED = ("P2a", "P3", "ttf", "safer")
-"""By which the sets of computed predicates are what they are said to be; with P2b the number of
-their levels is the one that is chosen."""
+"""The claims that confirm the sets of computed predicates; P2b besides confirms the number of
+levels that is chosen."""
 NO_PART = frozenset({"soter_app.c", "soter_virtual.c", "soter_sha256.c"})
-"""Files of the command that runs in virtual time."""
+"""Files of a package that only the command for virtual time needs."""
 
 
 @dataclass
 class DeploymentReport:
-    """`lines`: for people; `document`: the same for programs, a file of the package, too."""
+    """What a system inherits; `lines`: for people, `document`: for programs and the package."""
 
     certificate: str = ""
     lines: list[str] = field(default_factory=list)
     document: dict[str, object] = field(default_factory=dict)
     sets: Known | None = None
-    """What the certificate has in place of `ttf` of the deployed system's modules."""
+    """The certificate's sets for computed predicates of the deployed modules; None: without."""
 
     @property
     def files(self) -> list[PackageFile]:
-        """What the package has besides; nothing where no other system is deployed."""
+        """Files that the package gets besides; [] if the system deploys no other."""
         if not self.document:
             return []
         return [PackageFile(FILE, json.dumps(self.document, indent=1) + "\n")]
 
 
 def deployed(here: System, cert: str | Path | None) -> DeploymentReport:
-    """What a freshly flattened system inherits; nothing where it deploys no other.
+    """What a freshly flattened system inherits; an empty report if it deploys no other.
 
-    `SoterError` D019 where something from outside is not covered, D020 where the certificate is
-    rejected, was not re-checked or is of something else, D009 and D007 as of `recheck`, U001 for a
-    certificate of a system that deploys none.
+    `SoterError` D019 if something from outside is not covered, D020 if the certificate is rejected,
+    not re-checked or about another program, D009 and D007 as `recheck`, U001 for a certificate and
+    a system that deploys none.
     """
     there = here.proved
     if there is None:
@@ -173,7 +173,7 @@ def deployed(here: System, cert: str | Path | None) -> DeploymentReport:
 
 @dataclass(eq=False)
 class _CertifiedTables:
-    """Of the modules of a certificate that was accepted: as `missing_predicates.Known` has it."""
+    """The confirmed sets and tables of a certificate, as a `missing_predicates.Known`."""
 
     folder: Path
     seal: str
@@ -189,7 +189,7 @@ class _CertifiedTables:
         return certificate
 
     def sets(self, problem: Problem) -> list[Pairs] | None:
-        """As the re-checker has confirmed them; None where it has not confirmed all of them."""
+        """The sets of a problem if the re-checker has confirmed all of them; else None."""
         from soter.verify.deploy.proof_transfer import certified_sets  # noqa: PLC0415 - NumPy
 
         reports = self.confirmed.get(problem.name, [])
@@ -199,7 +199,7 @@ class _CertifiedTables:
         return certified_sets(self._certificate, reports[0].system, problem.name, problem)
 
     def built(self, problem: Problem, level_tables: Sequence[LevelTable]) -> None:
-        """SoterError D020 where the certificate has other tables of the module."""
+        """Raises SoterError D020 if the certificate has other tables for the module."""
         from soter.verify.deploy.proof_transfer import same_tables  # noqa: PLC0415 - needs NumPy
 
         reports, name = self.confirmed.get(problem.name, []), problem.name
@@ -220,20 +220,19 @@ def build(
     mapping: str | Path | Mapping[str, Any] | None = None,
     board: str | None = None,
 ) -> Package:
-    """The package of a target; `completed`: the same system with computed predicates, and notes.
+    """Writes the package of a target into the folder `output`.
 
-    It is given what of them need not be computed, as a certificate has it.
+    `completed`: returns the system with computed predicates, and notes; its argument has those that
+    a certificate confirms. `mapping`: for targets with a middleware, a file or its content.
+    `board`: for targets that are an image, the name of a board or its file.
 
-    `mapping`: of targets that speak with a middleware, a file or what it says. `board`: of targets
-    that are an image, the name of a board or its file.
-
-    `SoterError` as of `deployed`, and of `build_package`.
+    `SoterError` as `deployed` and `build_package`.
     """
     require_options(target, mapping=mapping is not None, board=board is not None)
     place = None if board is None else read_board(board)
     read, beside = _read(mapping)
     file = Path(mapping) if isinstance(mapping, (str, Path)) else None
-    if read is not None:  # before anything takes long
+    if read is not None:  # check it before anything takes long
         _fitted(read, fresh, beside, file)
     require_files(bound(fresh), linked=True)
     inherits = deployed(fresh, cert)
@@ -253,7 +252,7 @@ def build(
 
 
 def _replay(bindings: Bindings) -> Replay:
-    """The run that an image repeats, here; without its trace where somebody has to answer."""
+    """The run that an image repeats, done here; without its trace if an extern must answer."""
     system = bindings.system
     until, seed = replayed_until(system), 1
     if any(x.extern and not (x.binding or "").startswith("c:") for x in system.components):
@@ -274,7 +273,7 @@ def _replay(bindings: Bindings) -> Replay:
 def _read(
     mapping: str | Path | Mapping[str, Any] | None,
 ) -> tuple[Mapping[str, Any] | None, Path | None]:
-    """What a mapping says, and the folder from which it names files."""
+    """The content of a mapping, and the folder that its paths are relative to."""
     if isinstance(mapping, (str, Path)):
         return by_name(MAPPINGS).read_mapping(Path(mapping)), Path(mapping).parent
     return mapping, None
@@ -283,13 +282,13 @@ def _read(
 def _fitted(
     read: Mapping[str, Any], system: System, folder: Path | None, file: Path | None
 ) -> object:
-    """A mapping as records of the topics of a system; SoterError D015."""
+    """A mapping as records for the topics of a system; SoterError D015."""
     fitted: object = by_name(MAPPINGS).mapping_of(read, system, None, folder, file)
     return fitted
 
 
 def _not_carried(bindings: Bindings) -> list[str]:
-    """Bindings to Python and to policies, which are dropped: a package is C."""
+    """Notes on bindings to Python and to policies, which a package in C leaves out."""
     notes = []
     for x in bindings.externs:
         binding = binding_of(x.bound) if isinstance(x.bound, str) else None
@@ -304,9 +303,9 @@ def _not_carried(bindings: Bindings) -> list[str]:
 
 
 def image_of(package: Package, board: str | None, stack: StackBound) -> Image | None:
-    """The image of a package that was built for a board; None of others. As of `build_image`.
+    """Builds the image of a package that is for a board; None for others. See `build_image`.
 
-    `stack`: the bound of the package; SoterError X015 where the board gives less.
+    `stack`: the bound of the package; SoterError X015 if the board has less.
     """
     from soter.targets.cortex_m_package import build_image, require_stack  # noqa: PLC0415 - compiles
 
@@ -318,11 +317,11 @@ def image_of(package: Package, board: str | None, stack: StackBound) -> Image | 
 
 
 def stack_bound(package: Package, board: str | None = None) -> StackBound:
-    """How much stack the trusted part of a package needs at most, compiled on this machine.
+    """The most stack that the trusted part of a package needs, compiled on this machine.
 
-    `board`: of an image, whose own compiler says it.
+    `board`: for an image, whose own compiler computes it.
 
-    Neither externs nor the virtual-time command are part of it, nor plants.
+    Externs, plants and the virtual-time command are not counted.
     """
     from soter.native.stack_bound import stack_of  # noqa: PLC0415 - runs a compiler
     from soter.targets.cortex_m_package import cross_compiler  # noqa: PLC0415 - the same
@@ -391,7 +390,7 @@ def _lines(entry: dict[str, object], there: str, seal: str) -> list[str]:
 
 
 def _fits(folder: Path, report: Report, there: System) -> str:
-    """The seal of a certificate that is accepted and about this program; `SoterError` D020."""
+    """The seal of a certificate if it is accepted and about this program; `SoterError` D020."""
     if not report.accepted:
         said = "is rejected" if report.verdict == REJECTED else "was not re-checked"
         raise _other(folder, f"it {said}: {report.reason}")
@@ -418,7 +417,7 @@ def _fits(folder: Path, report: Report, there: System) -> str:
 
 
 def _prefix(there: System) -> str:
-    """What stands before the names of the file that declares the proved system: `cart.`."""
+    """The prefix of names from the file that declares the proved system, such as `cart.`."""
     return _prefix_of(there.name)
 
 
@@ -427,7 +426,7 @@ def _prefix_of(name: str) -> str:
 
 
 def _home(there: System, prefix: str) -> Path:
-    """The file that declares it."""
+    """The path of the file that declares the proved system."""
     return next(f.path for f in _files(there.program.path) if f.prefix == prefix).resolve()
 
 
@@ -440,10 +439,10 @@ def _files(path: str) -> list[LoadedFile]:
 
 
 def _renamed(there: System, home: Path) -> dict[str, str]:
-    """Parameters of the files of the certificate: full name there -> full name here.
+    """Full name of a parameter in the certificate -> its full name in this program.
 
-    A file that is imported is called by the first name that anybody gives it, which is another one
-    where the proved system's own file is the main one.
+    An imported file is called by the first name that an import gives it, which differs if the
+    proved system's own file is the main one.
     """
     here = {f.path.resolve(): f.prefix for f in _files(there.program.path)}
     alone = {here[f.path.resolve()]: f.prefix for f in _files(str(home))}
@@ -455,7 +454,7 @@ def _renamed(there: System, home: Path) -> dict[str, str]:
 
 
 def _confirmed(report: Report, there: System) -> dict[str, list[RecheckedModule]]:
-    """Module -> what was confirmed of it in the proved system, view by view; D020."""
+    """Module -> what was confirmed of it in the proved system, one for each view; D020."""
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - an extra
 
     prefix = _prefix(there)
@@ -477,7 +476,7 @@ def _confirmed(report: Report, there: System) -> dict[str, list[RecheckedModule]
 
 
 def _here(name: str, names: dict[str, str]) -> str:
-    """The same parameter, of an instance perhaps, as it is called here."""
+    """The name in this program of a parameter of the certificate, perhaps an instance's."""
     declared = name
     while declared not in names and "." in declared:
         declared = declared.partition(".")[2]

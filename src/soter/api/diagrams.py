@@ -1,6 +1,6 @@
-"""Pictures of a program.
+"""The diagram of a system, as a public object.
 
-Purpose: `Diagram`, what `Program.diagram` gives and `soter show` writes; a log, replayed on it.
+Purpose: `Diagram` is what `Program.diagram` returns and `soter show` writes; it can replay a log.
 Non-goals: drawing (`diagram/`).
 """
 
@@ -23,14 +23,14 @@ class Diagram:
     system: str
     svg: str
     flat: System | None = field(default=None, repr=False, compare=False)
-    """What is drawn; None where somebody made the picture by hand."""
+    """The system that is drawn; None for a diagram that was not made from one."""
 
     def _repr_svg_(self) -> str:
-        """What a notebook shows."""
+        """The SVG, which a notebook shows."""
         return self.svg
 
     def write(self, path: str | Path) -> Path:
-        """Write the SVG; `SoterError` D006 where that fails or something else would be lost."""
+        """Writes the SVG; `SoterError` D006 if that fails or would replace another file."""
         from soter.report.atomic_write import ReportError  # noqa: PLC0415 - see `soter.api`
         from soter.report.html import write_text  # noqa: PLC0415 - the same
 
@@ -45,9 +45,9 @@ class Diagram:
         raise mistake("D006", problem)
 
     def write_replay(self, log: str | Path, path: str | Path) -> Path:
-        """Write a page that replays a log of `soter run --log` on the diagram.
+        """Writes a page that replays a log of `soter run --log` on the diagram.
 
-        `SoterError` D006 where the log is of something else, or the page cannot be written; D007.
+        `SoterError` D006 if the log is of another system or the page cannot be written; D007.
         """
         from soter.simulate.run_on_diagram import write_log_page  # noqa: PLC0415 - see `soter.api`
 
@@ -63,7 +63,7 @@ def diagram_of(system: System) -> Diagram:
 
 
 def _picture(path: Path) -> bool:
-    """Whether a picture, or nothing, stands there."""
+    """Whether a file is empty or a diagram, so that it may be replaced."""
     with path.open("rb") as stream:
         start = stream.read(64).lstrip()
     return not start or start.startswith(b"<svg")

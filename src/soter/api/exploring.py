@@ -1,6 +1,6 @@
-"""The tests of a program, explored one after the other.
+"""Explores the tests of a program one after the other.
 
-Purpose: which tests, their flat systems, their traces and pages, and one report.
+Purpose: chooses the tests, flattens their systems, writes traces and pages, and makes one report.
 Non-goals: exploring one test (`explore/command.py`), options (`explore/search_options.py`),
 checkpoints (`explore/checkpoint/`).
 """
@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
 
 def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> ExploreReport:
-    """Explore every test of a sound program, or one, as `Program.explore` says.
+    """Explores every test of a sound program, or some, as `Program.explore` says.
 
-    Whoever interrupts it gets what was covered until then; KeyboardInterrupt unless `partial`.
+    After an interrupt it returns what was covered with `partial`, else raises KeyboardInterrupt.
     """
     options = made(SearchOptions, given)
     wanted = asked(options)
@@ -67,7 +67,7 @@ def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> Explor
 
 @contextmanager
 def _until_interrupted(results: Sequence[object], tests: Sequence[object]) -> Iterator[None]:
-    """What was found so far is kept, unless only its files are missing."""
+    """Ends its block at a KeyboardInterrupt; raises it if all tests have been explored."""
     try:
         yield
     except KeyboardInterrupt:
@@ -81,7 +81,7 @@ def _tests(
     values: Mapping[str, Value],
     options: SearchOptions,
 ) -> list[System]:
-    """The flattened systems of tests, complete; every diagnostic of all of them at once."""
+    """The flat systems of tests, predicates computed; SoterError with all their diagnostics."""
     diagnostics = Diagnostics()
     skew_ns, horizon_ns = time_ns("skew", options.skew), time_ns("horizon", options.horizon)
     systems = []

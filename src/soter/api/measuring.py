@@ -1,7 +1,7 @@
-"""Times of steps, measured on this machine.
+"""Measures times of steps on this machine, or counts instructions on an emulated board.
 
-Purpose: `measure`, what `soter measure` does; `written` puts the times into a file.
-Non-goals: the stopwatch (`soter.measure`), what the times come to (`soter.timing`).
+Purpose: `measure` and `measure_on_board` do what `soter measure` does; `written` writes the file.
+Non-goals: the stopwatch (`soter.measure`), the analysis of times (`soter.timing`).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ INSTRUCTION_MAX_NS = 10**6
 
 @dataclass(frozen=True)
 class Measured:
-    """The times of the steps of one system; `margin`: what the longest was multiplied with.
+    """The times of the steps of one system; `margin`: the factor for the longest one.
 
     `assumed`: how counts of instructions became times; "" where times were measured.
     """
@@ -66,11 +66,11 @@ def measure(
     seed: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Measured:
-    """Times of single steps of every component of the trusted thread that is Soter code.
+    """Measures single steps of every component of the trusted thread that is Soter code.
 
-    `until`: of the run whose states they begin from (the system's own end); `samples`: about so
-    many steps of each.
-    `SoterError` as `Program.simulate`, U001 where the margin is below 1.
+    `until`: the end of the run whose states the steps begin from (by default the system's own);
+    `samples`: about how many steps of each.
+    `SoterError` as `Program.simulate`, U001 if the margin is below 1.
     """
     _require_margin(margin)
     run = program.simulate(system, until, seed, params=params, sha256=False, apart=True)
@@ -93,11 +93,11 @@ def measure_on_board(
     *,
     margin: float = MARGIN,
 ) -> Measured:
-    """Instructions of single steps on a board that QEMU emulates, times a stated factor.
+    """Counts instructions of single steps on a board that QEMU emulates, times a stated factor.
 
-    `instruction`: how long one takes there at most, as whoever asks says (`"20ns"`).
-    `SoterError` as `Program.build` and `image_of`, U001 where a factor is none, X004 where no
-    image can be made or run here.
+    `instruction`: the longest time of one on the board, as the caller states it (`"20ns"`).
+    `SoterError` as `Program.build` and `image_of`, U001 for a wrong factor, X004 if no image can
+    be made or run here.
     """
     from soter.api.deploying import image_of, stack_bound  # noqa: PLC0415 - of this function alone
     from soter.targets.cortex_m_board import read_board  # noqa: PLC0415 - the same
@@ -135,7 +135,7 @@ def _require_margin(margin: float) -> None:
 
 
 def machine() -> str:
-    """This machine, in words that name nobody."""
+    """This machine in words: its processor and system, without its or a user's name."""
     return f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors"
 
 
@@ -158,11 +158,11 @@ DOCUMENT = JsonObject(
         {"percentiles_ns": _percentiles},
     ),
 )
-"""As the file has it; times in ns."""
+"""The measurement as the file's JSON object; times in ns."""
 
 
 def written(measurement: Measured, path: str | Path) -> Path:
-    """Writes the file; OSError where that fails."""
+    """Writes the file and returns its path; OSError if that fails."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(

@@ -1,8 +1,8 @@
-"""Whether runs fit the plants of their proofs.
+"""Judges whether runs and logs fit the plants of their proofs.
 
-Purpose: `judged`, what `Program.monitor` does with a log or a run; `log_judged` and
-`log_explained`, what `Program.judge_log` and `--map` with `--estimates` do with a log of somebody
-else.
+Purpose: `judged` is what `Program.monitor` does with a log or a run; `log_judged` is what
+`Program.judge_log` does with a log of another system, `log_explained` what `--map` with
+`--estimates` does.
 Non-goals: the judgements themselves (`monitor/model_membership.py`, `monitor/log_replay.py`).
 """
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 def judged(
     flat: System, log: str | Path | None, run: Run | None, module: str | None, *, estimates: bool
 ) -> list[Judgement]:
-    """Every module, or one, on a log of the system `flat` or on a traced run of it."""
+    """Judges every module, or one, on a log of the system `flat` or on a traced run of it."""
     if run is not None:
         flat, record = run.system, recorded(run)
     else:
@@ -61,12 +61,12 @@ def log_judged(
     partial: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> LogJudgement:
-    """When each module, or one, would have switched on the reads of a log, and how near it came.
+    """Judges when modules would have switched on the reads of a log, and how near they came.
 
-    `flat_of`: a fresh flat system by name and parameters. `log`: a file, or several CSVs that are
-    one log. `mapping`: a file or what it says; `where`: rows that count, beside its own; `partial`:
-    of a damaged log what stands before the damage, which is no verdict. SoterError D015, D016,
-    U001, U003; D017 where no module can be decided.
+    `flat_of`: makes a flat system by name and parameters. `log`: a file, or several CSVs that are
+    one log. `mapping`: a file or its content; `where`: column -> text of rows that count, besides
+    the mapping's own; `partial`: judge a damaged log up to the damage, which gives no verdict.
+    SoterError D015, D016, U001, U003; D017 if no module can be decided.
     """
     paths = _paths(log)
     require_utf8(*paths, mapping)
@@ -117,10 +117,10 @@ def log_explained(
     where: Mapping[str, str] | None = None,
     partial: bool = False,
 ) -> list[Judgement]:
-    """Whether some run of the plants of the proof fits what a log says was measured and commanded.
+    """Judges whether some run of the proof's plants fits the measurements and commands of a log.
 
-    Arguments and errors as of `log_judged`; of every module all driven topics and commands have to
-    be mapped (D017), and its program has to determine a proof (R...).
+    Arguments and errors as in `log_judged`; all driven topics and commands of a module have to be
+    mapped (D017), and its program has to determine a proof (R...).
     """
     paths = _paths(log)
     require_utf8(*paths, mapping)
@@ -159,7 +159,7 @@ def _declared(
 
 
 def lost(module: str, missing: Sequence[str]) -> Diagnostic:
-    """D017: a module of which a log says nothing."""
+    """The error D017 for a module whose topics a log does not have."""
     notes = tuple(f"missing: {m}" for m in missing)
     message = f"the log does not decide module `{module}`"
     return Diagnostic("D017", message, notes=notes)

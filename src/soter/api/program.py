@@ -1,7 +1,7 @@
-"""A program, and everything that can be done with it: each command of `soter` is one method.
+"""`Program`: a program and everything that can be done with it; each command is one method.
 
-Purpose: `load`, `Program`. Rooms below are imported when needed: `check` loads no NumPy, no cffi.
-Non-goals: the work itself (the rooms below), printing and exit codes (`cli/`).
+Purpose: `load` makes a `Program`. Other packages are imported when they are needed, so that `check`
+loads neither NumPy nor cffi. Non-goals: the work itself (other packages), printing (`cli/`).
 """
 
 from __future__ import annotations
@@ -63,23 +63,23 @@ if TYPE_CHECKING:
 
 
 def load(path: str | Path, progress: Tell | None = None, text: str | None = None) -> Program:
-    """Read and check the program in a file; `progress` is told what may take seconds, in words.
+    """Reads and checks the program in a file; `progress` is called with words on slow work.
 
-    Never fails: a program with mistakes has them in `.diagnostics`, and whatever needs a sound
-    program then raises `SoterError`. `text`: in place of the file; imports are read beside it.
+    It never fails: mistakes stand in `.diagnostics`, and methods that need a sound program raise
+    `SoterError`. `text`: used in place of the file's; imports are read from the file's folder.
     """
     return Program(str(path), progress, text)
 
 
 class Program:
-    """A program: text, everything known about it, and the externs bound to it."""
+    """A checked program, and what its externs are bound to."""
 
     def __init__(self, path: str, progress: Tell | None = None, text: str | None = None) -> None:
         self.path = path
         self._checked: CheckResult = check_file(path, text, tell=progress)
         add_stale_monitors(self._checked)
         self._bound: dict[str, object] = {}
-        self._flat: list[System] = []  # what `bind` looks for names in
+        self._flat: list[System] = []  # `bind` looks for names in these
 
     def __repr__(self) -> str:
         return f"<soter.Program {self.path}: {', '.join(self.systems) or 'no systems'}>"
@@ -94,32 +94,32 @@ class Program:
 
     @property
     def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """Everything that was found, errors and warnings."""
+        """All errors and warnings that the check found."""
         return self._checked.diagnostics.items
 
     @property
     def ok(self) -> bool:
-        """Whether there is no error."""
+        """Whether the program has no error."""
         return self._checked.ok
 
     @property
     def systems(self) -> tuple[str, ...]:
-        """Names of the systems it declares."""
+        """Names of the systems that the program declares."""
         return tuple(self._checked.systems)
 
     @property
     def externs(self) -> tuple[str, ...]:
-        """Names of the nodes, plants and functions that it leaves to Python or C."""
+        """Names of the nodes, plants and functions that the program leaves to Python or C."""
         program = self._checked.program
         return () if program is None else externs_of(program)
 
     @property
     def sha256(self) -> str | None:
-        """Hash of every source and data file; None where nothing could be read."""
+        """SHA-256 over every source and data file; None if nothing could be read."""
         return self._checked.program.sha256 if self._checked.program is not None else None
 
     def check(self, params: Params = None, *, times: str | Path | None = None) -> CheckReport:
-        """What is known of a sound program, else SoterError; `times`: of `soter measure`."""
+        """Reports on a sound program, else raises SoterError; `times`: of `soter measure`."""
         values = self._values(params)
         flat = self._checked.flat if self.ok and not values and times is None else {}
         if len(flat) < len(self.systems):
@@ -127,25 +127,25 @@ class Program:
         return check_report(self.path, self._checked, flat, self._bound, times)
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
-        """The value of a constant, by full name (`city.GOALS`), as externs see it; KeyError."""
+        """The value of a constant by its full name (`city.GOALS`), as externs get it; KeyError."""
         from soter.language.model.values import to_python  # noqa: PLC0415 - see the docstring
 
         symbol = self._require_sound().consts[name]
         return to_python(symbol.type, symbol.value)
 
     def function(self, name: str) -> Callable[..., Any]:
-        """A function of the program as a Python callable; `soter.StepFault` in it, or KeyError."""
+        """A function of the program as a callable, which may raise `soter.StepFault`; KeyError."""
         from soter.simulate.externs.soter_callable import python_function  # noqa: PLC0415 - see the docstring
 
         program = self._require_sound()
         return python_function(program, program.funs[name])
 
     def format(self) -> str:
-        """The text of the main file, well laid out; `SoterError` where it does not parse."""
+        """The text of the main file in the standard layout; `SoterError` if it does not parse."""
         return format_text(self.path, read_text(self.path))
 
     def bind(self, name: str, target: object) -> Program:
-        """Let `target` answer the extern `name`, in all later runs; gives back this program.
+        """Lets `target` answer the extern `name` in all later runs, and returns this program.
 
         `name`: a full name (`d.M.Learned`), its last part, or the declared name. `target`: a
         callable, an object or class with `step` and perhaps `reset(seed)`, or a text
@@ -163,7 +163,7 @@ class Program:
         return self
 
     def unbind(self, name: str) -> Program:
-        """Undo `bind(name, ...)`: the program's own `from` counts again; SoterError U005."""
+        """Undoes `bind(name, ...)`: the program's own `from` counts again; SoterError U005."""
         if name not in self._bound:
             known = "bound is " + (", ".join(f"`{n}`" for n in self._bound) or "nothing")
             raise mistake("U005", f"nothing was bound as `{name}`", known)
@@ -214,7 +214,7 @@ class Program:
         return run
 
     def campaign(self, system: str | None = None, params: Any = None, **how: Any) -> Campaign:  # noqa: ANN401
-        """Fly many seeds of a system: see `soter.api.campaigning.campaign`."""
+        """Flies many seeds of a system: see `soter.api.campaigning.campaign`."""
         require_utf8(how.get("output"))
         bindings = self._bindings(self._completed(system, params, bound=self._bound)[0])
         return cast(
@@ -222,14 +222,14 @@ class Program:
         )
 
     def write_log(self, run: Run, path: str | Path) -> Path:
-        """Write the MCAP log of a traced run; `SoterError` D006, D007."""
+        """Writes the MCAP log of a traced run; `SoterError` D006, D007."""
         from soter.simulate.run_log import write_log  # noqa: PLC0415 - an extra
 
         require_utf8(path)
         return write_log(run, path, VERSION)
 
     def write_report(self, run: Run, path: str | Path, *, self_contained: bool = False) -> Path:
-        """Write the HTML report of a traced run, its script beside it or in it; D006, D007."""
+        """Writes the HTML report of a traced run, its script beside it or in it; D006, D007."""
         from soter.api.running import write_report  # noqa: PLC0415 - see the docstring
 
         require_utf8(path)
@@ -249,13 +249,13 @@ class Program:
         board: str | None = None,
         progress: Progress | None = None,
     ) -> Package:
-        """Write the package of a target (`"c"`) into the folder `output`.
+        """Writes the package of a target (`"c"`) into the folder `output`.
 
         `cert`: a certificate of the system that this one deploys; it is checked again. `mapping`:
-        of targets that speak with a middleware (docs/mapping.md), a file or what it says. `board`:
-        of `"cortex-m"`, the name of a board or its file (docs/bare-metal.md).
-        `progress` is called with the share that is done. `SoterError` D015 where the mapping, D019,
-        D020 where the certificate does not fit, X017 where the board is none.
+        for targets with a middleware (docs/mapping.md), a file or its content. `board`: for
+        `"cortex-m"`, the name of a board or its file (docs/bare-metal.md).
+        `progress` is called with the share that is done. `SoterError` D015 if the mapping, D019,
+        D020 if the certificate does not fit, X017 for an unknown board.
         """
         from soter.api.deploying import build  # noqa: PLC0415 - see the docstring
 
@@ -277,10 +277,10 @@ class Program:
         params: Mapping[str, object] | None = None,
         estimates: bool = False,
     ) -> list[Judgement]:
-        """Whether some run of the verification plants fits a log, or a fresh run.
+        """Judges whether some run of the verification plants fits a log, or a fresh run.
 
-        `log`: an MCAP file that `soter run --log` wrote of the same system. `estimates`: judge what
-        was measured instead of the true states. `SoterError` U001 where a plant is not affine.
+        `log`: an MCAP file that `soter run --log` wrote of the same system. `estimates`: judge the
+        measurements instead of the true states. `SoterError` U001 if a plant is not affine.
         """
         require_utf8(log)
         flat = self.flat(system, params)
@@ -289,12 +289,12 @@ class Program:
         return cast("list[Judgement]", judged)
 
     def judge_log(self, log: Any, mapping: Any, **how: Any) -> LogJudgement:  # noqa: ANN401
-        """A log of somebody else, and what is what in it: see `soter.api.monitoring.log_judged`."""
+        """Judges a log of another system by a mapping: see `soter.api.monitoring.log_judged`."""
         judged = by_name("soter.api.monitoring").log_judged(self.flat, log, mapping, **how)
         return cast("LogJudgement", judged)
 
     def assure(self, output: str | Path, **how: Any) -> Assurance:  # noqa: ANN401
-        """Write a safety case: see `soter.api.assurance.safety_case.assure`."""
+        """Writes a safety case: see `soter.api.assurance.safety_case.assure`."""
         require_utf8(output, *how.values())
         case = by_name("soter.api.assurance.safety_case").assure(self, output, **how)
         return cast("Assurance", case)
@@ -308,9 +308,9 @@ class Program:
         params: Mapping[str, object] | None = None,
         alarm: str | None = None,
     ) -> Path:
-        """Write the model monitor of a module as a trusted Soter node; gives back the path.
+        """Writes the model monitor of a module as a trusted Soter node, and returns the path.
 
-        `alarm`: a bool topic of the program to publish; by default one of its own. SoterError D006.
+        `alarm`: a bool topic of the program to publish; by default a new one. SoterError D006.
         """
         require_utf8(path)
         flat = self.declared(system, params)
@@ -332,14 +332,14 @@ class Program:
         report: str | Path | None = None,
         progress: Progress | None = None,
     ) -> VerifyReport:
-        """Prove P1c, P2a, P2b, P3, `ttf`, `safer` and `failsafe` of every module, or of one.
+        """Proves P1c, P2a, P2b, P3, `ttf`, `safer` and `failsafe` of every module, or of one.
 
-        `module`: full or declared name. `system`: where its plants stand; by default wherever a
-        module is, the default system first. `cert`: a folder for a certificate; `report`: an HTML
-        page. `synthesize`: find the controllers that are `sc synthesized` first, and verify the
-        program that was written. `refute`: look for a counterexample to what is not proved;
-        `explain`: measure why it is not, and try what may help (None: where `refute` is).
-        `SoterError` with R... where the program does not determine a problem.
+        `module`: full or declared name. `system`: the one with its plants; by default the first
+        that has the module, the default one first. `cert`: a folder for a certificate; `report`: an
+        HTML page. `synthesize`: first find the controllers that are `sc synthesized`, and verify
+        the program that was written. `refute`: look for a counterexample to what is not proved;
+        `explain`: measure why it is not proved, and try what may help (None: as `refute`).
+        `SoterError` with R... if the program does not determine a problem.
         """
         from soter.explore.command import violation_of  # noqa: PLC0415 - needs a compiler
         from soter.verify.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
@@ -377,10 +377,10 @@ class Program:
         system: str | None = None,
         params: Mapping[str, object] | None = None,
     ) -> tuple[Path, ...]:
-        """Find every safe controller left open (`sc synthesized period d;`) and write the program.
+        """Finds every safe controller left open (`sc synthesized period d;`), writes the program.
 
-        `output`: by default `<name>_sc.soter`; it must lie in the program's folder. Gives the files
-        written, the program first; none where no controller is open. `SoterError` U009 where none
+        `output`: by default `<name>_sc.soter`; it must lie in the program's folder. Returns the
+        files written, the program first; () if no controller is open. `SoterError` U009 if none
         was found.
         """
         from soter.verify.find_sc import synthesize  # noqa: PLC0415 - needs NumPy and a compiler
@@ -402,10 +402,10 @@ class Program:
         report: str | Path | None = None,
         progress: Progress | None = None,
     ) -> tuple[Advice, ...]:
-        """What the period of every decision module and the number of its levels cost.
+        """Finds what the period of every decision module and the number of its levels change.
 
-        `factors`: multiples of the declared period; `levels`: values of m; `report`: an HTML file
-        with the figure. `SoterError` R... where a problem is not determined; D006, D007 for it.
+        `factors`: multiples of the declared period; `levels`: numbers of levels (m); `report`: an
+        HTML file with the figure. `SoterError` R... if a problem is not determined; D006, D007.
         """
         from soter.verify.advice import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.verify.command import modules_of, problems_of  # noqa: PLC0415 - the same
@@ -427,9 +427,9 @@ class Program:
         params: Mapping[str, object] | None = None,
         progress: Progress | None = None,
     ) -> tuple[DelayAdvice, ...]:
-        """How late the commands of every module may act, in ns, each value verified.
+        """Finds how late the commands of every module may act, in ns; each value is verified.
 
-        `SoterError` R... where a problem is not determined as it is declared.
+        `SoterError` R... if a problem is not determined as it is declared.
         """
         from soter.verify.advice import largest_delay  # noqa: PLC0415 - needs a compiler
         from soter.verify.command import modules_of  # noqa: PLC0415 - the same
@@ -464,22 +464,22 @@ class Program:
         return values_of(self._require_sound(), params)
 
     def flat(self, system: str | None = None, params: Mapping[str, object] | None = None) -> System:
-        """A system with every number known and every instance named: what runs, fresh each time."""
+        """A new flat system as it runs: all numbers known, instances named, predicates computed."""
         return self._completed(system, params)[0]
 
     def declared(self, system: str | None = None, params: Params = None) -> System:
-        """The same as it is declared: predicates that are to be computed are not."""
+        """As `flat`, but predicates that are to be computed are not."""
         return system_of(self._checked, system, self._values(params))
 
     def diagram(self, system: str | None = None, params: Params = None) -> Diagram:
-        """The picture of a system: nodes, topics, modules and plants; `svg`, `write(path)`."""
+        """The diagram of a system: nodes, topics, modules and plants; `svg`, `write(path)`."""
         from soter.api.diagrams import diagram_of  # noqa: PLC0415 - only then
 
         return diagram_of(self.declared(system, params))
 
     @property
     def bound(self) -> Mapping[str, object]:
-        """What `bind` was given, by name."""
+        """Extern name -> what `bind` was given for it."""
         return dict(self._bound)
 
     def _completed(

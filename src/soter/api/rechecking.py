@@ -37,19 +37,18 @@ if TYPE_CHECKING:
 def recheck(
     folder: str | Path, progress: Progress | None = None, logs: Sequence[str | Path] = ()
 ) -> RecheckReport:
-    """Check the certificate in a folder, independently of what wrote it.
+    """Checks the certificate in a folder, independently of what wrote it.
 
-    `logs`: of `soter run --log`, of flights of its program. Every verdict "AC" of a module with
-    `rest` is then done again, by the tube of the re-checker; the report's `flights` says of how
-    many that was confirmed, and names the others; Ctrl-C then ends it with a report in which the
-    flight is `interrupted`. They are looked at where nothing in the
-    certificate is false, and rest on its claims.
+    `logs`: logs of `soter run --log` of its program. The re-checker then computes every verdict
+    "AC" of a module with `rest` again, by its own tube; the report's `flights` says how many it
+    confirmed, and names the others; Ctrl-C ends this with a report in which the flight is
+    `interrupted`. It checks flights only if nothing in the certificate is false.
 
     The report's `verdict` is `accepted`, `rejected` (something in it is false) or `not re-checked`
-    (it may be right, but is beyond the re-checker); of the last two `reason` says why.
-    `SoterError` D009 where there is no certificate, D007 where python-flint, or for logs `mcap`, is
-    not installed, X012 where the process does not compute as programs mean it; D006 of what is no
-    log, D023 of a log that the certificate is not about.
+    (it may be right, but the re-checker cannot check it); `reason` says why for the last two.
+    `SoterError` D009 if there is no certificate, D007 without python-flint, or for logs `mcap`,
+    X012 if the process's floats do not follow IEEE rules, D006 for a file that is no log, D023 for
+    a log of another program.
     """
     require_flint()
     require_plain()
@@ -69,7 +68,7 @@ def recheck(
 
 
 def require_flint() -> None:
-    """SoterError D007 where the arithmetic of the re-checker is not installed."""
+    """Raises SoterError D007 if python-flint, the re-checker's arithmetic, is not installed."""
     if find_spec("flint") is None:
         raise mistake(
             "D007",
@@ -79,7 +78,7 @@ def require_flint() -> None:
 
 
 def no_certificate(error: Exception) -> SoterError:
-    """D009: what was given is none."""
+    """The error D009 for a folder that has no certificate."""
     hint = "`soter verify --cert DIR` makes one"
     return mistake("D009", f"this is no certificate: {error}", hint)
 
@@ -93,7 +92,7 @@ ROWS = (
 
 @dataclass(frozen=True, eq=False)
 class ReplayReport:
-    """What `soter.replay` found in a file.
+    """The result of `soter.replay`.
 
     `kind`: "trace" (of `soter test`, then `trace` has every step) or "counterexample" (of `soter
     verify`, then `counterexample` is the run). `outcome`: one sentence.
@@ -109,7 +108,7 @@ class ReplayReport:
     counterexample: CounterexampleRun | None = None
 
     def view(self) -> SequenceView:
-        """The trace as the records that pages, logs and tables are made of.
+        """The trace as the records from which pages, logs and tables are made.
 
         `SoterError` U001 for a counterexample of `soter verify`: a proof has no schedule.
         """
@@ -124,9 +123,9 @@ class ReplayReport:
         return view_of(self.trace, VERSION, {"trace": self.path}, self.program)
 
     def write_html(self, path: str | Path) -> Path:
-        """Write the sequence of a trace, or a counterexample's table, as a page; `SoterError` D006.
+        """Writes a trace's sequence, or a counterexample's table, as a page; `SoterError` D006.
 
-        U001 where the run of the file does not show what the file says.
+        U001 if the run did not reproduce what the file says.
         """
         run, file = self.counterexample, Path(path)
         if run is not None:
@@ -137,7 +136,7 @@ class ReplayReport:
         return write_sequence(self.view(), Path(path), "html")
 
     def write_mcap(self, path: str | Path) -> Path:
-        """Write the MCAP log of a trace; `SoterError` D006, D007, U001."""
+        """Writes the MCAP log of a trace; `SoterError` D006, D007, U001."""
         return write_sequence(self.view(), Path(path), "mcap")
 
 
@@ -168,7 +167,7 @@ def _instants(run: CounterexampleRun) -> list[dict[str, str]]:
 
 
 def _leaves(name: str, value: object) -> Iterator[tuple[str, object]]:
-    """The numbers of a JSON value that are no records, by name."""
+    """Yields (name, value) for each part of a JSON value that is no record."""
     if not isinstance(value, dict):
         yield name, value
         return
@@ -177,10 +176,10 @@ def _leaves(name: str, value: object) -> Iterator[tuple[str, object]]:
 
 
 def replay(path: str | Path) -> ReplayReport:
-    """Run a trace of `soter test`, or a counterexample of `soter verify`, in the interpreter.
+    """Runs a trace of `soter test`, or a counterexample of `soter verify`, in the interpreter.
 
-    `SoterError` D010 where the file is neither, D011 where its program has changed, and whatever is
-    wrong with the program.
+    `SoterError` D010 if the file is neither, D011 if its program has changed, or with the errors of
+    the program.
     """
     from soter.explore.trace import read_document, trace_of  # noqa: PLC0415 - see `soter.api`
 

@@ -1,9 +1,9 @@
-"""A run of a system with its externs bound, what runs share, and what is told while one goes on.
+"""Runs a system with its externs bound, and keeps what runs of one program share.
 
-Purpose: find the engine, run until the end or a signal, keep the log. `PreparedSystems` keeps, for
-the last few choices of system, parameters and bindings, all that does not depend on seed, end and
-Python objects; C files of externs are looked at before every run. Safe to ask from several threads;
-a copy or a pickle of it is empty.
+Purpose: `simulate` chooses the engine, runs until the end or a signal, and keeps the log.
+`PreparedSystems` keeps, for the last few choices of system, parameters and bindings, everything
+that does not depend on seed, end and Python objects; it reads C files of externs again before every
+run. Several threads may use it; a copy or a pickle of it is empty.
 Non-goals: files of the program, which were read when it was loaded.
 """
 
@@ -59,28 +59,28 @@ if TYPE_CHECKING:
 
 
 KEPT_MAX = 16
-"""So many choices are kept; the one that was asked for longest ago goes first."""
+"""How many choices are kept; the least recently used one is dropped first."""
 
 
 @dataclass(eq=False)
 class PreparedSystem:
-    """A system that was lowered, and compiled where the native engine ran it.
+    """A system that was lowered to Core, and compiled if the native engine ran it.
 
-    `bindings`: of the run that prepared it; its texts are those of every run.
+    `bindings`: those of the run that prepared it; bindings by text are the same in every run.
     """
 
     system: System
     computed: tuple[str, ...]
     bindings: Bindings
     linked: str = ""
-    """A hash of the C files of externs that `native` was compiled with."""
+    """The hash of the C files of externs with which `native` was compiled."""
     native: NativeProgram | None = None
     arm: str | None = None
-    """By whose rules it runs, where these are not the program's own."""
+    """The arm of a campaign by whose rules it runs; None: by the program's own."""
 
 
 class PreparedSystems:
-    """What one `Program` has prepared."""
+    """Keeps the systems that one `Program` has prepared."""
 
     def __init__(self) -> None:
         self._kept: OrderedDict[tuple[object, ...], PreparedSystem] = OrderedDict()
@@ -96,11 +96,11 @@ class PreparedSystems:
         values: Mapping[str, Value],
         given: Mapping[str, object],
     ) -> PreparedSystem:
-        """The system `name` with these parameters and bindings, as it was or made now.
+        """The system `name` with these parameters and bindings, kept or prepared now.
 
-        Of what is bound only texts matter: Python objects answer, whatever the system is. Numbers
-        count as they are written: 0.0 is not -0.0, nor 1 true. `SoterError` as for `system_of` and
-        `bind`; nothing is kept of what fails.
+        Only bindings by text distinguish systems: Python objects may be exchanged. Parameters are
+        compared as they are written: 0.0 is not -0.0, nor 1 true. `SoterError` as for `system_of`
+        and `bind`; after an error nothing is kept.
         """
         from soter.simulate.externs.bindings import bind  # noqa: PLC0415 - see `soter.api`
 
@@ -124,9 +124,9 @@ class PreparedSystems:
     def of_arm(
         self, prepared: PreparedSystem, name: str, folder: str | Path | None
     ) -> PreparedSystem:
-        """The same by the rules of an arm of a campaign, whose folder it is; not kept.
+        """The system by the rules of an arm of the campaign in `folder`; it is not kept.
 
-        SoterError U001 for a name that is none, D006 where that arm needs the folder.
+        SoterError U001 for an unknown arm, D006 if the arm needs a folder that cannot be read.
         """
         system = prepared.system
         named = by_name("soter.campaign.arms").system_of_arm(system, name, Path(folder or "."))
@@ -136,7 +136,7 @@ class PreparedSystems:
         return PreparedSystem(named, prepared.computed, bindings, arm=name)
 
     def native(self, prepared: PreparedSystem) -> NativeProgram:
-        """The compiled system; compiled again where the C of an extern is another."""
+        """The compiled system; it is compiled again if the C of an extern has changed."""
         from soter.simulate.externs.c_extern import linked_content  # noqa: PLC0415 - see `soter.api`
         from soter.simulate.run import NativeProgram  # noqa: PLC0415 - the same
 
@@ -158,9 +158,9 @@ def simulate(
     until_ns: int,
     writer: RunLog | None,
 ) -> Run:
-    """Run, as `Program.simulate` says; `given`: what externs are bound to.
+    """Runs a system as `Program.simulate` says; `given`: what externs are bound to.
 
-    `KeyboardInterrupt` where it is stopped, unless `partial`.
+    `KeyboardInterrupt` if it is stopped, unless `partial`.
     """
     stop, bindings = stop_request(), bind_again(prepared.bindings, given)
     paced = _why_paced(bindings, options.engine) if options.real_time else ""
@@ -207,7 +207,7 @@ def simulate(
 
 
 def _already_bound(bindings: Bindings, options: RunOptions) -> tuple[int, str, Callable[..., Run]]:
-    """Seed, engine and what runs of a recorded flight, or in real time: nothing is bound to it."""
+    """Seed, name and function of the engine for a recorded flight or for real time."""
     if options.recorded is None:
         require_runnable(bindings, options.engine)
         in_time = partial_(_in_real_time, bindings, not options.apart)
@@ -238,14 +238,14 @@ def _end_log(writer: RunLog | None, run: Run, stop: StopRequest) -> None:
 
 
 def _each(answered: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, str, str]]:
-    """Extern, file and SHA-256 of it."""
+    """Yields (extern, file, SHA-256 of the file)."""
     for name, files in answered.items():
         for file, sha256 in files.items():
             yield name, file, sha256
 
 
 def _why_paced(bindings: Bindings, engine: str) -> str:
-    """Why virtual time is paced in the place of a run in real time; "" where it need not be."""
+    """Why a run paces virtual time instead of running in real time; "" if it does not."""
     from soter.simulate.real_time import why_not  # noqa: PLC0415 - with --real-time only
 
     return why_not(bindings, engine)
@@ -259,7 +259,7 @@ def _in_real_time(
     _bound: Mapping[str, object],
     **how: Any,  # noqa: ANN401 - as the engines take it
 ) -> Run:
-    """As an engine: what the clock paces needs no pacer and shows its own progress."""
+    """The engine for real time, which needs no pacer and shows its own progress."""
     from soter.simulate.real_time import run_real_time  # noqa: PLC0415 - as above
 
     wanted = {k: how[k] for k in ("keep_trace", "hash_trace", "stop", "also")}
@@ -273,7 +273,7 @@ def _recorded(
     _bound: Mapping[str, object],
     **how: Any,  # noqa: ANN401 - as the engines take it
 ) -> Run:
-    """As an engine: somebody else flew."""
+    """The engine for a recorded flight."""
     from soter.simulate.real_time import run_recorded  # noqa: PLC0415 - as above
 
     return run_recorded(recording, **{k: how[k] for k in ("keep_trace", "hash_trace", "also")})
@@ -282,14 +282,14 @@ def _recorded(
 def _engine(
     engine: str, preparations: PreparedSystems, prepared: PreparedSystem
 ) -> Callable[..., Run]:
-    """What runs the system: everything slow that is no run happens here."""
+    """The function that runs the system; lowering and compiling happen here, before the run."""
     if engine == "interp":
         return partial_(run_interpreted, prepared.system)
     return partial_(preparations.native(prepared).run, observed=True)
 
 
 def _page(run: Run) -> str:
-    """The report of a run as one HTML text; "" without a whole trace or the extra `report`."""
+    """The report of a run as HTML in one text; "" without a whole trace or the extra `report`."""
     from soter.simulate.run_report import inline_report  # noqa: PLC0415 - an extra
 
     if run.trace is None or run.recorded is not None:
@@ -299,7 +299,7 @@ def _page(run: Run) -> str:
 
 
 def _facts(run: Run, program: str) -> dict[str, str]:
-    """What was run, as reports tell it."""
+    """The facts about a run that its report shows: name -> text."""
     return {
         "program": program,
         "program sha256": run.system.program.sha256,
@@ -313,7 +313,7 @@ def _facts(run: Run, program: str) -> dict[str, str]:
 
 
 def write_report(run: Run, path: str | Path, program: str, *, self_contained: bool = False) -> Path:
-    """Write the HTML report of a traced run; `SoterError` D006, D007."""
+    """Writes the HTML report of a traced run; `SoterError` D006, D007."""
     from soter.simulate.run_report import write_report as write  # noqa: PLC0415 - an extra
 
     name = Path(program).name

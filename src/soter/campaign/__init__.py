@@ -1,1 +1,1 @@
-"""Many seeded runs of a system, and what they say about it."""
+"""Campaigns: many seeded runs of a system, and the statistics of them."""

@@ -7,8 +7,8 @@ policy, as many processes that compute as twice the cores beside them.
 Non-goals: flying; real-time policies; what a deployed program does.
 
 In the paper's semantics the nodes of an instant step in any order; here DMs step before SCs. The
-sweeps hold nodes up together, as a processor does that has other things to do, and both rules are
-flown under each of them: no crash is made to happen, what is found is told.
+sweeps hold nodes up together, as a processor with other work does, and fly both rules under each
+of them: no arm is built to crash.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Arm:
 
 
 def arms_of(system: System, names: Sequence[str], lateness: Sequence[int]) -> list[Arm]:
-    """The arms of these names, `ours` first; SoterError U001 for a name that is none.
+    """The arms of these names, `ours` first; SoterError U001 for an unknown name.
 
     `lateness`: quantiles of a measured release lateness, ns, for the paper's rules.
     """
@@ -82,7 +82,7 @@ def arms_of(system: System, names: Sequence[str], lateness: Sequence[int]) -> li
 def system_of_arm(system: System, name: str, folder: Path) -> System:
     """The system by the rules of an arm of a campaign, as it was flown; itself for `ours`.
 
-    SoterError U001 for a name that is none, D006 where `folder` has no lateness that it needs.
+    SoterError U001 for an unknown name, D006 where `folder` has not the lateness that it needs.
     """
     if name == OURS:
         return system
@@ -117,7 +117,7 @@ def _swept(system: System, group: str, burst_ns: int) -> list[Arm]:
 
 
 def _nodes(system: System, group: str) -> list[Component]:
-    """Who can be late."""
+    """The components that a sweep of this group holds up."""
     return [c for c in system.components if c.role in GROUPS[group]]
 
 
@@ -134,7 +134,7 @@ def _held(c: Component, group: str, burst_ns: int) -> Fault:
 
 
 def _late(system: System, lateness: Sequence[int]) -> list[Fault]:
-    """Every release as late as was measured, each on its own."""
+    """A fault for each component: every release is as late as measured, drawn on its own."""
     times = tuple(lateness)
     return [
         _of_arm(
@@ -145,14 +145,14 @@ def _late(system: System, lateness: Sequence[int]) -> list[Fault]:
 
 
 def _of_arm(c: Component, fault: Fault) -> Fault:
-    """An AC may be late; of others nothing is said to permit it."""
+    """The fault of a component; that of an AC is inside of what proofs assume."""
     if c.role == "ac":
         return replace(fault, inside="AC may do anything")
     return fault
 
 
 STRETCHES = 1000
-"""Parts between the quantiles that are kept: one release in a thousand is later than the last."""
+"""In how many equal parts the quantiles divide the releases that were measured."""
 PERIOD_NS = 10_000_000
 BUSY = """
 import ctypes, os
@@ -166,7 +166,7 @@ CLOCK_MONOTONIC, TIMER_ABSTIME = 1, 1
 
 @dataclass(frozen=True)
 class Lateness:
-    """What was measured: quantiles in ns, the first the least and the last the most."""
+    """A measurement: quantiles in ns, from the least to the most."""
 
     quantiles_ns: tuple[int, ...]
     releases: int
@@ -175,7 +175,7 @@ class Lateness:
     cores: int
 
     def text(self) -> str:
-        """For people."""
+        """The measurement in words."""
         q = self.quantiles_ns
         half, last = q[len(q) // 2] / 1e6, q[-1] / 1e6
         late = q[int(0.99 * (len(q) - 1))] / 1e6
@@ -187,7 +187,7 @@ class Lateness:
 
 
 def measured(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Lateness:
-    """Measure for so long; raises OSError, SoterError D006 where nothing keeps the machine busy."""
+    """Measure for so long; OSError, or SoterError D006 where nothing keeps the machine busy."""
     cores = os.cpu_count() or 1
     busy: list[subprocess.Popen[bytes]] = []
     try:
@@ -240,7 +240,7 @@ def _released(seconds: float, period_ns: int) -> list[int]:
 
 
 def _read(path: Path) -> Lateness:
-    """What stands in a file; SoterError D006 where it is not what `kept` writes."""
+    """The measurement in a file; SoterError D006 where it is not as `kept` writes it."""
     try:
         said = json.loads(read_bytes(path))
         made = Lateness(**{**said, "quantiles_ns": tuple(said["quantiles_ns"])})
@@ -254,7 +254,7 @@ def _read(path: Path) -> Lateness:
 
 
 def kept(path: Path, seconds: float) -> Lateness:
-    """What stands in a file, else what is measured now and kept there."""
+    """The measurement in a file; where there is none, measure now and write it there."""
     if path.exists():
         return _read(path)
     made = measured(seconds)

@@ -1,6 +1,6 @@
 """Flights of one system in compiled batches: their events, their digests, their last states.
 
-Purpose: `Fleet`, the Python face of `c/soter_batch.c`, and `Flyer`, the same of a recipe alone.
+Purpose: `Flyer` flies a recipe through `c/soter_batch.c`; `Fleet` does so for a system.
 Flights whose C may keep something from call to call have processes of their own (`soter_apart.c`).
 Non-goals: statistics (`statistics.py`), workers and files (`store.py`, `fly_campaign.py`).
 """
@@ -57,27 +57,27 @@ BATCH = Path(__file__).resolve().parent / "c" / "soter_batch.c"
 APART = BATCH.with_name("soter_apart.c")
 ENGINE = (BATCH, BATCH.with_suffix(".h"))
 COMPILED_WITH = (*ENGINE, RUNTIME / "soter_sha256.c", RUNTIME / "soter_sha256.h")
-"""What is compiled beside a program and the kernel."""
+"""The C files that are compiled beside a program and the kernel."""
 TO_SC, TO_AC, VIOLATED, LATCHED = range(4)
 EPISODE_NS = 2_000_000_000
 """Disengagements of a module that lie no further apart are one episode."""
 EVENT = np.dtype([("time", "<i8"), ("kind", "<u4"), ("index", "<u4")])
 LOOK = np.dtype([("count", "<u4"), ("_", "<u4"), ("sum", "<f8"), ("least", "<f8"), ("most", "<f8")])
 SPARE = 3
-"""States that a batch needs besides those of its flights."""
+"""How many states a batch needs besides one for each flight."""
 CHANGED, UNLOADED = -2, -3
-"""`SOTER_APART_CHANGED`, `SOTER_APART_UNLOADED`"""
+"""`SOTER_APART_CHANGED` and `SOTER_APART_UNLOADED` of `soter_apart.h`."""
 MODULES_MAX = 64
-"""Modules of a system whose saves can be counted."""
+"""With more modules than that, saves cannot be counted."""
 ROOM = 1 << 14
 BATCH_BYTES = 1 << 22
-"""Of last states in one call."""
+"""Bytes of last states in one call."""
 AT_ONCE = 32
-"""Flights in one call at most: after each, somebody may want to stop."""
+"""Flights in one call at most: between calls the campaign can be stopped."""
 
 
 class Flyer:
-    """A compiled recipe that is flown under many seeds. One thread at a time a `fly`."""
+    """A compiled recipe that is flown under many seeds; threads may call `fly` at once."""
 
     def __init__(self, recipe: Recipe) -> None:
         """Compile, or take it from the cache."""
@@ -135,7 +135,7 @@ class Flyer:
         return batch
 
     def _flown(self, got: _BatchOutput, numbers: Sequence[int]) -> int:
-        """Fly; how many of the flights had room. SoterError X011, X012 for what C did to them."""
+        """Fly, and return how many flights fit; SoterError X011, X012 for what C did to them."""
         given = (self._program, got.flights, len(numbers), got.order)
         if not self.recipe.keeps:
             flown = int(self.lib.soter_batch(*given, self.ffi.new("size_t *")))
@@ -189,7 +189,7 @@ class Flyer:
 
 
 class Fleet(Flyer):
-    """A system that is flown here."""
+    """A system that is flown on this machine."""
 
     def __init__(
         self,
@@ -259,7 +259,7 @@ def shared(shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
 
 
 def _gone(number: int, seed: int, status: int, *, changed: bool) -> SoterError:
-    """A flight whose process C of an extern ended or changed; `status`: what waitpid said."""
+    """The error of a flight whose process an extern's C ended or changed; `status`: of waitpid."""
     code = os.waitstatus_to_exitcode(status) if status >= 0 else 0
     how = (
         f"it was ended by {signal.Signals(-code).name}"
@@ -278,7 +278,7 @@ def _gone(number: int, seed: int, status: int, *, changed: bool) -> SoterError:
 
 
 class _BatchOutput:
-    """What one call of the batch driver writes, for so many flights."""
+    """The arrays that one call of the batch driver writes, for `count` flights."""
 
     def __init__(self, fleet: Flyer, count: int, room: int) -> None:
         ffi, modules, bins = fleet.ffi, len(fleet.recipe.forced), fleet.recipe.bins
@@ -335,7 +335,7 @@ IN_C = (
 
 
 def _compiled_instead(outside: Sequence[Component], program: str) -> tuple[str, ...]:
-    """What can be flown in place of a node that Python, or the file of a policy, answers."""
+    """The help lines: what can be flown in place of a node that Python or a policy answers."""
     kind, _, file = (outside[0].binding or "" if outside else "").partition(":")
     written: tuple[str, ...] = ()
     if kind in POLICIES and Path(file.partition(":")[0]).is_file():
@@ -355,7 +355,7 @@ def _compiled_instead(outside: Sequence[Component], program: str) -> tuple[str, 
 
 
 def _without_externs(system: System, core: CoreSystem) -> None:
-    """SoterError U003 for what only Python answers, or nobody."""
+    """SoterError U003 where a node or function is answered in Python alone, or by nobody."""
 
     def in_c(binding: str | None) -> bool:
         return (binding or "").startswith("c:")
@@ -385,7 +385,7 @@ def _of(events: npt.NDArray[Any], module: int) -> npt.NDArray[Any]:
 def _in_ac(
     events: npt.NDArray[Any], module: int, since: int | None, until_ns: int
 ) -> list[tuple[int, int]]:
-    """When a module was in AC, in ns, of events (n,); at the start it is since `since`, or not."""
+    """Spans (from, to) in ns in AC, from events (n,); `since`: as of `_start`."""
     spans: list[tuple[int, int]] = []
     for time, kind in _of(events, module)[["time", "kind"]].tolist():
         if kind == TO_AC:
@@ -397,7 +397,7 @@ def _in_ac(
 
 
 def _common(spans: list[list[tuple[int, int]]]) -> list[tuple[int, int]]:
-    """When all of them are."""
+    """The spans that all these lists have in common."""
     overlap = spans[0]
     for other in spans[1:]:
         both, i, k = [], 0, 0
@@ -418,7 +418,7 @@ def _length(spans: Iterable[tuple[int, int]]) -> float:
 
 
 def _episodes(events: npt.NDArray[Any], module: int) -> int:
-    """Disengagements, those close to each other taken as one; of events (n,)."""
+    """The number of disengagements in events (n,); those close to each other count as one."""
     own = _of(events, module)
     times = own[own["kind"] == TO_SC]["time"]
     if not len(times):

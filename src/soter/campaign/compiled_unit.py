@@ -1,8 +1,8 @@
-"""The C of a system that a campaign flies: its program, and what it measures.
+"""The C of a system that a campaign flies: its program and its measures.
 
-Purpose: `<prefix>_measured` (soter_batch.h), one more table behind the generated program; what is
-not computed again where nothing changed (decision 108); `Recipe`, all that is needed to fly a
-system where neither the system nor its files are.
+Purpose: `UnitCache` adds to the generated program the table `<prefix>_measured` (soter_batch.h),
+and remembers the results of calls whose arguments have not changed (decision 108). `Recipe` is all
+that is needed to fly a system where neither the system nor its files are.
 Non-goals: flying (`batch_flights.py`).
 """
 
@@ -38,17 +38,17 @@ if TYPE_CHECKING:
 
 NEVER = c.Name("SOTER_NEVER")
 NODES = ("node ", "module ")
-"""What the driver of a topic is called that nodes publish."""
+"""How the driver of a topic begins that nodes publish."""
 
 
 @dataclass(frozen=True)
 class Recipe:
     """What is flown, as plain data that can be sent.
 
-    `properties`, `components`: index and name; `forced`: modules that are in AC from the start;
-    `bins`: of each measure, with those below and above; `keeps`: why the C of externs may keep
-    something from call to call, or ""; `files`: that C and what it includes, by their paths where
-    it was made.
+    `properties`, `components`: index and name; `forced`: whether each module is in AC from the
+    start; `bins`: how many each measure has, with those below and above; `keeps`: why the C of
+    externs may keep something from call to call, or ""; `files`: that C and what it includes, by
+    their paths where it was made.
     """
 
     unit: Unit
@@ -95,7 +95,7 @@ def recipe_of(
 
 
 def _as_often_as_a_run(system: System, core: CoreSystem) -> None:
-    """SoterError U003 where a measure calls C that may keep something: a run does not call it."""
+    """SoterError U003 where a measure calls C that may keep something, as a run calls it not."""
     extern = extern_functions(core)
     for measure, value in zip(system.measures, core.measures, strict=True):
         called = {x.function for x in walk((*value.body, value.value)) if isinstance(x, Call)}
@@ -130,13 +130,13 @@ def generate_measured(
 ) -> Unit:
     """The unit of a system with its measures.
 
-    Where it `remembers`, what would come out the same is not computed again.
+    `remembers`: calls whose arguments have not changed are not computed again.
     """
     return UnitCache(system, core or lower(system), remembers=remembers).run()
 
 
 DEAR = 16
-"""A DM's call is remembered where it may take so many operations a word of its arguments."""
+"""A DM's call is remembered if it may take so many operations for each word of its arguments."""
 
 
 class UnitCache(UnitBuilder):
@@ -149,7 +149,7 @@ class UnitCache(UnitBuilder):
         self.frame.works_in_place = True
 
     def function(self, f: Function) -> list[c.CTop]:
-        """A function; in front of one that is remembered the last call and its answer."""
+        """The C of a function; if it is remembered, with its last arguments and result."""
         made = branch_free(self._function(f))
         if f.name not in self.remembered:
             return [made]
@@ -157,7 +157,7 @@ class UnitCache(UnitBuilder):
         return [replace(made, name=anew), *_remembering(made, anew, self.types.work(f.result_type))]
 
     def property(self, p: Property, predicate: Predicate) -> c.FunctionDef:
-        """Whether a property is violated; one that reads what nodes say is settled until then."""
+        """The C that judges a property, again only where a topic that it reads is published."""
         made = super().property(p, predicate)
         topics = self._told(predicate) if self.remembers else ()
         if p.component is not None or not topics or made.body is None:
@@ -176,7 +176,7 @@ class UnitCache(UnitBuilder):
         return replace(made, body=(first, c.IfStmt(old, (c.Return(active),)), *rest))
 
     def _told(self, predicate: Predicate) -> tuple[int, ...]:
-        """The topics that a predicate reads, if it reads nothing else and nodes publish them."""
+        """The topics that a predicate reads; () where it reads more than topics of nodes."""
         cells = predicate.footprint.reads
         if not cells or predicate.footprint.modes or predicate.footprint.stamps:
             return ()
@@ -192,7 +192,7 @@ class UnitCache(UnitBuilder):
 
     @staticmethod
     def names_of_more(system: System) -> tuple[str, ...]:
-        """The tables and the function of each measure."""
+        """The C names of the tables and of the function of each measure."""
         return ("measured", "measures", *(f"measure_{k}" for k in range(len(system.measures))))
 
     def more(self) -> list[c.CTop]:
@@ -234,9 +234,9 @@ def _row(measure: Metric, name: str) -> c.CExpr:
 
 
 def _dear_calls(core: CoreSystem) -> frozenset[str]:
-    """Functions that the predicates of DMs call, and that take long for what they are given.
+    """Functions that predicates of DMs call, and that take long for the size of their arguments.
 
-    A DM asks them at every period of what may not have changed for a long time: a plan, say.
+    A DM calls them at every period on what may not have changed for long, such as a plan.
     """
     functions = {f.name: f for f in core.functions}
     asked = {
@@ -254,9 +254,9 @@ def _dear_calls(core: CoreSystem) -> frozenset[str]:
 
 
 def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
-    """The last call of a thread, and what came of it. Structs have no holes: bytes tell.
+    """The function `made`, which keeps its last arguments and result for each thread.
 
-    What is large goes in and out by address (decision 109).
+    Arguments are compared as bytes: structs have no holes. Large ones go by address (decision 109).
     """
     kept, last = f"{made.name}_kept", c.Name("last")
     given = [

@@ -1,9 +1,9 @@
-"""Fly a campaign: so many flights by threads or on a Ray cluster, kept as they come.
+"""Fly a campaign: its flights by threads or on a Ray cluster, stored as they come.
 
-Purpose: `fly`, from a fleet and a folder to all flights; the same flights whatever flies them.
-`cluster`: who flies on Ray where `fly` has threads otherwise. What is sent is the recipe: the
-generated C and how to read a state; each process compiles it once and keeps it. A batch whose
-worker dies is flown again by another one.
+Purpose: `fly` takes a fleet and a folder to all flights, which are the same whatever flies them:
+threads, or the workers that `cluster` gives, on Ray. The recipe is sent (the generated C and how to
+read a state); each process compiles it once and keeps it. A batch whose worker dies is flown again
+by another one.
 Non-goals: what the flights say (`result.py`), keeping them (`store.py`), starting clusters of
 several machines (Ray's own tools).
 """
@@ -40,35 +40,35 @@ if TYPE_CHECKING:
 
 
 AHEAD = 4
-"""Batches a worker that are asked for before the first of them is kept."""
+"""How many batches for each worker are asked for before the first of them is stored."""
 
 
 class PendingBatch(Protocol):
-    """A batch that was asked for."""
+    """A batch that was asked for of any worker."""
 
     def result(self) -> list[FlightOutcome]:
         """Its flights, waiting for them; raises what went wrong."""
 
     def cancel(self) -> object:
-        """Nobody wants it any more."""
+        """Cancel it: nobody wants its flights any more."""
 
 
 class FlightWorkers(Protocol):
-    """Those that fly one recipe."""
+    """Workers that fly one recipe."""
 
     def __call__(self, numbers: Sequence[int], first_seed: int, /) -> PendingBatch:
         """Ask for the flights of these numbers."""
 
 
 class Workers(Protocol):
-    """Who flies instead of threads of this process."""
+    """Something that flies instead of threads of this process."""
 
     @property
     def cores(self) -> int:
-        """So many batches are flown at once."""
+        """How many batches are flown at once."""
 
     def crew(self, recipe: Recipe) -> AbstractContextManager[FlightWorkers]:
-        """Those that fly this recipe."""
+        """The workers for this recipe, until the block ends."""
 
 
 def fly(
@@ -78,7 +78,7 @@ def fly(
     workers: int | Workers,
     progress: Callable[[float], None],
 ) -> None:
-    """Fly what is not there yet of `count` flights, in order; what is done stands in the store."""
+    """Fly those of `count` flights that the store has not yet, in order, and store each batch."""
     todo = range(len(store.flights), count)
     for flights in flights_of(fleet, todo, store.about.first_seed, workers):
         store.add(flights)
@@ -112,15 +112,15 @@ def _threads(fleet: Fleet, workers: int) -> Iterator[FlightWorkers]:
 
 
 TRIES = 5
-"""So often a batch is flown whose workers die."""
+"""How often a batch is flown whose workers die."""
 ONE_SOTER = "every machine of the cluster needs the same Soter, and a C compiler"
 QUIET = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_IGNORE_UNHANDLED_ERRORS": "1"}
-"""Ray tells nobody what is flown, and nothing of batches that are no longer wanted."""
+"""Ray sends no usage figures, and reports no errors of batches that are no longer wanted."""
 
 
 @dataclass(frozen=True)
 class WorkerReply:
-    """What a worker says: the flights of a batch, or why there are none."""
+    """A worker's reply: the flights of a batch, or why there are none."""
 
     flights: list[FlightOutcome]
     wrong: tuple[Diagnostic, ...] = ()
@@ -138,7 +138,7 @@ def require_ray() -> None:
 def cluster() -> Iterator[RayCluster]:
     """The cluster of $RAY_ADDRESS, else the one that runs here, else one that is started here.
 
-    What was joined or started is left when it is done, not what the caller had joined before.
+    A cluster that this call joined or started is left at the end of the block.
     SoterError D007 without Ray, D018 where it cannot be joined.
     """
     require_ray()
@@ -169,7 +169,7 @@ class RayCluster:
 
     @contextmanager
     def crew(self, recipe: Recipe) -> Iterator[FlightWorkers]:
-        """Ask any of its workers."""
+        """Workers for a recipe: each batch goes to any process of the cluster."""
         ray = self.ray
         packed = pickle.dumps(recipe)
         sent = ray.put(packed)
@@ -208,18 +208,18 @@ class _Batch:
         raise _trouble(f"{TRIES} workers died over {which}; those before are kept", last)
 
     def cancel(self) -> None:
-        """Leave it."""
+        """Cancel its task."""
         self.ray.cancel(self.asked, force=True)
 
 
 # ---------------------------------------------------------------- in the worker
 
 _flyers: dict[str, Flyer] = {}
-"""What this process has compiled, by the digest of its recipe."""
+"""The recipes that this process has compiled, by their digests."""
 
 
 def fly_there(key: str, packed: bytes, soter: str, numbers: list[int], first: int) -> WorkerReply:
-    """Fly a batch, in a process of the cluster; `soter`: what it is to be flown with."""
+    """Fly a batch in a process of the cluster; `soter`: the `own_digest` of who asked."""
     try:
         require_plain()
         if soter != own_digest():
@@ -233,7 +233,7 @@ def fly_there(key: str, packed: bytes, soter: str, numbers: list[int], first: in
 
 @cache
 def own_digest() -> str:
-    """Of everything of Soter that a flight depends on besides its recipe."""
+    """The digest of all files of Soter that a flight depends on besides its recipe."""
     folders = (RUNTIME, NEVER_SHIPPED, BATCH.parents[1])
     files = [p for folder in folders for p in files_below(folder, "*.py", "*.c", "*.h")]
     return digest([x for p in files for x in (p.name, p.read_text(encoding="utf-8"))])

@@ -1,4 +1,4 @@
-"""The page of a campaign: what was flown, what happened, in tables and histograms.
+"""Makes the page of a campaign: what was flown and what happened, in tables and histograms.
 
 Purpose: from results to one HTML file without scripts: headline, modules, arms, faults, measures,
 assumptions; bars and histograms are SVG.
@@ -43,16 +43,16 @@ class Histogram:
     bins: tuple[int, ...]
     x_name: str = ""
     of: str = "looks"
-    """What is counted."""
+    """The noun for what the bins count."""
     whole: bool = False
-    """Each bin is of whole numbers from its lower edge on, which stands below its middle."""
+    """Whether bins count whole numbers: the label, a bin's lower edge, is below its middle."""
 
 
 @dataclass(frozen=True)
 class Bars:
-    """Shares side by side: each of `rows` has a name, a share (0..1) and that as a text.
+    """Shares as bars: each of `rows` has a name, a share (0..1) and the share as text.
 
-    `kind`: "ac" for time in which AC has control, "bad" for what is to be none.
+    `kind`: "ac" for time in which AC has control, "bad" for shares that should be 0.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Bars:
 
 @dataclass(frozen=True)
 class CampaignPage:
-    """`verdict`: "good" or "bad", how the headline is coloured."""
+    """The content of the page; `verdict`, "good" or "bad", colours the headline."""
 
     title: str
     headline: str
@@ -71,7 +71,7 @@ class CampaignPage:
     sections: tuple[PageSection, ...]
     histograms: tuple[Histogram, ...]
     charts: tuple[Bars | Histogram, ...] = ()
-    """What happened; `histograms`: what was measured."""
+    """The drawings of what happened."""
 
 
 def campaign_main(page: CampaignPage) -> str:
@@ -80,7 +80,7 @@ def campaign_main(page: CampaignPage) -> str:
 
 
 def _bars(chart: Bars) -> Iterator[str]:
-    """A bar a row, its name above it: names are as long as they are."""
+    """Draws a bar for each row, with the name above it, as names may be long."""
     height = ROW * len(chart.rows) + BOTTOM
     depth = WIDTH - 2 * SIDE
     yield f'<svg class="chart {chart.kind}" viewBox="0 0 {WIDTH} {height}" role="img">'
@@ -98,7 +98,7 @@ def _bars(chart: Bars) -> Iterator[str]:
 
 
 def _histogram(h: Histogram) -> Iterator[str]:
-    """Bars of the shares of all looks; the outer two, hatched by their labels, lie beyond."""
+    """Draws the share of each bin; the two outer bars count values below and above the range."""
     total = sum(h.bins) or 1
     most = max(h.bins) / total or 1.0
     step = (WIDTH - LEFT - RIGHT) / len(h.bins)
@@ -217,7 +217,7 @@ def _sections(campaign: CampaignLike, program: str) -> Iterator[PageSection]:
 
 
 def _again(campaign: CampaignLike, program: str) -> Iterator[str]:
-    """The commands, whole, with everything that was asked for."""
+    """The commands that fly the campaign again, with every option that was given."""
     flown = ["--system", campaign.system, "--until", f"{campaign.until_s:.15g}s"]
     flown += ["--seed", f"{campaign.first_seed}"]
     for name, value in campaign.params.items():
@@ -260,7 +260,7 @@ def _charts(campaign: CampaignLike) -> Iterator[Bars | Histogram]:
 
 
 def _counted(name: str, counts: Sequence[int]) -> Histogram:
-    """How many flights had how many of something: a bar for each number, or for as many alike."""
+    """How many flights had each count of something; bars of several counts where there are many."""
     wide = max(counts) // COUNTS_MAX + 1
     bins = [0] * (max(counts) // wide + 1)
     for count in counts:

@@ -1,9 +1,9 @@
-"""What a campaign says: totals, shares, episodes, bounds, and which faults its flights met.
+"""The result of a campaign: totals, shares, episodes, bounds, and which faults its flights met.
 
-Purpose: `Result`, from flights to figures, with intervals of the hours that are told.
-`FaultAttribution`: whether a violation is a defect, or had an excuse that was declared before the
-flight: a fault outside of what proofs assume that it met before, without which the same flight is
-clean; how often each fault was there. All of it follows from the seeds, so nothing is kept for it.
+Purpose: `Result` takes flights to figures with intervals. `FaultAttribution` tells a violation that
+is a defect from one that is excused: the flight met a declared fault outside of what proofs assume
+before it, and without such faults it is clean. `occurred` counts each fault. All of it follows from
+the seeds, so nothing is stored for it.
 Non-goals: printing, files; what faults do (`semantics/faults.py`).
 """
 
@@ -39,12 +39,12 @@ ORDER = "order any"
 
 @dataclass(frozen=True)
 class FaultAttribution:
-    """Whose fault a violated flight is.
+    """Which faults outside of what proofs assume explain a violated flight ("faults outside").
 
-    `met`: faults outside of what proofs assume, as they were written, that were there before its
-    first violation; `clean_without`: whether the same flight without any fault outside violates
-    nothing; None: it met none, and was not flown again. `needed`: of those that it met each without
-    which alone it is clean; none, where several of them do the same harm.
+    `met`: those that occurred before its first violation, as they were written. `clean_without`:
+    whether the same flight without any of them violates nothing; None: it met none, and was not
+    flown again. `needed`: each without which alone it is clean; none where several do the same
+    harm.
     """
 
     met: tuple[str, ...]
@@ -53,7 +53,7 @@ class FaultAttribution:
 
     @property
     def excused(self) -> bool:
-        """Whether what it met made the violation."""
+        """Whether the flight is clean without the faults outside."""
         return self.clean_without is True
 
 
@@ -62,7 +62,7 @@ def blames(
     bad: Sequence[FlightOutcome],
     again: Callable[[System, Sequence[int]], Iterable[FlightOutcome]],
 ) -> dict[int, FaultAttribution]:
-    """Of each violated flight, by its number. `again` flies numbers of another system."""
+    """The attribution of each flight in `bad` by number; `again` flies numbers of a system."""
     met = {f.number: tuple(outside(system, f.seed, _first_ns(f))) for f in bad}
 
     def clean(other: System, numbers: Sequence[int]) -> set[int]:
@@ -87,7 +87,7 @@ def _first_ns(f: FlightOutcome) -> int:
 
 
 def outside(system: System, seed: int, until_ns: int) -> list[str]:
-    """Faults outside of the assumptions that were there up to a time, as they were written."""
+    """Faults outside of the assumptions that occurred up to a time, as they were written."""
     fault_texts = {ORDER: None} if system.shuffled else {}
     for f in system.faults:
         if f.inside is None and f.text not in fault_texts and _was_there(system, f, seed, until_ns):
@@ -103,14 +103,14 @@ def _was_there(system: System, f: Fault, seed: int, until_ns: int) -> bool:
 # ---------------------------------------------------------------- how often
 
 DRAWS = 1 << 20
-"""So many at once."""
+"""How many draws are made at once."""
 
 
 def occurred(system: System, seeds: Sequence[int], until_ns: int) -> dict[str, int | None]:
-    """How often each fault was there in the flights of these seeds, by what was written.
+    """How often each fault occurred in the flights of these seeds, by its text.
 
-    In how many slots of time (docs/semantics.md, Faults), as far as a release met them; what hits
-    a group at once counts once. None: always, as a lateness of every release.
+    Counted in slots of time (docs/semantics.md, Faults) that a release met; what hits a group at
+    once counts once. None: always, such as a lateness of every release.
     """
     streams_by_fault: dict[str, dict[str, int] | None] = {ORDER: None} if system.shuffled else {}
     for f in system.faults:
@@ -128,7 +128,7 @@ def occurred(system: System, seeds: Sequence[int], until_ns: int) -> dict[str, i
 
 
 def _times(f: Fault, c: Component, seeds: Sequence[int], until_ns: int) -> int:
-    """As `begins`, of many flights at once."""
+    """In how many slots of all these flights a fault occurs, as `begins` says for one."""
     step = max(f.slot_ns, c.period_ns)
     slots = until_ns // step + 2
     rows, total = max(1, DRAWS // slots), 0
@@ -151,7 +151,7 @@ def _times(f: Fault, c: Component, seeds: Sequence[int], until_ns: int) -> int:
 
 
 def _drawn(f: Fault, seeds: Sequence[int], slots: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Which slots (flights, slots) are drawn."""
+    """Whether the fault is drawn in each of the slots (flights, slots)."""
     share = (_bits(seeds, f.stream, slots) >> np.uint64(11)).astype(np.float64) * 2.0**-53
     mask: npt.NDArray[np.bool_] = share < f.probability
     return mask
@@ -182,7 +182,7 @@ ALOFT = "aloft"
 class ModuleStatistics:
     """One module over all flights. Rates per hour, with 95 % intervals.
 
-    `basis`: what the interval rests on (`statistics.Interval`).
+    `basis`: what the interval rests on (`statistics.RateInterval`).
     """
 
     name: str
@@ -198,7 +198,7 @@ class ModuleStatistics:
 
 @dataclass(frozen=True)
 class MetricResult:
-    """A measure over all flights: its mean over looks, its ends, its histogram, all in `unit`.
+    """A measure over all flights: mean over its samples, ends and histogram, all in `unit`.
 
     `edges`: (bins + 1,) of the range; `bins`: (bins + 2,) counts, below and above the range, too.
     """
@@ -214,11 +214,11 @@ class MetricResult:
 
 @dataclass(frozen=True)
 class Result:
-    """All flights together. `per_hour`: what the rate of violations lies in; 95 %.
+    """All flights together. `per_hour`: the 95 % interval of the rate of violations.
 
-    Rates are per hour aloft where the system measures that, else per hour. `distinct`: flights
-    that are no copies of others. `properties`: how many judged each flight; where it is 0, nothing
-    is said of the rate.
+    Rates are per hour aloft where the system measures that, else per hour. `distinct`: how many
+    flights are no copies of others. `properties`: how many judged each flight; with 0 nothing is
+    said of the rate.
     """
 
     flights: int
@@ -235,23 +235,23 @@ class Result:
     broken: tuple[tuple[str, int], ...]
     worst: tuple[FlightOutcome, ...]
     blames: tuple[FaultAttribution, ...]
-    """Of each of the worst: whose fault it is."""
+    """The attribution of each of the worst."""
     digest: str
     violated_inside: int = 0
-    """Violated flights that met no fault outside of the assumptions before, or are violated without
-    them, too."""
+    """How many violated flights met no fault outside of the assumptions before, or are violated
+    without them, too."""
     excused: tuple[tuple[str, int, int], ...] = ()
-    """Each fault outside with how many violated flights are clean without it alone, and how many
-    met it that are clean without all faults outside."""
+    """(fault outside, how many flights are clean without it alone, how many met it that are clean
+    without all faults outside)."""
     measures: tuple[MetricResult, ...] = ()
     hours_aloft: float | None = None
-    """Those for which the measure `aloft` (1.0 or 0.0) says so; None without such a measure."""
+    """Hours in which the measure `aloft` is 1.0, not 0.0; None without such a measure."""
     km: float | None = None
     """Mean of the measure `speed`, in m/s, over all hours; None where it has no number."""
 
     @property
     def outside(self) -> tuple[tuple[str, ...], ...]:
-        """Of each of the worst: the faults outside of the assumptions that it met before."""
+        """The faults outside of the assumptions that each of the worst met before."""
         return tuple(b.met for b in self.blames)
 
     @property
@@ -305,7 +305,7 @@ def result_of(
 
 
 def _km(measures: Sequence[MetricResult], hours: float) -> float | None:
-    """How far all of these flights went together; None where nobody measured how fast."""
+    """The kilometres of all these flights; None without the measure `speed`, or a number of it."""
     speed = next((m.mean for m in measures if m.name == SPEED), None)
     return None if speed is None or isnan(speed) else speed * 3.6 * hours
 
@@ -313,7 +313,7 @@ def _km(measures: Sequence[MetricResult], hours: float) -> float | None:
 def _modules(
     flights: Sequence[FlightOutcome], system: System, hours: Sequence[float], kinds: Sequence[str]
 ) -> Iterator[ModuleStatistics]:
-    """Each module; `hours` and `kinds` (flights,), as of `interval_of`."""
+    """The statistics of each module; `hours` and `kinds` (flights,) as in `interval_of`."""
     seconds = max(sum(f.seconds for f in flights), 1e-9)
     most = max((int(f.seconds * 1e9) // EPISODE_NS + 1 for f in flights), default=0)
     for k, m in enumerate(system.modules):
@@ -334,7 +334,7 @@ def _modules(
 
 
 def _aloft(flights: Sequence[FlightOutcome], system: System) -> list[float] | None:
-    """Hours aloft of each flight; of one in which the measure had no number, none."""
+    """Hours aloft of each flight, 0 where the measure had no number; None without the measure."""
     k = next((k for k, m in enumerate(system.measures) if m.name == ALOFT), None)
     if k is None:
         return None
@@ -355,7 +355,7 @@ def _onsets_most(flights: Sequence[FlightOutcome], system: System) -> int:
 
 
 def _excused(blames: Sequence[FaultAttribution]) -> tuple[tuple[str, int, int], ...]:
-    """Each fault that excused flights met: how many are clean without it alone, of how many."""
+    """The rows of `Result.excused`."""
     met = Counter(text for b in blames if b.excused for text in b.met)
     needed = Counter(text for b in blames for text in b.needed)
     return tuple((text, needed[text], n) for text, n in met.most_common())

@@ -28,7 +28,7 @@ TERMS = 1_000_000
 
 @dataclass(frozen=True)
 class RateInterval:
-    """What a rate per hour lies in; `basis`: POISSON or FLIGHTS."""
+    """The interval of a rate per hour; `basis`: POISSON or FLIGHTS."""
 
     low: float
     high: float
@@ -36,9 +36,9 @@ class RateInterval:
 
 
 def rate(count: int, amount: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """What a Poisson rate per unit of `amount` lies in, for `count` events; (0, inf) of no amount.
+    """The interval of a Poisson rate per unit of `amount`, from `count` events; (0, inf) for 0.
 
-    Where nothing happened the bound is one-sided: all of what may be missed lies above.
+    With no events it is one-sided: all of the probability of error lies above.
     """
     if amount <= 0.0:
         return 0.0, inf
@@ -52,7 +52,7 @@ def rate(count: int, amount: float, confidence: float = CONFIDENCE) -> tuple[flo
 
 
 def share(count: int, of: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """What a probability lies in, for `count` of so many; one-sided where it is none, or all."""
+    """The interval of a probability, from `count` of `of`; one-sided where that is none or all."""
     if of <= 0:
         return 0.0, 1.0
     missed = 1.0 - confidence
@@ -75,7 +75,7 @@ def interval_of(
     most: int,
     kinds: Sequence[Hashable] | None = None,
 ) -> RateInterval:
-    """What the rate per hour lies in, of counts (n,) in flights of so many hours (n,).
+    """The interval of the rate per hour, from counts (n,) in flights of so many hours (n,).
 
     Garwood's where the dispersion test of Fisher passes or nothing happened, else by flight: with
     at most `most` in one. `kinds` (n,): flights of the same kind are copies, and the interval is
@@ -91,7 +91,7 @@ def interval_of(
 
 
 def share_of(bad: Sequence[bool], kinds: Sequence[Hashable]) -> tuple[float, float]:
-    """What the share of flights that are so lies in; copies as in `interval_of`."""
+    """The interval of the share of `bad` flights; copies as in `interval_of`."""
     low, high = share(sum(bad), len(bad))
     own = dict(zip(kinds, bad, strict=True))
     if len(own) == len(bad):
@@ -130,7 +130,7 @@ def _interval(counts: Sequence[int], hours: Sequence[float], most: int) -> RateI
 
 
 def _mean(counts: Sequence[int], most: int) -> tuple[float, float]:
-    """What the mean of independent counts in [0, most] lies in, whatever their distribution.
+    """The interval of the mean of independent counts in [0, most], whatever their distribution.
 
     By betting (Waudby-Smith and Ramdas 2024): were the mean m, capital that is staked on each
     flight, the share c of it that may be lost, would grow 40 times with a chance of 1 in 40 at

@@ -1,8 +1,8 @@
 """The folder of a campaign: what it is about, and a line for each flight that was flown.
 
-Purpose: `FlightOutcome` and `MetricSample`: what one flight was like, as plain data. Nothing that
-was flown is lost, whenever it is stopped; a campaign goes on where it was. `write_parquet`:
-`flights.parquet` beside `flights.csv`, with the same columns, for those who read tables elsewhere.
+Purpose: `FlightOutcome` and `MetricSample` are one flight as plain data. `CampaignStore` loses no
+flight, whenever it is stopped: a campaign goes on where it was. `write_parquet` writes
+`flights.parquet` beside `flights.csv`, with the same columns, for other readers of tables.
 Non-goals: flying (`batch_flights.py`), statistics.
 
 `campaign.json` says what is flown; `flights.csv` has a line a flight, in the order of their
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MetricSample:
-    """One measure over one flight: looks that gave a number, their sum, ends and histogram.
+    """One measure over one flight: how many samples were numbers, their sum, ends and histogram.
 
     `bins`: (bins + 2,) counts; the first is below the range, the last above.
     """
@@ -47,13 +47,13 @@ class MetricSample:
 
 @dataclass(frozen=True)
 class FlightOutcome:
-    """One run. Shares and times by module, in the order of the system's modules.
+    """One flight. Shares and times are by module, in the order of the system's modules.
 
     `seed` re-flies it (`soter run --seed`); `digest`: SHA-256 over its events and its last state.
     `all_ac_s`: how long all modules were in AC at once. `violations`: onsets by property,
     `latched`: components, both by name with how many; `first_s`: the first of them. `saves` and
-    `precautions`: of its episodes, where AC would have done harm and where not; none where they are
-    not counted. `looks`: one for each measure of the system. `trajectory`: SHA-256 of what
+    `precautions`: how many of its episodes AC would have done harm in, and how many not; () where
+    they are not counted. `looks`: one for each measure of the system. `trajectory`: SHA-256 of what
     happened, without the seed: flights that have the same one are copies of each other.
     """
 
@@ -77,7 +77,7 @@ class FlightOutcome:
 
 ABOUT, FLIGHTS = "campaign.json", "flights.csv"
 FLIGHTS_MAX = 2**32
-"""Bytes of the table of a campaign."""
+"""Bytes of the table of a campaign at most."""
 WORDS = {
     "program_sha256": "the program (its text, or a file that it reads)",
     "until_ns": "how long a flight is",
@@ -99,11 +99,11 @@ ANOTHER = "give another folder with -o, or remove this one"
 
 @dataclass(frozen=True)
 class CampaignIdentity:
-    """What is flown; two campaigns are one where all of this is the same.
+    """What a campaign flies; two campaigns are the same if all of this is.
 
     `code_sha256`: of the C that Soter makes and of its run-time; `linked`: SHA-256 of the C of
     externs, of what it includes and of the compiler, by name; `unknown`: why it cannot be known
-    what else that C depends on: nothing that was flown before is taken.
+    what else that C depends on, or "": then no flight that is there already is used.
     """
 
     program: str
@@ -284,7 +284,7 @@ class CampaignStore:
 
 
 def measured_lateness(folder: Path, program_sha256: str | None, system: str) -> tuple[int, ...]:
-    """What the arm `paper` of a campaign was flown with, ns; SoterError D006 where none was."""
+    """The lateness (ns) that the arm `paper` was flown with; SoterError D006 where none was."""
     file = folder / "arm-paper" / ABOUT
     about = _read(file) if file.is_file() else None
     if not isinstance(about, dict):
@@ -326,7 +326,7 @@ def _row(f: FlightOutcome) -> list[object]:
 
 
 def _checked(cells: Iterable[str]) -> str:
-    """What tells a line that was changed: a checksum of its cells."""
+    """A checksum of a line's cells, which shows whether it was changed."""
     return f"{crc32(chr(10).join(cells).encode()):08x}"
 
 

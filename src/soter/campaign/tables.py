@@ -1,7 +1,7 @@
-"""What a campaign says in words and tables: for terminals and pages.
+"""The results of a campaign in words and tables, for terminals and pages.
 
-Purpose: head and rows of each table; no rows where there is nothing to say. Lists, intervals of
-rates, the verdict and whose fault it is, for people.
+Purpose: head and rows of each table, without rows where there is nothing to say; lists, intervals
+of rates, the verdict, and which faults explain violations.
 Non-goals: figures (`result.py`), looks.
 """
 
@@ -29,7 +29,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def interval(low: float, high: float) -> str:
-    """What a rate or a share lies in."""
+    """The interval of a rate or a share, in words."""
     if high == inf:
         return "any number"
     if low == 0.0:
@@ -38,19 +38,19 @@ def interval(low: float, high: float) -> str:
 
 
 def an_hour(r: Result) -> str:
-    """Per which hour rates are."""
+    """The unit of the rates: per hour, or per hour aloft."""
     return "an hour" if r.hours_aloft is None else "an hour aloft"
 
 
 def verdict(r: Result) -> str:
-    """What was violated; that nothing was judged, where nothing was."""
+    """How many violations there were, or that nothing was judged."""
     if not r.properties and not r.violations:
         return "nothing was judged: the system has no property"
     return f"{r.violations:,} violations"
 
 
 def bound(r: Result) -> str:
-    """What is said of all flights with 95 % confidence; "" where nothing was judged."""
+    """The bound on the rate of violations, with 95 % confidence; "" where nothing was judged."""
     if not r.properties:
         return ""
     hourly = f"{interval(*r.per_hour)} {an_hour(r)}"
@@ -62,7 +62,7 @@ def bound(r: Result) -> str:
 
 
 def guilt(r: Result) -> str:
-    """Whose fault violated flights are, in a system with faults."""
+    """How many violated flights faults outside explain, in a system with faults."""
     out = r.flights_violated - r.violated_inside
     return (
         f"{r.flights_violated:,} flights violated: {out:,} of them are clean when they are flown "
@@ -76,7 +76,7 @@ class FlownLike(Protocol):
 
     @property
     def name(self) -> str:
-        """As it is asked for."""
+        """The name by which it is asked for."""
 
     @property
     def text(self) -> str:
@@ -156,12 +156,12 @@ class CampaignLike(Protocol):
 
 
 def broken(campaign: CampaignLike) -> Table:
-    """What was violated, and how often."""
+    """The table of what was violated, and how often."""
     return ("times", "violated"), tuple((f"{n:,}", what) for what, n in campaign.result.broken)
 
 
 def worst(campaign: CampaignLike) -> Table:
-    """The first flights that were violated."""
+    """The table of the first violated flights."""
     rows = tuple(
         (
             f"{f.number}",
@@ -178,7 +178,7 @@ def worst(campaign: CampaignLike) -> Table:
 
 
 def modules(campaign: CampaignLike) -> Table:
-    """Who was in control."""
+    """The table of modules: who was in control."""
     saves = campaign.horizon_s > 0
     hourly = f"episodes {an_hour(campaign.result)}, 95 %"
     head = ("module", "AC share", "takeovers", "episodes", hourly, "gate faults")
@@ -194,7 +194,7 @@ def _module(m: ModuleStatistics, *, saves: bool) -> Row:
 
 
 def measures(campaign: CampaignLike) -> Table:
-    """What was measured."""
+    """The table of measures."""
     rows = tuple(
         (m.name, f"{m.mean:.4g}", f"{m.least:.4g}", f"{m.most:.4g}")
         for m in campaign.result.measures
@@ -203,7 +203,7 @@ def measures(campaign: CampaignLike) -> Table:
 
 
 def arms(campaign: CampaignLike) -> Table:
-    """The same seeds by other rules."""
+    """The table of arms: the same seeds by other rules."""
     rows = tuple(
         (
             a.name,
@@ -218,7 +218,7 @@ def arms(campaign: CampaignLike) -> Table:
 
 
 def faults(campaign: CampaignLike) -> Table:
-    """What was declared to go wrong, and which violated flights that excuses."""
+    """The table of declared faults, and how many violated flights each excuses."""
     excused = {text: f"{n:,} of {met:,} that met it" for text, n, met in campaign.result.excused}
     rows = tuple(
         (_times(campaign.occurred[t]), t, f"inside: {w}" if w else "outside", excused.get(t, ""))

@@ -1,1 +1,1 @@
-"""The command line: one file a command, all of them through `soter.api`."""
+"""The command line: each command has a file here or in `tool/`, and works through `soter.api`."""

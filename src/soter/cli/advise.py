@@ -1,7 +1,7 @@
-"""`soter advise FILE`: what the period of a decision module and its levels cost.
+"""`soter advise FILE`: which period a decision module may have, and what its levels change.
 
-Purpose: a table for each module, a figure in `.soter/`, and the largest Delta that verifies; or,
-with `--delay`, how late commands may act.
+Purpose: prints a table for each module and the longest period (the paper's Delta) that verifies,
+and draws a figure in `.soter/`; with `--delay` it finds how late commands may act.
 Non-goals: the sweeps (`verify/advice.py`), the drawing
 (`report/proof_page.py`).
 """
@@ -52,7 +52,7 @@ exit codes: 0 always when there was something to compute, 1 diagnostics, 2 usage
 """
 LARGEST = 100.0
 LONGEST = "YES, the longest"
-"""How the row is marked that one would take."""
+"""The mark of the row with the longest period that verifies."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,7 +76,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Advise."""
+    """Runs the sweeps and tells their advice; UsageError for options that do not fit."""
     levels = [int(x) for x in _numbers(args.levels, "--levels", 2.0)]
     factors = _numbers(args.factors, "--factors", 1e-3)
     program = loaded(args, console)
@@ -108,7 +108,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _delays(args: argparse.Namespace, console: Console, program: Program) -> CommandOutcome:
-    """`--delay`: one paragraph for each module."""
+    """Finds and tells, for `--delay`, how late commands of each module may act."""
     if args.output is not None:
         raise UsageError("`--delay` draws no figure")
     with ProgressBar(console) as progress:
@@ -129,7 +129,7 @@ def _delays(args: argparse.Namespace, console: Console, program: Program) -> Com
 
 
 def _numbers(text: str, option: str, least: float) -> list[float]:
-    """A list of numbers on the command line."""
+    """The numbers of an option's list, each from `least` to LARGEST; UsageError for others."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:

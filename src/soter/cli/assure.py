@@ -1,6 +1,6 @@
 """`soter assure FILE`: a safety case whose leaves were checked while it was made.
 
-Purpose: goals, what supports them and what does not, for people; one page, JSON, StrictDoc.
+Purpose: prints the goals, what supports them and what is missing; writes page, JSON and StrictDoc.
 Non-goals: making proofs, tests and campaigns; the case itself (`api/assurance/`).
 """
 
@@ -79,7 +79,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Assure."""
+    """Makes the case, tells it and writes its files."""
     program = loaded(args, console)
     with ProgressBar(console) as progress:
         how = {**given(args, Options), "progress": progress, "tell": partial(_tell, console)}
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _tell(console: Console, why: str) -> None:
-    """Say at once what does not fit: the rest of the case may take minutes."""
+    """Says at once what keeps goals undeveloped: the rest of the case may take minutes."""
     console.note(f"soter: {visible(why)}; its goals stay undeveloped")
 
 
@@ -150,7 +150,7 @@ def _verdict(assurance: Assurance, console: Console) -> str:
 
 
 def _say_open(assurance: Assurance, console: Console) -> None:
-    """What nobody has closed: one by one, but assumptions are counted."""
+    """Lists the open hazards and requirements; of open assumptions it tells the number only."""
     open_ = assurance.case.traceability.open
     assumptions = sum(item.kind == "assumption" for item in open_)
     others = [item for item in open_ if item.kind != "assumption"]

@@ -1,7 +1,7 @@
 """`soter build FILE --target c -o DIR`: a program as sources for a target.
 
-Purpose: write the package and say what to do next.
-Non-goals: compiling it.
+Purpose: writes the package, tells what is in it and what to do next, and bounds its stack.
+Non-goals: the package itself (`targets/`).
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ NAMES = " or ".join(f"{t} (the default)" if t == DEFAULT else t for t in TARGETS
 
 
 def _names(*, mapped: bool = False, boarded: bool = False) -> str:
-    """The targets that want it."""
+    """The names of the targets that take a mapping or a board, joined by commas."""
     return ", ".join(n for n, t in TARGETS.items() if (t.mapped, t.boarded) == (mapped, boarded))
 
 
@@ -84,9 +84,9 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Build."""
+    """Writes the package and tells it; an image for a board is built, too."""
     program = warned_of_files(loaded(args, console), console)
-    if program.externs and args.board is not None:  # they answer in the run that images repeat
+    if program.externs and args.board is not None:  # they answer in the run that an image repeats
         in_child_process(console, lambda _: ())
     with ProgressBar(console) as progress:
         package = program.build(

@@ -1,7 +1,7 @@
-"""`soter campaign FILE`: many seeded runs, and what they say.
+"""`soter campaign FILE`: many seeded runs, and their statistics.
 
-Purpose: fly, keep every flight, print totals with exact intervals, for people and as JSON; exit 3
-where one was violated.
+Purpose: flies, keeps every flight, and prints totals with exact confidence intervals, for people
+and as JSON; it exits with 3 where a flight violated a property.
 Non-goals: flying (`campaign/`).
 """
 
@@ -104,15 +104,15 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Fly."""
+    """Flies the campaign, tells its totals and writes its pages; VIOLATED after a violation."""
     from soter.api.campaigning import (  # noqa: PLC0415 - needs NumPy
         settings_of,
         written,
     )
-    from soter.campaign.store import require_parquet  # noqa: PLC0415 - the same
+    from soter.campaign.store import require_parquet  # noqa: PLC0415 - only to fly
 
     program = loaded(args, console)
-    if program.externs or args.workers == "ray":  # C may crash; Ray ends who has lost its head
+    if program.externs or args.workers == "ray":  # linked C may crash; Ray may end its process
         in_child_process(console, lambda _: (RAY_KEPT if args.workers == "ray" else KEPT,))
     try:
         if args.parquet:
@@ -185,7 +185,7 @@ def _say_flown(campaign: Campaign, console: Console) -> None:
 
 @dataclass(frozen=True)
 class ViolatedFlight:
-    """A flight, and whose fault it is."""
+    """A flight that violated a property, and what a fault has to do with it."""
 
     flight: FlightOutcome
     blame: FaultAttribution
@@ -193,7 +193,7 @@ class ViolatedFlight:
 
 @dataclass(frozen=True)
 class ExcusingFault:
-    """A fault outside: violated flights that are clean without it, and those that met it."""
+    """A fault outside: violated flights clean without it alone, and all excused that met it."""
 
     flights: int
     met: int
@@ -201,7 +201,7 @@ class ExcusingFault:
 
 @dataclass(frozen=True)
 class CampaignFault:
-    """What goes wrong: the assumption that it keeps, how often it was there; None: none, always."""
+    """A fault: the assumption that it keeps (None: none), how often it occurred (None: always)."""
 
     fault: str
     inside: str | None

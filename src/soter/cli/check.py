@@ -1,7 +1,7 @@
-"""`soter check FILE`: everything that can be known without running.
+"""`soter check FILE`: everything that can be known without running the program.
 
-Purpose: render all diagnostics; on success one line on what was checked, and what was not; what
-declared execution times come to, on the terminal and in documents (`say_timing`, `TIMING`).
+Purpose: renders all diagnostics; on success tells what was checked and what was not, and what
+declared execution times amount to, on the terminal and in documents (`say_timing`, `TIMING`).
 Non-goals: proofs (`soter verify`); the figures themselves (`api/check_report.py`).
 """
 
@@ -42,7 +42,7 @@ HEAD = ("thread", "every", "wcet", "jitter", "starts by", "ends by", "slack")
 
 
 def say_timing(report: TimingReport, console: Console) -> None:
-    """The thread as a table, then what it comes to, and P1c of every module."""
+    """Tells the steps of the trusted thread as a table, its load, and P1c of every module."""
     console.say("")
     console.say(console.table(HEAD, [_row(r) for r in report.rows]))
     share = 100 * report.busy_ns / report.hyperperiod_ns
@@ -86,7 +86,7 @@ TIMING = JsonObject(
         verdict=one_of("holds", "fails", "undecided"),
     ),
 )
-"""For a document: docs/json.md."""
+"""The timing report as a JSON object (docs/json.md)."""
 
 
 EXAMPLES = """\
@@ -100,7 +100,7 @@ EXAMPLES = """\
 """
 
 STEPS_SHOWN = 8
-"""Steps told on the terminal, the dearest first."""
+"""How many steps the terminal shows, those with the most operations first."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,7 +116,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Check every file; mistakes in one do not keep the others from it. UsageError for two `-`."""
+    """Checks every file, whatever is wrong with the others; UsageError for two `-`."""
     if args.files.count("-") > 1:
         raise UsageError("standard input can be read once")
     if len(args.files) == 1:
@@ -137,7 +137,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _checked(file: str, args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Check one file."""
+    """Checks one file; SoterError where it cannot be read."""
     text = standard_input() if file == "-" else None
     with LineOfProgress(console) as line:
         program = load(file, line) if text is None else load(STDIN, line, text)
@@ -169,7 +169,7 @@ def _say(report: CheckReport, console: Console) -> None:
 
 
 def _steps(report: CheckReport) -> list[str]:
-    """What the dearest steps take, of each kind of code that runs."""
+    """Lines for the longest steps: at most how many operations and bytes of locals each takes."""
     ordered = sorted(report.steps, key=lambda s: -s.operations)
     lines = []
     for s in ordered[:STEPS_SHOWN]:
@@ -183,7 +183,7 @@ def _steps(report: CheckReport) -> list[str]:
 
 
 def _assumptions(systems: tuple[SystemReport, ...]) -> list[str]:
-    """What was not checked, once for all systems; the environment is a matter of runs."""
+    """What was not checked (`SystemReport.unproved`), each line once for all systems."""
     return list(dict.fromkeys(line for s in systems for line in s.unproved))
 
 

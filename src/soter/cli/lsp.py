@@ -35,7 +35,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Serve until the client leaves; UsageError, and SoterError D007 without pygls."""
+    """Serves until the client leaves; UsageError for wrong options, SoterError without pygls."""
     if args.tcp is not None and not 0 < args.tcp <= PORT_MAX:
         raise UsageError(f"{args.tcp} is no port: 1 to {PORT_MAX} are", "soter lsp --tcp PORT")
     if args.tcp is not None and args.stdio:

@@ -1,4 +1,4 @@
-"""`soter`: choose the command, run it, and end with the right code whatever happens.
+"""`soter`: chooses the command, runs it, and ends with the right exit code whatever happens.
 
 Purpose: the command table, the top-level help, and the one place where every way to end is turned
 into an exit code and, with `--json`, exactly one document. Of a defect of soter itself nobody is
@@ -63,11 +63,11 @@ COMMANDS = {
     "help": "this text, or that of a command",
 }
 TOOL = frozenset({"explain", "fmt", "completion", "cache", "show"})
-"""Commands about the tool itself and about pictures: they stand in `cli/tool/`."""
+"""Commands whose files stand in `cli/tool/`: about the tool itself, texts and pictures."""
 
 
 BLAS_SPINS = ("OPENBLAS_THREAD_TIMEOUT", "20")
-"""NumPy's import starts a thread a core that waits for work, busily, for 2^26 cycles; here 2^20."""
+"""NumPy's threads, one a core, wait busily for 2^26 cycles for work; this setting makes it 2^20."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -92,9 +92,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _told(
     name: str | None, arguments: list[str], console: Console, format_: str | None = None
 ) -> int:
-    """Do the command and say how it went; its exit code."""
+    """Runs the command, prints its outcome in the format wanted, and returns its exit code."""
     if "--json" in arguments:
-        format_ = None  # refused, in a document
+        format_ = None  # `_run` refuses both, and `--json` decides how that is told
     outcome = _guarded(name, arguments, console)
     console.diagnostics(outcome.diagnostics)
     if format_ is not None and name is not None and "help" not in outcome.fields:
@@ -109,7 +109,7 @@ def _told(
 
 
 def _guarded(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
-    """The outcome of a command line; nothing gets past."""
+    """The outcome of a command line; every exception but `ChildResult` becomes one."""
     try:
         _require_utf8(arguments)
         _require_own_folder()
@@ -135,7 +135,7 @@ def _guarded(name: str | None, arguments: list[str], console: Console) -> Comman
 
 
 def _require_utf8(arguments: Sequence[str]) -> None:
-    """UsageError for a name that no report, certificate or document could say."""
+    """Raises UsageError for a word that is not UTF-8: no report or document could print it."""
     for word in arguments:
         if (shown := utf8_text(word)) != word:
             text = f"`{shown}` is not UTF-8, which everything that soter writes is: rename it"
@@ -143,7 +143,7 @@ def _require_utf8(arguments: Sequence[str]) -> None:
 
 
 def _require_own_folder() -> None:
-    """OSError where `.soter`, in which many commands write, leads elsewhere: it may be sent."""
+    """Raises OSError if `.soter`, where commands write, is a link: a stranger may have sent it."""
     if os.path.lexists(".soter"):
         from soter.report.atomic_write import own_place, require_no_links  # noqa: PLC0415 - then only
 
@@ -165,7 +165,7 @@ def _run(name: str | None, arguments: list[str], console: Console) -> CommandOut
 
 
 def _done(name: str, rest: list[str], console: Console) -> CommandOutcome:
-    """Do a command; what its program has to be told of, and what it is about, go with the rest."""
+    """Runs a command; adds its program's diagnostics, and what it is about, to the outcome."""
     parser = parser_of(name)
     args = parser.parse_args(rest)
     try:
@@ -181,18 +181,18 @@ def _done(name: str, rest: list[str], console: Console) -> CommandOutcome:
 
 
 def command_of(name: str) -> Command:
-    """The file of a command; `help` has none."""
+    """The module that implements a command; `help` has none."""
     room = "soter.cli.tool" if name in TOOL else "soter.cli"
     return cast("Command", by_name(f"{room}.{name}"))
 
 
 def parser_of(name: str) -> CommandParser:
-    """The command line of a command; `help` has none."""
+    """The parser of a command's line; `help` has none."""
     return CommandParser(name, command_of(name))
 
 
 def _explained(rest: list[str], console: Console) -> CommandOutcome:
-    """`soter help [COMMAND]`: the same as `--help`."""
+    """Answers `soter help [COMMAND]` as `--help` would; UsageError for anything else."""
     asked = [a for a in rest if a not in ("--json", "-h", "--help")]
     wrong = next((a for a in asked if a.startswith("-")), "") or "".join(asked[1:2])
     if wrong:

@@ -1,6 +1,6 @@
 """`soter measure FILE`: how long single steps take on this machine.
 
-Purpose: a table, a file of times, the `wcet` lines to paste; that this is no bound.
+Purpose: prints a table and `wcet` lines to paste, writes a file of times; it shows no bound.
 Non-goals: the stopwatch (`soter.measure`), what follows from the times (`soter check`).
 """
 
@@ -49,7 +49,7 @@ exit codes: 0 measured, 1 diagnostics, 2 usage
 
 
 def _factor(text: str) -> float:
-    """A margin; ArgumentTypeError for other text."""
+    """The factor that `--margin` gives; ArgumentTypeError for other text."""
     try:
         return float(text)
     except ValueError:
@@ -79,7 +79,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Measure; UsageError for one of `--board` and `--instruction` alone."""
+    """Measures and tells it; UsageError for `--board` without `--instruction`, or the reverse."""
     from soter.api.measuring import DOCUMENT, measure, measure_on_board, written  # noqa: PLC0415 - needs NumPy
 
     if (args.board is None) != (args.instruction is None):

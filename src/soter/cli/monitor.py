@@ -1,9 +1,9 @@
 """`soter monitor FILE [LOG]`: whether the model that was proved explains what was recorded.
 
-Purpose: judge a log, or a fresh run, module by module; or write the monitor as a Soter node; with
-`--map` judge a log of somebody else. Judgements are findings for continuous integration, too: one
-for each module, where it is declared: an alarm, or a read outside `safe`, is wrong; where nothing
-was judged, or a log leaves it undecided, it is open.
+Purpose: judges a log, or a fresh run, module by module; or writes the monitor as a Soter node; with
+`--map` it judges a log of another system. Continuous integration gets a finding for each module, at
+its declaration: `fail` for an alarm or a read outside `safe`, `open` where nothing was judged or
+the log does not decide.
 Non-goals: the judgements (`monitor/`).
 """
 
@@ -69,7 +69,7 @@ RULE = "monitor"
 
 
 def of_judgements(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
-    """Whether the plant of the proof explains each step."""
+    """A finding for each module: whether its plant, as proved, explains each step."""
     findings = []
     for j in judged:
         how = f"judged on {j.source}{of_the_log(j.judged_share)}"
@@ -91,7 +91,7 @@ def of_judgements(judged: Sequence[Judgement]) -> tuple[CiFinding, ...]:
 
 
 def of_log(judged: LogJudgement) -> tuple[CiFinding, ...]:
-    """Whether a read of each module lay outside `safe`; what is assumed stands with it."""
+    """A finding for each module: whether a read lay outside `safe`, with what is assumed."""
     findings = []
     for m in judged.modules:
         if not m.decided:
@@ -145,12 +145,12 @@ MEANING = (
     "as declared. That every step is explained does not say that the run was safe: `soter run` "
     "judges that."
 )
-"""What the words of the table mean, for a page that is read without the program beside it."""
+"""What the words of the table mean, for a page that somebody reads without the program."""
 ENDING = "-monitor.html"
 
 
 def _seeds(text: str) -> range:
-    """The seeds that are meant; ArgumentTypeError for other text."""
+    """The seeds of `N` or of a range such as `1..9`; ArgumentTypeError for other text."""
     first, dots, last = text.partition("..")
     seeds = range(seed(first), (seed(last) if dots else seed(first)) + 1)
     if not 0 < len(seeds) <= SEEDS_MAX:
@@ -193,7 +193,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Judge, or write the node; SoterError U001 for options that do not go together."""
+    """Judges, or writes the node; SoterError U001 for options that do not go together."""
     logs, args.log = [*args.log], ", ".join(args.log) or None
     if args.map is not None or args.where or args.partial or len(logs) > 1:
         return _foreign(args, logs, console)
@@ -223,7 +223,7 @@ def _of_several(
     console: Console,
     program: Program,
 ) -> CommandOutcome:
-    """Tell a line for each run, and of each module what all of them came to."""
+    """Tells a line for each run and module, and one for each module over all runs."""
     rows = [(str(s), *_row(j)) for s, judged in zip(seeds, by_seed, strict=True) for j in judged]
     together = [_together(of) for of in zip(*by_seed, strict=True)]
     rows += [("all", *_row(j)) for j in together]
@@ -231,7 +231,7 @@ def _of_several(
 
 
 def _together(of: Sequence[Judgement]) -> Judgement:
-    """One module in several runs: sums, the first alarm of any, the hardest step."""
+    """One judgement for a module in several runs: sums, first alarm, step with largest share."""
     states = Counter[str]()
     for j in of:
         states.update(j.alarm_states)
@@ -255,7 +255,7 @@ def _judged(
     console: Console,
     program: Program,
 ) -> CommandOutcome:
-    """Tell the judgement of the model."""
+    """Tells the judgements of one run or log."""
     return _outcome(judged, (HEAD, [_row(j) for j in judged]), args, console, program)
 
 
@@ -298,7 +298,7 @@ def _outcome(
 
 
 def _headline(code: int, part: float, damage: Damage | None, alarms: int) -> str:
-    """What came of it, in a line."""
+    """The verdict in one line, for the page and, of a damaged log, for the terminal."""
     if damage is not None:
         return f"{damage}: {alarms:,} alarms there"
     said = {VIOLATED: "the model is false", UNDECIDED: NOTHING}
@@ -306,7 +306,7 @@ def _headline(code: int, part: float, damage: Damage | None, alarms: int) -> str
 
 
 def _foreign(args: argparse.Namespace, logs: list[str], console: Console) -> CommandOutcome:
-    """Judge the log."""
+    """Judges a log that `--map` describes; SoterError U001 for options that do not fit."""
     problem = _misused(args)
     if problem:
         raise mistake("U001", problem)
@@ -358,7 +358,7 @@ def _report(
     of: list[PageSection],
     console: Console,
 ) -> dict[str, object]:
-    """Write the page where it was asked for; SoterError D006."""
+    """Writes the page if `--report` asks for it; SoterError D006 if it cannot be written."""
     if args.report is None:
         return {}
     title = f"{Path(args.file).name}: {Path(args.log).name if args.log else _seeds_of(args)}"
@@ -369,12 +369,12 @@ def _report(
 
 
 def _colour(code: int, share: float) -> str:
-    """How a page colours its headline: as good only where all of the record was judged."""
+    """The tone of a page's headline: `good` only if all of the record was judged."""
     return "bad" if code == VIOLATED else "good" if code == FINE and share == 1.0 else ""
 
 
 def _provenance(program: Program) -> tuple[str, ...]:
-    """What judged, and by which program."""
+    """The program and the version of soter that judged, for the page."""
     return (f"Program {program.path}, SHA-256 {program.sha256}.", f"Judged by soter {VERSION}.")
 
 
@@ -384,7 +384,7 @@ def _seeds_of(args: argparse.Namespace) -> str:
 
 
 def _row(j: Judgement) -> tuple[str, ...]:
-    """Of the table, as `HEAD`."""
+    """A module's cells in the table with the headers `HEAD`."""
     return (
         j.module,
         f"{j.steps:,}",
@@ -400,7 +400,7 @@ def _row(j: Judgement) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Monitored:
-    """What came of it: the file of a monitor, judgements of a record, or that of a log."""
+    """The result: a monitor's file, judgements of a run or its log, or one of a mapped log."""
 
     emitted: str | None = None
     judged: tuple[Judgement, ...] = ()

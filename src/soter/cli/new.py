@@ -1,4 +1,4 @@
-"""`soter new NAME`: a small robot that runs, or with `--from` what a log holds.
+"""`soter new NAME`: makes a small robot that runs, or with `--from` a start for a given log.
 
 Purpose: a folder with a program, its policy in Python and in C, and a test, or with a mapping and
 the head of a program for a log of somebody else; all or nothing.
@@ -65,7 +65,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Make it."""
+    """Makes the folder and tells what to type next; SoterError where it cannot be made."""
     folder = Path(args.name)
     name = _checked(folder, args.name)
     if args.logs:
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
-    """A mapping and the head of a program; SoterError D016, D007."""
+    """File name -> text of a mapping and the head of a program; SoterError D016, D007."""
     require_utf8(*args.logs)
     survey = by_name("soter.monitor.log_survey")
     found = survey.surveyed([Path(log) for log in args.logs], partial=args.partial)
@@ -106,7 +106,7 @@ def _commands_of_log(folder: Path, name: str, logs: Sequence[str]) -> list[tuple
 
 
 def _checked(folder: Path, given: str) -> str:
-    """The robot's name: the last part of the path."""
+    """The robot's name, the last part of the path; SoterError U001, D008, D001."""
     name = folder.name
     if not NAME.fullmatch(name):
         rule = "letters, digits, - and _, a letter first, 64 characters at most"
@@ -126,7 +126,7 @@ def _filled(template: str, names: dict[str, str]) -> str:
 
 
 def _make(folder: Path, texts: dict[str, str]) -> None:
-    """Fill a folder under another name, then give it its own: it is there whole or not at all."""
+    """Fills a folder under a hidden name, then renames it; SoterError D006 leaves nothing."""
     hidden = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}")
     try:
         hidden.mkdir()
@@ -142,7 +142,7 @@ def _make(folder: Path, texts: dict[str, str]) -> None:
 
 
 def _commands(folder: Path, name: str) -> list[tuple[str, str]]:
-    """What to type where `soter new` was typed, in this order, and what it does."""
+    """Commands to type next, in the same folder and this order, each with what it does."""
     at, program = shlex.quote(str(folder)), shlex.quote(str(folder / f"{name}.soter"))
     proof = shlex.quote(str(folder / "proof"))
     learned = shlex.quote(f"Learned=c:{folder / 'policy.c'}:policy_step")

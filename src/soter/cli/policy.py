@@ -1,7 +1,7 @@
-"""`soter policy FILE`: what the file of a learned policy says, and the policy as Soter.
+"""`soter policy FILE`: tells what a learned policy's file says, and writes the policy as Soter.
 
-Purpose: observation, answer, layers, what is assumed; with `-o` a Soter file with a function of
-the same network in float64, and how far it can be from float32.
+Purpose: prints observation, answer, layers, what is assumed, and how far the network in float64
+can be from float32; with `-o` it writes the network as a function of Soter, with `--node` as C.
 Non-goals: reading files and bounds (`soter.policy`), running policies (`soter run`).
 """
 
@@ -42,7 +42,7 @@ WIDTH = len("observation")
 
 
 def _sizes(text: str) -> list[float]:
-    """Sizes of observations; ArgumentTypeError for other text."""
+    """Sizes of observations, finite and not negative; ArgumentTypeError for other text."""
     try:
         sizes = [float(part) for part in text.split(",")]
     except ValueError:
@@ -73,7 +73,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Read it, tell it, write it; UsageError."""
+    """Reads, tells and writes the policy; UsageError for options that do not fit."""
     from soter.policy.soter_source import error_bound  # noqa: PLC0415 - needs NumPy
 
     policy = _read(Path(args.file), args.statistics)
@@ -116,7 +116,7 @@ def _read(path: Path, statistics: str | None) -> Policy:
 
 
 def _box(policy: Policy, within: list[float] | None) -> tuple[Doubles, Doubles] | None:
-    """Where observations are: as given, else as the file says; None where nobody does."""
+    """The box of observations: as `--within` gives it, else as the file; None if neither does."""
     import numpy as np  # noqa: PLC0415 - as above
 
     if within is None:
@@ -177,7 +177,7 @@ def _write(path: Path, policy: Policy, file: str, told: dict[str, str]) -> None:
 
 
 def _write_c(path: Path, policy: Policy, node: str) -> str:
-    """Write the C of an extern node; gives back what binds it."""
+    """Writes the policy as C of an extern node, and returns its `--bind`; UsageError."""
     from soter.api import load  # noqa: PLC0415 - as above
     from soter.codegen.unit import generate  # noqa: PLC0415 - as above
     from soter.policy.c_source import c_source  # noqa: PLC0415 - as above

@@ -1,7 +1,7 @@
-"""`soter recheck DIR`: check a certificate, independently of what made it.
+"""`soter recheck DIR`: checks a certificate, independently of the prover that made it.
 
-Purpose: accepted, rejected or not re-checked, with the claims that were confirmed and what they
-rest on.
+Purpose: tells whether it is accepted, rejected or not re-checked, which claims were confirmed, and
+what they rest on; on the terminal, as JSON and as a page.
 Non-goals: the checks (`certificate/`), making certificates (`soter verify --cert`).
 """
 
@@ -71,12 +71,12 @@ with --log: 0 every verdict is confirmed as well, 3 a log contradicts itself or 
 
 ENDING = "-recheck.html"
 SHOWN = 20
-"""Lines about a flight; the document has all."""
+"""How many lines about a flight the terminal shows; the document has all."""
 COARSE = (
     "a right proof may fail here, too: these bounds are coarser than those of `soter verify`, and"
     " smaller cells may help"
 )
-"""Of a witness that is not confirmed nobody can tell whether it is right."""
+"""Added to a rejection for a witness that was not confirmed: it may be right nevertheless."""
 IN_FLIGHT = (
     "decided in flight: P3, ttf and safer, by the check of its DM, which is tested; "
     "`soter recheck DIR --log LOG` asks single verdicts"
@@ -99,7 +99,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Check it; SoterError U001 for a page in the folder."""
+    """Checks it and tells the verdict; SoterError U001 for a page inside the certificate."""
     report_file = None
     if args.report is not None:
         report_file = report_path(args.report, args.folder, ENDING)
@@ -134,7 +134,7 @@ def _exit(report: Report) -> int:
 
 
 def _verdict(report: Report, folder: str) -> tuple[str, str]:
-    """How the verdict is coloured, and it in words."""
+    """The colour of the verdict, and the verdict in words."""
     if not report.accepted:
         colour = "red" if report.verdict == REJECTED else "yellow"
         return colour, f"{report.verdict.upper()}  {folder}"
@@ -166,7 +166,7 @@ def _headline(report: Report, folder: str, console: Console) -> str:
 
 
 def _sections(report: Report) -> Iterator[PageSection]:
-    """All of it, for a page: first what the verdict is of."""
+    """Yields the sections of the page: modules, program, flights, assumptions, gaps."""
     yield from (_of_module(m, report) for m in report.modules)
     own = [f"Program {visible(report.program)}, SHA-256 {report.program_sha256}."]
     own += [f"Rechecked by soter {VERSION} in {report.seconds:.1f} s."]
@@ -181,7 +181,7 @@ def _sections(report: Report) -> Iterator[PageSection]:
 
 
 def _of_module(m: RecheckedModule, report: Report) -> PageSection:
-    """What it keeps, what is confirmed of it, and what is not."""
+    """The section of a module: what it keeps, which claims are confirmed, and which are not."""
     title = visible(f"{m.name} of system {m.system}")
     if m.not_rechecked:
         return PageSection(title, (visible(f"Not re-checked: {m.not_rechecked}."),))
@@ -201,7 +201,7 @@ def _of_module(m: RecheckedModule, report: Report) -> PageSection:
 
 
 def _of_flight(flight: FlightReport) -> Iterator[str]:
-    """What is said of the verdicts of a flight: those that are not confirmed one by one."""
+    """Lines about a flight: how many verdicts were confirmed, then each that was not."""
     each = f" ({flight.seconds / flight.asked:.2f} s of CPU each)" if flight.asked else ""
     asked = f"{flight.asked:,} that were asked of " if flight.interrupted else ""
     yield (
@@ -220,7 +220,7 @@ def _of_flight(flight: FlightReport) -> Iterator[str]:
 
 
 def _say_flights(report: Report, console: Console) -> None:
-    """A line a flight, and below it what is not confirmed, the first of them."""
+    """Tells each flight in a line, and below it up to SHOWN verdicts that were not confirmed."""
     for flight in report.flights:
         first, *others = _of_flight(flight)
         colour = {ACCEPTED: "green", REJECTED: "red"}.get(flight.verdict, "yellow")
@@ -235,14 +235,14 @@ def _say_flights(report: Report, console: Console) -> None:
 
 
 def _say(report: Report, folder: str, console: Console) -> None:
-    """Names and texts come out of the certificate: none of them moves the cursor."""
+    """Tells the result; `visible` keeps texts of the certificate from moving the cursor."""
     folder = visible(folder)
     hash_ = report.program_sha256[:12]
     if not report.accepted:
         console.say(f"{_headline(report, folder, console)}  {hash_}".rstrip())
         if report.verdict == REJECTED or not report.modules:
             console.say(f"  {visible(report.reason)}")
-            if "certainly" in report.reason:  # a witness, in intervals
+            if "certainly" in report.reason:  # intervals did not confirm a witness
                 console.say(console.paint("muted", f"  {COARSE}"))
             return
         for module in report.modules:
@@ -266,7 +266,7 @@ def _say(report: Report, folder: str, console: Console) -> None:
 
 
 def _size(module: RecheckedModule) -> str:
-    """How large the sets are that were checked."""
+    """How many cells and half-spaces the checked sets of a module have."""
     if module.in_flight:
         return "no sets"
     sizes = [f"{module.cells:,} cells"] if module.cells or not module.half_spaces else []
@@ -274,7 +274,7 @@ def _size(module: RecheckedModule) -> str:
 
 
 def _told_of(module: RecheckedModule) -> Iterator[tuple[str, str]]:
-    """A colour and a line for everything beside what was confirmed."""
+    """Yields (colour, line) for all that is to be said besides the confirmed claims."""
     values = ", ".join(_value(module, name) for name in module.parameters)
     if values:
         yield "muted", f"with {values}"
@@ -291,14 +291,14 @@ def _told_of(module: RecheckedModule) -> Iterator[tuple[str, str]]:
 
 
 def _value(module: RecheckedModule, name: str) -> str:
-    """A parameter with the value that was checked, and what the program says if that is another."""
+    """A parameter with the value that was checked, and the program's own if they differ."""
     own = module.otherwise.get(name)
     said = "" if own is None else f" ({own} by the program)"
     return f"{name} = {module.parameters[name]}{said}"
 
 
 def _name(module: RecheckedModule, report: Report) -> str:
-    """The name of a module; with its system where several have one of that name."""
+    """The name of a module, with its system's in front if other modules have the same name."""
     several = sum(m.name == module.name for m in report.modules) > 1
     return f"{module.system}.{module.name}" if several else module.name
 

@@ -1,7 +1,7 @@
-"""`soter replay TRACE`: run a trace again, in the reference interpreter.
+"""`soter replay TRACE`: runs a trace again, in the reference interpreter.
 
-Purpose: whether a trace of `soter test`, or a counterexample of `soter verify`, reproduces; the
-steps as text or JSON, as an MCAP log and as a page.
+Purpose: tells whether a trace of `soter test`, or a counterexample of `soter verify`, reproduces,
+and prints its steps as text or JSON; on request it writes an MCAP log and a page.
 Non-goals: running it (`explore/replay.py`, `verify/counterexample.py`).
 """
 
@@ -53,7 +53,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Replay."""
+    """Replays the trace, tells its steps, and writes the files that were asked for."""
     if args.html is not None:
         args.html = str(report_path(args.html, args.trace, ENDING))
     report = replay(args.trace)
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 def _files(
     report: ReplayReport, args: argparse.Namespace
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
-    """Paths of what was written, by kind, and what could not be."""
+    """Kind -> path of each file written, and diagnostics of files that could not be."""
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
     for kind, write in (("html", report.write_html), ("mcap", report.write_mcap)):

@@ -1,9 +1,9 @@
-"""`soter run FILE`: a system in virtual time, or with `--real-time` against the clock.
+"""`soter run FILE`: runs a system in virtual time, or with `--real-time` against the clock.
 
-Purpose: run, summarise, write log and report; exit 3 where a property was violated, 4 where none
-was, but in real time the trusted part missed more than `--misses` allows, or of a flight that was
-recorded not all is there.
-Non-goals: how either is done.
+Purpose: runs, summarises, writes log and report. Exit code 3: a property was violated; 4: none was,
+but the trusted part missed more releases in real time than `--misses` allows, or the record of a
+flight is not complete.
+Non-goals: how a run is done (`simulate/`, `targets/posix/`).
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ reports share (soter-plotly-....js)
 
 {CAMPAIGN_FOLDER}"""
 NAME_MAX = 150
-"""Characters of a file's own name; file systems allow 255 bytes."""
+"""Most characters of a file name that `_own_name` makes; file systems allow 255 bytes."""
 OWN_PLACE = ""
 """The value of --log and --report without a path."""
 
@@ -75,7 +75,7 @@ class Options(RunOptions):
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Run; UsageError where misses are allowed in virtual time."""
+    """Runs the system and tells it; UsageError for `--misses` without `--real-time`."""
     if args.misses and not args.real_time:
         raise UsageError("`--misses` needs `--real-time`")
     program = opened(args, console)
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     if args.flight is not None:
         args.seed = (args.seed + args.flight) % 2**64
     console.listen()
-    args.home = Path.cwd()  # an extern may leave another
+    args.home = Path.cwd()  # an extern may change the current folder
     bound(program, args)
     if args.arm is not None and args.campaign is None:
         args.campaign = _campaign(program, args, first_seed)
@@ -107,7 +107,7 @@ def _simulate(
 
 
 def _campaign(program: Program, args: argparse.Namespace, first_seed: int) -> Path:
-    """Where the campaign of that flight lies, if nobody said where."""
+    """The default folder of the campaign that the flight to repeat is of."""
     flat = program.flat(args.system, dict(args.params))
     own_folder = by_name("soter.api.campaigning").own_folder
     return cast("Path", own_folder(flat, program.path, args.until, first_seed))
@@ -120,7 +120,7 @@ def _finish(
     console: Console,
     log: RunLog | None,
 ) -> CommandOutcome:
-    """Summary, files, exit code: files that cannot be written do not hide the result."""
+    """Prints the summary, then writes files, so that a failure there does not hide the result."""
     from soter.cli.terminal.run_summary import summary  # noqa: PLC0415 - needs NumPy
     from soter.simulate.run_fields import DOCUMENT  # noqa: PLC0415 - needs NumPy
 
@@ -130,7 +130,7 @@ def _finish(
     if result.trace_sha256:
         lines.append(console.paint("muted", f"trace   {result.trace_sha256}"))
     console.say("\n" + "\n".join(lines))
-    violated = result.violations or (result.timing or {}).get("violations", 0)  # behind a gap, too
+    violated = result.violations or (result.timing or {}).get("violations", 0)  # after a gap, too
     code = VIOLATED if violated else UNDECIDED if result.late or result.cut else FINE
     if problems:
         code = DIAGNOSTICS
@@ -140,7 +140,7 @@ def _finish(
 
 
 def _look_ahead(args: argparse.Namespace) -> None:
-    """Say before a run, not after it, that its log or report cannot be written."""
+    """Raises SoterError before the run if its log or report could not be written after it."""
     probe = Path(args.output) / "probe"
     log, report = (probe if p == OWN_PLACE else p for p in (args.log, args.report))
     require_writers(log, report)
@@ -153,7 +153,7 @@ def _same(log: str, report: str) -> bool:
 
 
 def _own_name(args: argparse.Namespace, system: System) -> str:
-    """Program, system, seed, arm and what was set: no sweep overwrites itself."""
+    """A file name of program, system, seed, arm and settings: no sweep overwrites itself."""
     parts = [Path(args.file).stem, system.name, str(args.seed)]
     parts[2:] = [Path(args.recorded).stem] if args.recorded is not None else parts[2:]
     parts += [args.arm] if args.arm else []
@@ -166,7 +166,7 @@ def _own_name(args: argparse.Namespace, system: System) -> str:
 
 
 def _path(args: argparse.Namespace, system: System, kind: str, ending: str) -> str:
-    """Where a log or report goes, as a person reads it."""
+    """The path of the log or report (`kind`): as given, else `_own_name` in the output folder."""
     given: str = getattr(args, kind)
     if given == OWN_PLACE:
         return str(Path(args.output) / f"{_own_name(args, system)}{ending}")
@@ -174,7 +174,7 @@ def _path(args: argparse.Namespace, system: System, kind: str, ending: str) -> s
 
 
 def _log(args: argparse.Namespace) -> RunLog | None:
-    """What writes the log while the run goes on."""
+    """The writer of the log while the run goes on; None without `--log`."""
     if args.log is None:
         return None
     from soter.simulate.run_log import RunLog  # noqa: PLC0415 - an extra
@@ -183,11 +183,11 @@ def _log(args: argparse.Namespace) -> RunLog | None:
 
 
 def _rescued(args: argparse.Namespace, process: int) -> tuple[str, ...]:
-    """Make a log of what a process that is gone had written of one."""
+    """Mends the unfinished logs that the ended process `process` left; a sentence for each."""
     if args.log is None:
         return ()
-    from soter.report.atomic_write import left_behind  # noqa: PLC0415 - only then
-    from soter.report.mcap_log import mended  # noqa: PLC0415 - only then
+    from soter.report.atomic_write import left_behind  # noqa: PLC0415 - only after a crash
+    from soter.report.mcap_log import mended  # noqa: PLC0415 - only after a crash
 
     folder = Path(args.output) if args.log == OWN_PLACE else Path(args.log).resolve().parent
     saved = []
@@ -206,7 +206,7 @@ def _files(
     log: RunLog | None,
     console: Console,
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
-    """Paths of what was written, by kind, and what could not be."""
+    """Kind -> path of each file written, and diagnostics of files that could not be."""
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
     if log is not None:

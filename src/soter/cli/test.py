@@ -1,9 +1,9 @@
 """`soter test FILE`: explore every execution of the tests of a file.
 
-Purpose: the verdict on every test with what was covered and what was not, and for a violation
-its least trace, step by step; the same as JSON, and as findings for continuous integration: one for
-each test, at its `test` block; a test that was not started is open. The file of `--junit` holds the
-verdicts, or why there are none: whatever ends a command that was understood, nothing old stays.
+Purpose: tells the verdict on every test, what was covered and what was not, and for a violation its
+shortest trace, step by step; the same as JSON, and as findings for continuous integration, one for
+each test at its `test` block (a test that was not started is `open`). `--junit` writes the verdicts
+to a file, or why there are none, so that no file of an earlier run is taken for this one's.
 Non-goals: searching (`explore/`), the XML (`cli/terminal/ci_formats.py`).
 """
 
@@ -55,7 +55,7 @@ RULE = "test"
 
 
 def of_tests(report: ExploreReport) -> tuple[CiFinding, ...]:
-    """A finding a test."""
+    """A finding for each test; the span is that of its `test` block."""
     findings = []
     for t in report.tests:
         text = f"{t.name}: every execution was covered, none violates a property"
@@ -132,7 +132,7 @@ class Options(SearchOptions):
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Explore."""
+    """Explores the tests and tells the results; also writes the file of `--junit`."""
     console.listen()
     try:
         program = loaded(args, console)
@@ -157,7 +157,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 def progress_text(looked: object) -> str:
     """How far a search is: `Late  1,204,000 states, 1.4 M/s, depth 55, 9.6 MB`."""
-    from soter.explore.search_options import SearchProgress  # noqa: PLC0415 - only then
+    from soter.explore.search_options import SearchProgress  # noqa: PLC0415 - loaded above, too
 
     assert isinstance(looked, SearchProgress)
     count = looked.states or looked.transitions
@@ -193,7 +193,7 @@ def _say(report: ExploreReport, console: Console) -> None:
 
 
 def _summary(report: ExploreReport, console: Console) -> list[str]:
-    """A line a test, for whoever has no time to scroll."""
+    """A line for each test, then what holds for all of them."""
     names = [*(test.name for test in report.tests), *report.not_started]
     width = max(map(len, names))
     lines = ["all tests"]
@@ -211,7 +211,7 @@ def _summary(report: ExploreReport, console: Console) -> list[str]:
 
 
 def _verdict(test: TestResult) -> tuple[str, str, str]:
-    """A word, its colour, and what else there is to say in a few words."""
+    """The verdict in a word, the word's colour, and a few words more or ""."""
     if test.verdict == "violated":
         assert test.broken is not None
         return "VIOLATED", "red", test.broken.text
@@ -222,7 +222,7 @@ def _verdict(test: TestResult) -> tuple[str, str, str]:
 
 
 def _lines(test: TestResult, console: Console) -> list[str]:
-    """Everything about one test."""
+    """All lines about one test."""
     muted = "muted"
     lines = [_headline(test, console), console.paint(muted, _figures(test))]
     lines += [console.paint("yellow", test.dear)] if test.dear else []
@@ -259,7 +259,7 @@ def _headline(test: TestResult, console: Console) -> str:
 
 
 def _checkpoint(test: TestResult, console: Console) -> list[str]:
-    """Where the search was written down, and what it went on from."""
+    """Lines about the checkpoint that the search wrote, and the one that it went on from."""
     kept = test.checkpoint
     if kept is None:
         return []
@@ -314,7 +314,7 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
 
 
 def _robustness(test: TestResult, console: Console) -> list[str]:
-    """How near `falsify` came to violating each property."""
+    """Lines for how near strategy `falsify` came to violating each property."""
     lines = []
     for one in test.robustness:
         said = f"{one.text}  not guided: it compares no numbers, or is judged as a node steps"
@@ -326,15 +326,15 @@ def _robustness(test: TestResult, console: Console) -> list[str]:
 
 
 def _other(test: TestResult, console: Console) -> list[str]:
-    """Another property that can be violated, with its trace."""
+    """Lines about another property that can be violated, with its trace."""
     word, colour, said = _verdict(test)
     head = f"{console.paint('bold', 'also')}  {console.paint(colour, word)}  {said}"
     return [head, "", *_trace(test, console)] if test.replayed is not None else [head]
 
 
 def _rest(test: TestResult) -> str:
-    """What the search for violations of other properties came to."""
-    from soter.explore.results import bound_text  # noqa: PLC0415 - only then
+    """A line for what the search for violations of other properties came to."""
+    from soter.explore.results import bound_text  # noqa: PLC0415 - loaded above, too
 
     count = 1 + len(test.others)
     head = f"{count} {'property' if count == 1 else 'properties'} violated"
@@ -344,8 +344,8 @@ def _rest(test: TestResult) -> str:
 
 
 def _trace(test: TestResult, console: Console) -> list[str]:
-    from soter import __version__  # noqa: PLC0415 - only then
-    from soter.explore.trace_view import view_of  # noqa: PLC0415 - the same
+    from soter import __version__  # noqa: PLC0415 - loaded above, too
+    from soter.explore.trace_view import view_of  # noqa: PLC0415 - only for a trace
     from soter.report.sequence_view import table_text  # noqa: PLC0415 - needs NumPy
 
     assert test.replayed is not None
@@ -356,7 +356,7 @@ def _trace(test: TestResult, console: Console) -> list[str]:
     return lines + [f"{kind:<6} {path}" for kind, path in files if path is not None]
 
 
-# ---------------------------------------------------------------- as JSON
+# --- as JSON; a list of words has `field` or `field=path.in.record` each, ? as in JsonObject
 
 
 def _steps(t: TestResult) -> int | None:

@@ -1,6 +1,6 @@
-"""`soter verify FILE`: prove P1c, P2a, P2b, P3, `ttf` and `safer` of every module.
+"""`soter verify FILE`: proves P1c, P2a, P2b, P3, `ttf` and `safer` of every module.
 
-Purpose: verdicts with what they rest on, for people and as JSON; certificate and report.
+Purpose: prints verdicts and their assumptions, also as JSON; writes a certificate and a report.
 Non-goals: the proofs (`verify/`), checking certificates (`soter recheck`).
 """
 
@@ -56,7 +56,7 @@ TONES: Any = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided
 HOLDING = ("proved", "assumed")
 PAINTS = {"proved": "green", "assumed": "green", "refuted": "red", "undecided": "yellow"}
 REGIONS_SHOWN, LONG = 3, 40
-"""`LONG`, of a sentence: one that stands in a row already is not said again."""
+"""How many regions are shown; from how many characters on a sentence is not repeated in a table."""
 TOLD_AGAIN = "soter: nothing has changed since this was proved: told from the cache"
 ENDING = "-proof.html"
 
@@ -85,7 +85,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Verify."""
+    """Proves the modules and tells the verdicts, or tells those of the cache again."""
     console.listen()
     words = _words(args, console)
     told = _told_again(args, words, console)
@@ -112,7 +112,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 
 def _proved(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tuple[Path, ...]]:
-    """The verdicts, and the files of controllers that were synthesized first."""
+    """Proves; returns the verdicts, and the files of controllers synthesized before."""
     program = warned_of_files(loaded(args, console), console)
     what: dict[str, Any] = {"module": args.module, "system": args.system}
     what["params"] = dict(args.params)
@@ -133,10 +133,10 @@ def _proved(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, t
 
 
 def _words(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
-    """All that is asked of the proofs, where their outcome may be stored; else nothing.
+    """The options that the outcome depends on, a key of the cache; () if it may not be stored.
 
-    Not where somebody calls `main` in a process of their own, in which Soter may not be what its
-    files say.
+    It may not where another program calls `main`, as Soter may be changed in its process, nor with
+    `--synthesize` or bindings.
     """
     if not console.own_process or args.synthesize or args.bindings:
         return ()
@@ -146,7 +146,7 @@ def _words(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
 def _told_again(
     args: argparse.Namespace, words: tuple[str, ...], console: Console
 ) -> CommandOutcome | None:
-    """What was proved before of exactly this; None where it has to be proved."""
+    """Prints the stored outcome of exactly this and returns it; None if it has to be proved."""
     files = (args.cert, args.report, args.format)
     stored = stored_outcome(args.file, words) if words and not any(files) else None
     if stored is None:
@@ -167,7 +167,7 @@ KINDS: dict[str, Kind] = {
 
 
 def _found(report: VerifyReport) -> Iterator[CiFinding]:
-    """Every verdict, at the module that it is of."""
+    """Yields a finding for every verdict, at the declaration of its module."""
     for module in report.modules:
         span = module.problem.module.symbol.span
         for name, f in module.findings.items():
@@ -208,7 +208,7 @@ def _said(report: VerifyReport) -> Printout:
 
 
 def _say_files(report: VerifyReport, args: argparse.Namespace, console: Console) -> None:
-    """What was written beside the verdicts."""
+    """Tells which files were written, and what the certificate does not claim."""
     for kind in ("cert", "report"):
         if getattr(args, kind):
             console.say(f"\n{kind:<7} {getattr(args, kind)}")
@@ -221,7 +221,7 @@ def _say_files(report: VerifyReport, args: argparse.Namespace, console: Console)
 
 
 def _coverage(report: VerifyReport) -> list[str]:
-    """What all of it is about, and what it is not."""
+    """Lines for what the verdicts cover: parameters, systems alike; and what they do not."""
     coverage, lines = report.coverage, []
     if coverage.params:
         values = ", ".join(f"{name} = {value}" for name, value in coverage.params)
@@ -234,7 +234,7 @@ def _coverage(report: VerifyReport) -> list[str]:
 
 
 def _together(report: VerifyReport, printed: Printout) -> None:
-    """The conjunction, and who keeps what a module takes for granted."""
+    """Prints the verdict on all modules together, and who keeps what each takes for granted."""
     from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy  # noqa: PLC0415 - needs NumPy
     from soter.verify.scope import rows_of  # noqa: PLC0415 - what is stored needs none  # noqa: PLC0415 - what is stored needs none
 
@@ -253,7 +253,7 @@ def _together(report: VerifyReport, printed: Printout) -> None:
 
 
 def _open(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
-    """What the verdict of all of them leaves open, in words."""
+    """What the verdict on all modules together leaves open, in words; "" for nothing."""
     assumed = sum(t.open and not t.promised for t in taken)
     promised = sum(t.open and t.promised for t in taken)
     clauses = []
@@ -273,7 +273,7 @@ def _listed(texts: tuple[str, ...]) -> list[str]:
 
 
 def _of_the_certificate(report: VerifyReport) -> list[str]:
-    """What a certificate does not say, or `soter recheck` does not accept."""
+    """Lines for modules of which the certificate claims less than a whole proof."""
     from soter.verify.claims.results import UNCLAIMED  # noqa: PLC0415 - what is stored needs none
 
     lines = []
@@ -295,10 +295,10 @@ def _of_the_certificate(report: VerifyReport) -> list[str]:
 
 
 def _remember(report: VerifyReport) -> None:
-    """Keep the verdicts for editors to show (`soter lsp`)."""
-    from pathlib import Path  # noqa: PLC0415 - only then
+    """Stores the verdicts for editors to show (`soter lsp`)."""
+    from pathlib import Path  # noqa: PLC0415 - only for new verdicts
 
-    from soter.verify.proof_cache import store_verdicts_of_file  # noqa: PLC0415 - only then
+    from soter.verify.proof_cache import store_verdicts_of_file  # noqa: PLC0415 - as above
 
     kept: dict[str, dict[str, object]] = {}
     for m in report.modules:
@@ -316,7 +316,7 @@ def _remember(report: VerifyReport) -> None:
 
 
 def _save_runs(report: VerifyReport) -> None:
-    """Write the runs that refute to `.soter/`."""
+    """Writes the runs that refute a module to `.soter/`."""
     if report.verdict == "refuted":
         from soter.verify.counterexample import save_runs  # noqa: PLC0415 - only then
 
@@ -327,7 +327,7 @@ def _headline(module: ModuleResult, printed: Printout) -> str:
     held = module.verdict in ("proved", "assumed")
     verdict = printed.paint(PAINTS[module.verdict], module.verdict.upper())
     verdict += module.whilst if held else ""
-    if held and module.vacuity is not None:  # proved, but of next to nothing
+    if held and module.vacuity is not None:  # proved of next to no states
         little = printed.paint("yellow", module.verdict.upper())
         verdict = f"{little}{module.whilst}, but {module.vacuity.text},"
     under = f" under {(count := len(module.assumptions))} assumption{'' if count == 1 else 's'}"
@@ -357,7 +357,7 @@ def _table(module: ModuleResult, printed: Printout) -> None:
 
 
 def _details(module: ModuleResult, printed: Printout) -> list[str]:
-    """Shares, and where and why something is not proved."""
+    """Lines for shares of the grid, notes, and where and why something is not proved."""
     from soter.verify.claims.results import NO_CORE  # noqa: PLC0415 - what is stored needs none
 
     names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
@@ -394,11 +394,11 @@ def _failure(name: str, finding: Finding, printed: Printout) -> list[str]:
 
 
 def seconds(value: float) -> str:
-    """A time for people."""
+    """A time in seconds as text for people: `1.2 s` or `340 ms`."""
     return f"{value:.1f} s" if value >= 1.0 else f"{value * 1000:.0f} ms"
 
 
-# ---------------------------------------------------------------- as JSON
+# --- as JSON; a list of words has `field` or `field=path.in.record` each, ? and * as in JsonObject
 
 
 def _params(report: VerifyReport) -> dict[str, object]:
@@ -427,7 +427,7 @@ def _times(run: LeavingRun) -> list[float]:
 
 
 def _states(run: LeavingRun) -> dict[str, list[float]]:
-    """Every state that was computed."""
+    """State name -> its values along the run."""
     return {name: run.states[:, i].tolist() for i, name in enumerate(run.names)}
 
 

@@ -1,6 +1,6 @@
-"""Core expressions and statements -> C.
+"""Translates Core expressions and statements to C.
 
-Purpose: one method a kind of Core node; the C says what Core says, in its order.
+Purpose: `Body` has one method for each kind of Core node; the C keeps the order of the Core.
 Non-goals: what surrounds a body (`nodes.py`, `environment.py`, `decisions.py`).
 """
 
@@ -64,9 +64,9 @@ class StepBranch:
 
 @dataclass
 class BranchChoices:
-    """What the choices of the step that is being emitted are named by; `branches` collects.
+    """How choices of the step being emitted are drawn; `branches` collects its `if` sides.
 
-    With `chance` nobody is asked: the driver's answer to an extern is something else.
+    `chance`: the generator draws, since the driver's `answer` is then that of an extern plant.
     """
 
     component: str
@@ -80,7 +80,7 @@ def stream_key(stream: str) -> c.CExpr:
 
 
 class Body(Places):
-    """Emits the bodies of one generated program."""
+    """Emits the C of every function and step body of one generated program."""
 
     def __init__(
         self,
@@ -95,22 +95,22 @@ class Body(Places):
         self.choices: BranchChoices | None = None
         """Set while a step is emitted that a driver may answer."""
         self._at_odds: list[c.CExpr] | None = None
-        """Within a condition: what its parts compare with several constants."""
+        """Within a condition: the C of values that it compares with several constants."""
         self._leave: str | None = None
         self._leaving: tuple[c.CStmt, ...] = ()
 
     def out(self, output: int) -> c.CExpr:
-        """The value of an output, until the step commits."""
+        """The C place that holds an output's value until the step commits."""
         return self.place(output_name(output))
 
     def has(self, output: int) -> c.Name:
-        """Whether the step published an output."""
+        """The C flag that says whether the step published an output."""
         return c.Name(f"has_{self.outputs[output]}")
 
     # ------------------------------------------------------------ functions
 
     def function(self, f: core.Function, result: core.Expr) -> list[c.CStmt]:
-        """The body of a function."""
+        """The C statements of a function's body; `result` is the value that it returns."""
         with self.planned(self.task(f, result)):
             self._leave = f.leave
             last = tuple(self._returned(f.result_type, result))
@@ -132,7 +132,7 @@ class Body(Places):
     # ------------------------------------------------------------ expressions
 
     def expr(self, e: core.Expr) -> c.CExpr:
-        """A pure expression."""
+        """Translates a pure Core expression to a C expression."""
         if isinstance(e, core.Const):
             return self.types.named_constant(e.type, e.value, e.name)
         if isinstance(e, core.Var):
@@ -165,16 +165,16 @@ class Body(Places):
         return c.Member(self.expr(e.target), field_name(t.fields[e.index][0]))
 
     def _read(self, t: Type, e: c.CExpr) -> c.CExpr:
-        """A stored value as an operand.
+        """Reads a stored value as an operand; a `uint32_t` is cast to `int64_t`.
 
-        What is narrower than `int` C widens itself without harm; an unsigned 32-bit number would
-        drag its neighbour into unsigned arithmetic.
+        C widens narrower integers to `int` without harm, but a `uint32_t` would turn the other
+        operand unsigned.
         """
         s = scalar(t)
         return c.Cast("int64_t", e) if s is not None and s.c_type == "uint32_t" else e
 
     def _select(self, e: core.Select) -> c.CExpr:
-        """A `?:`; one of enum members with another inside it is an `int` to C."""
+        """A `?:`; nested ones of enum members are cast back, since C makes them `int`."""
         made = c.Ternary(self.expr(e.condition), self.expr(e.then), self.expr(e.otherwise))
         nested = any(isinstance(x, core.Select) for x in (e.then, e.otherwise))
         return (
@@ -248,9 +248,9 @@ class Body(Places):
     # ------------------------------------------------------------ statements
 
     def block(self, statements: tuple[core.Stmt, ...], *after: object) -> list[c.CStmt]:
-        """A sequence of statements.
+        """Translates a sequence of statements.
 
-        Temporaries that neither it nor `after` reads are marked, so that compilers stay silent.
+        A temporary that neither it nor `after` reads is marked as unused, against warnings.
         """
         used = self.used((statements, after))
         c_statements: list[c.CStmt] = []
@@ -259,7 +259,7 @@ class Body(Places):
         return c_statements
 
     def statement(self, s: core.Stmt, used: set[str]) -> list[c.CStmt]:
-        """One statement."""
+        """Translates one statement; `used` has the temporaries that something reads."""
         made = self._statement(s, used)
         return self.changing(s, made) if self.in_place else made
 
@@ -361,11 +361,11 @@ class Body(Places):
         return [c.Assign(target, self.types.to_store(t, value) if s.path else value)]
 
     def _not_set(self, name: str) -> list[c.CStmt]:
-        """`x = x`: nothing is done, and compilers should not remark on it."""
+        """`x = x` emits no assignment, only a mark that keeps compilers from warning of `x`."""
         return [c.Unused(self.local(name))] if self.is_own(name) else []
 
     def _branch(self, s: core.If, *, taken: bool) -> list[c.CStmt]:
-        """Note for coverage that one side of an `if` was taken, where that is wanted."""
+        """Emits the call that counts this side of an `if` for coverage, if coverage is wanted."""
         if self.choices is None or self.choices.branches is None:
             return []
         number = c.Number(f"{len(self.choices.branches)}U")
@@ -373,7 +373,7 @@ class Body(Places):
         return [c.Do(c.CallExpr("soter_branch", (c.Name("answer"), FAULT, number)))]
 
     def _choose(self, s: core.Choose) -> c.CStmt:
-        """A choice; after a fault nobody is asked."""
+        """Declares a chosen value; after a fault the step asks nobody and takes the first."""
         assert self.choices is not None
         header = c.Unary("&", c.Arrow(c.Name("s"), "header"))
         key = stream_key(f"{self.choices.component}.choose")
@@ -420,7 +420,7 @@ class Body(Places):
         return self._declare(s.name, s.type, call, const=True)
 
     def _limit(self, limit: core.Expr) -> c.CExpr:
-        """How far an index may go; compilers see that a list's length stays in its capacity."""
+        """The bound of an index: a list's length, visibly to compilers at most its capacity."""
         e = self.expr(limit)
         if not isinstance(limit, core.Length):
             return e
@@ -449,10 +449,10 @@ class Body(Places):
         return self._append(target, t, s.value, s.name)
 
     def _append(self, target: c.CExpr, t: ListType, e: core.Expr, root: str) -> list[c.CStmt]:
-        """A value at the end of a list; a fault where that is full.
+        """Appends a value to a list; a full list raises a capacity fault.
 
-        That a length is not negative stands in the C as well: where a step compares it with a
-        number below zero, a compiler would warn of an index that no execution has.
+        The C also tests that the length is not negative: a step may compare it with a negative
+        number, and a compiler would then warn of an index that no execution has.
         """
         length = c.Member(target, "len")
         end = c.IndexExpr(c.Member(target, "items"), length)

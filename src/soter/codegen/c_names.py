@@ -1,7 +1,7 @@
-"""Names of C things.
+"""Chooses names for C things.
 
-Purpose: source names survive, made legal and unique; whatever means something to C, to its
-headers or to the generated code itself is told apart.
+Purpose: keeps the names of the source, but makes them legal and unique, and different from every
+name with a meaning to C, to its headers or to the generated code itself.
 Non-goals: knowing what is named.
 
 Three name spaces: temporaries (`local`), members of structs (`field_name`), and the file
@@ -46,9 +46,9 @@ _MACRO = re.compile(
     r"|E[A-Z0-9]|SIG_?[A-Z]|(PRI|SCN)[a-zX])"
     r"[A-Z0-9_]*"
 )
-"""Of limits, of errors (E...), signals (SIG...) and formats: families that C keeps for itself."""
+"""Macros of limits, errors (E...), signals (SIG...) and formats: families reserved by C."""
 _RESERVED = re.compile(r"(m_)*_[_A-Z].*")
-"""Compilers own names like `_Atomic` and `__LINE__`."""
+"""Names like `_Atomic` and `__LINE__`, which are reserved for compilers."""
 _HIDDEN = re.compile(r"fair_\d+")
 _FUNCTIONS = """
 FILE DIR va_list jmp_buf sigjmp_buf
@@ -101,9 +101,9 @@ AT_FILE_LEVEL = HEADERS.union(
 
 
 def no_linked_name(name: str, *, node: bool) -> str:
-    """Why generated code cannot call a function of somebody else that is called so; "": it can.
+    """Why generated code cannot call a user's C function of this name; "" if it can.
 
-    `node`: a function with the signature of an extern node, which none of `math.h` has.
+    `node`: the function has the signature of an extern node, which none of `math.h` has.
     """
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) is None:
         return "no function of C can be called so"
@@ -131,9 +131,9 @@ def has_meaning(name: str) -> bool:
 
 
 def program_prefix(stem: str) -> str:
-    """What all names of a program's files begin with, from the name of its source file.
+    """The prefix of all names in a program's C, made from the name of its source file.
 
-    It is never the run-time's (it would make a second `runtime/soter.h`) nor a header's of C.
+    It is no header's name in C and does not begin with `soter`, which is the run-time's.
     """
     prefix = legal(stem)
     if prefix in HEADERS or prefix.lower().startswith("soter"):
@@ -142,9 +142,9 @@ def program_prefix(stem: str) -> str:
 
 
 def file_level_name(text: str) -> str:
-    """A name that stands at file level as it is, such as that of a struct: nobody else has it.
+    """A name for file level without the program's prefix, such as that of a struct.
 
-    Neither C nor C++, of any standard, nor its library, nor POSIX means something by it.
+    It means nothing in C or C++ of any standard, in their libraries or in POSIX.
     """
     name = legal(text)
     taken = has_meaning(name) or name in AT_FILE_LEVEL or name.endswith("_t")
@@ -179,7 +179,7 @@ def field_name(text: str) -> str:
 
 
 class Unique:
-    """Hands out names of one name space."""
+    """Hands out names of one name space, each once."""
 
     def __init__(self, taken: frozenset[str] = frozenset()) -> None:
         self._taken = set(taken)
@@ -207,7 +207,7 @@ class FileNames:
         return self.family(text, ())
 
     def family(self, text: str, endings: tuple[str, ...]) -> str:
-        """A name such that nobody has it, nor it followed by one of the endings."""
+        """A new name that is also free with each of `endings` behind it."""
         base = legal(text)
         if not base.startswith(self.prefix + "_"):
             base = f"{self.prefix}_{base}"

@@ -1,7 +1,7 @@
-"""Print the C tree.
+"""Prints the tree of C as text.
 
-Purpose: C99 text that a person can read, with just the parentheses that precedence and
-compilers' warnings ask for.
+Purpose: C99 that a person can read, with just the parentheses that precedence and compilers'
+warnings ask for.
 Non-goals: choosing what to print.
 """
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 WIDTH = 100
 ROW_BYTES = 512
-"""Of a table in a string; C99 promises 4095."""
+"""Bytes of a table in one string; C99 promises that a string may have 4095."""
 QUIET_ROWS = (
     "#if defined __clang__ ? __clang_major__ >= 21 : __GNUC__ >= 15",
     '#pragma GCC diagnostic ignored "-Wunterminated-string-initialization"',
     "#endif",
 )
-"""Rows are whole, without a zero at their end: on purpose."""
+"""Silences a warning: the rows of a table have no zero at their end, on purpose."""
 PRECEDENCE = {
     "||": 1,
     "&&": 2,
@@ -149,7 +149,7 @@ def comment_text(text: str) -> str:
 
 
 def statements(body: tuple[c.CStmt, ...], depth: int) -> Iterator[str]:
-    """Lines of a block's inside."""
+    """Yields the lines inside a block at a depth of indentation."""
     pad = "  " * depth
     for s in body:
         if isinstance(s, c.Declare):
@@ -196,7 +196,7 @@ def declarator(type_: str, name: str) -> str:
 
 
 def broken(line: str, depth: int) -> Iterator[str]:
-    """A long line, broken at spaces outside strings; it may be megabytes long."""
+    """Yields a long line broken at spaces outside strings; the line may be megabytes long."""
     pad = "  " * depth + "    "
     begin, at = "", 0
     while len(begin) + len(line) - at > WIDTH:
@@ -211,7 +211,7 @@ def broken(line: str, depth: int) -> Iterator[str]:
 
 
 def _break_in(begin: str, line: str, at: int) -> int:
-    """Where in `line` to break what begins with `begin` and goes on there; -1 for nowhere."""
+    """Where in `line` to break the text `begin` + `line[at:]`; -1 for nowhere."""
     size = 2 * WIDTH
     while True:
         cut, sure = _break_at(begin + line[at : at + size])
@@ -221,9 +221,9 @@ def _break_in(begin: str, line: str, at: int) -> int:
 
 
 def _break_at(line: str) -> tuple[int, bool]:
-    """The last space before WIDTH that is outside a string, past the indent, -1 for none.
+    """Finds the last space before WIDTH, past the indent and outside strings; -1 for none.
 
-    And whether more of the line could not change that.
+    The second value says that this holds whatever follows `line`.
     """
     start = len(line) - len(line.lstrip()) + 8
     inside, best = False, -1
@@ -322,7 +322,7 @@ def _function(item: c.FunctionDef) -> Iterator[str]:
 
 
 def _table(item: c.TableDef) -> Iterator[str]:
-    """Short strings, which every compiler reads at once and which standard C allows."""
+    """Prints a table as short strings, which compilers read fast and standard C allows."""
     rows = -(-len(item.image) // ROW_BYTES)
     image = memoryview(item.image.ljust(rows * ROW_BYTES, b"\0"))
     yield "/* its bytes, little-endian: numbers would take compilers minutes */"

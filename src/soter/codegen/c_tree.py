@@ -349,7 +349,7 @@ WHOLE = "int64_t"
 
 
 def branch_free(f: FunctionDef) -> FunctionDef:
-    """A function whose `if`s that only choose a whole number on each side are computed instead."""
+    """Returns the function with masks for each `if` whose sides assign one whole number each."""
     if f.body is None:
         return f
     whole = {s.name for s in _all(f.body) if isinstance(s, Declare) and s.type == WHOLE}
@@ -366,14 +366,14 @@ def _all(block: tuple[CStmt, ...]) -> Iterator[CStmt]:
 
 
 class _Masks:
-    """Names of masks, each its own."""
+    """Rewrites blocks, and numbers the masks of one function."""
 
     def __init__(self, whole: set[str]) -> None:
         self._whole = whole
         self._count = 0
 
     def block(self, block: tuple[CStmt, ...]) -> Iterator[CStmt]:
-        """The same statements."""
+        """Yields the statements of a block with masks in the place of such an `if`."""
         for s in block:
             if isinstance(s, For):
                 yield replace(s, body=tuple(self.block(s.body)))
@@ -397,7 +397,7 @@ class _Masks:
             yield Assign(side.target, Binary("|", taken, left))
 
     def _choice(self, side: tuple[CStmt, ...]) -> Assign | None:
-        """The one assignment of a side, if it is that of a whole number to a local."""
+        """The assignment of a side if it is its only statement, from one whole local to another."""
         (made, *more) = side or (None,)
         if more or not isinstance(made, Assign):
             return None

@@ -1,7 +1,7 @@
 """C types of Soter types, constants as C values, and the helpers that types need.
 
-Purpose: one struct definition a type, laid out exactly as `core/layout.py` says; per type, on
-demand, the check on the way to a topic and the canonical form on the way into the state.
+Purpose: one struct definition for each type, laid out exactly as `core/layout.py` says; on demand,
+a function that checks a value on its way to a topic, and one that gives every NaN its one form.
 Non-goals: statements.
 """
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 FAULT = c.Name("fault")
 LARGE = 64
-"""Values of more bytes are passed by address, and what gives one is told where to put it."""
+"""Values of more bytes are passed by address; a function that returns one is told where to."""
 
 
 class TypeTable:
@@ -130,7 +130,7 @@ class TypeTable:
         return c.Member(c.Name(known), "value") if isinstance(value, Table) else c.Name(known)
 
     def named_constant(self, t: Type, value: Value, name: str | None) -> c.CExpr:
-        """The same; a number by the name that the source gives it: `#define cart_WALL 10.0`."""
+        """As `constant`, but a number keeps its name in the source: `#define cart_WALL 10.0`."""
         number = self.constant(t, value, name)
         if name is None or not isinstance(number, c.Number):
             return number

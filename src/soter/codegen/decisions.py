@@ -1,6 +1,6 @@
-"""Decision modules, properties and other predicates over the state.
+"""Decision modules (DM), properties and other predicates over the state, in generated C.
 
-Purpose: what `decide` and `violated` of the kernel's tables are.
+Purpose: the functions that stand as `decide` and `violated` in the kernel's tables.
 Non-goals: when they are called (the kernel).
 """
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def switch(frame: Frame) -> c.FunctionDef:
-    """The switching logic of every DM, on facts alone: `verify/deploy/dm_check.py` tries all."""
+    """The switching logic of all DMs, on facts alone; `verify/deploy/dm_check.py` tries all."""
     ac, sc = c.Name("SOTER_AC"), c.Name("SOTER_SC")
     ttf, stale, safer = c.Name("ttf"), c.Name("stale"), c.Name("safer")
     unsafe = c.Binary("||", c.Binary("||", ttf, stale), c.Name("gate_fault"))
@@ -40,7 +40,7 @@ def switch(frame: Frame) -> c.FunctionDef:
 
 
 def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.FunctionDef]:
-    """ttf, safer and the generated DM of a module."""
+    """The C functions of a module: its `ttf`, its `safer` and its `decide`."""
     module = frame.system.modules[decision.module]
     made = [predicate(frame, decision.ttf, f"{name}_ttf", f"ttf of {module.name}", unsafe=True)]
     if not _opposite(module):
@@ -84,13 +84,13 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
 
 
 def _opposite(module: Module) -> bool:
-    """Whether `ttf` is that `safer` does not hold: one of them is computed, which may be dear."""
+    """Whether `ttf` is `!safer`: only one of them, which may be slow, is then computed."""
     ttf, safer = module.symbol.ttf, module.symbol.safer
     return isinstance(ttf, TypedUnary) and ttf.op == "!" and ttf.operand is safer
 
 
 def _predicates(decision: core.Decision, name: str, module: Module) -> list[c.CStmt]:
-    """Its `ttf` and `safer`; where they may compare a NaN, whether they did is counted."""
+    """Computes `ttf` and `safer`, and counts in `nan_looks` the steps in which they met a NaN."""
     opposite = _opposite(module)
     parts = (("ttf", decision.ttf), ("safer", decision.safer))[: 1 if opposite else 2]
     nan = [n for n, p in parts if p.maybe_nan]
@@ -113,7 +113,7 @@ def _one_more(count: c.CExpr) -> c.CExpr:
 
 
 def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c.CStmt]:
-    """The mode after the step; with a latch, whether that lets AC have control."""
+    """Returns the mode after the step; a latch may keep SC in control, and is updated."""
     switch = f"{frame.prefix}_switch"
     if module.latch is None:
         return [c.Return(c.CallExpr(switch, facts))]
@@ -148,7 +148,7 @@ def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c
 
 
 def _look(frame: Frame, module: Module) -> list[c.CStmt]:
-    """What `margin` goes by: `Module.looks_left`, and when."""
+    """Stores what `margin` is computed from: `Module.looks_left`, and the time of this step."""
     if module.looked is None:
         return []
     unsafe: c.CExpr = c.Name("ttf")
@@ -163,13 +163,13 @@ def _look(frame: Frame, module: Module) -> list[c.CStmt]:
 def predicate(
     frame: Frame, p: core.Predicate, name: str, doc: str, *, unsafe: bool, negate: bool = False
 ) -> c.FunctionDef:
-    """A predicate over the state; a fault inside gives `unsafe`."""
+    """The C function of a predicate over the state; it returns `unsafe` after a fault inside."""
     failed = c.Name("true" if unsafe else "false")
     return _function(frame, p, name, doc, ("bool", failed), negate=negate)
 
 
 def number(frame: Frame, p: core.Predicate, name: str, doc: str) -> c.FunctionDef:
-    """A float over the state; a fault inside gives NaN."""
+    """The C function of a float over the state; it returns NaN after a fault inside."""
     return _function(frame, p, name, doc, ("double", float_number(nan)))
 
 
@@ -202,7 +202,7 @@ def _function(
 
 
 def _nan_seen(p: core.Predicate) -> list[c.CStmt]:
-    """Behind a fault: it was a NaN that was compared; nothing else of a predicate is NONFINITE."""
+    """Sets `nan_seen` after fault NONFINITE, which only a compared NaN raises in a predicate."""
     if not p.maybe_nan:
         return []
     was = c.Binary("==", c.Name("status"), c.Name("SOTER_NONFINITE"))

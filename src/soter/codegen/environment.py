@@ -1,8 +1,8 @@
 """The environment in generated C: steps of plants, topics set from outside, draws.
 
-Purpose: what `soter_step_fn` is for a plant (disturbances, integration, what is measured with which
-error), and what `publish` and `draw` of the kernel's tables are: a value from outside is checked
-before anything reads it, and a drawn one goes the same way.
+Purpose: the step function of a plant (disturbances, integration, measurement errors), and the
+functions `publish` and `draw` of the kernel's tables. `publish` checks a value from outside before
+anything reads it; `draw` draws a value and hands it to `publish`.
 Non-goals: integration itself (`core/plants.py`), when inputs change (drivers).
 """
 
@@ -50,7 +50,7 @@ def whom(stream: str) -> tuple[c.CExpr, ...]:
 def uniform(
     stream: str, index: c.CExpr, low: float, high: float, *, chance: bool = False
 ) -> c.CExpr:
-    """A float drawn from [low, high]; by `chance` whoever answers."""
+    """Draws a float from [low, high]; with `chance` no driver may answer in its place."""
     bounds = (float_number(low), float_number(high))
     if chance:
         return c.CallExpr("soter_draw", (HEADER, stream_key(stream), index, *bounds))
@@ -58,7 +58,7 @@ def uniform(
 
 
 def in_order(drawn: list[tuple[str, c.CExpr]], name: str) -> tuple[list[c.CStmt], list[c.CExpr]]:
-    """Draws one after the other: C leaves the order inside an initializer open."""
+    """Declares draws one after the other, since C leaves the order in an initializer open."""
     if len(drawn) == 1:
         return [], [drawn[0][1]]
     names = [f"{name}_{k}" for k in range(len(drawn))]
@@ -69,7 +69,7 @@ def in_order(drawn: list[tuple[str, c.CExpr]], name: str) -> tuple[list[c.CStmt]
 
 
 def assemble(types: TypeTable, t: Type, values: object) -> c.CExpr:
-    """A value of type `t` from its leaves in order."""
+    """Builds a value of type `t` from an iterator over the C of its leaves, in order."""
     if isinstance(t, RecordType):
         return c.Initializer(
             tuple((field_name(n), assemble(types, f, values)) for n, f in t.fields),
@@ -86,7 +86,7 @@ def assemble(types: TypeTable, t: Type, values: object) -> c.CExpr:
 
 
 def choosing(component: Component, statements: tuple[core.Stmt, ...]) -> list[c.CStmt]:
-    """What choices need: how many were made in this step, and which release it is."""
+    """Declares what choices are drawn by: their count in this step, and the release's number."""
     if not any(isinstance(n, core.Choose) for n in walk(statements)):
         return []
     since = c.Binary("-", CT, int_number(component.phase_ns)) if component.phase_ns else CT
@@ -102,7 +102,7 @@ PUBLISH_PARAMETERS = (("void *", "state"), ("const void *", "given"), ("int64_t"
 
 
 class InputEmitter:
-    """Emits the setters and the draws of one system."""
+    """Emits, for each topic from outside, its setter, and its draw if it is an input."""
 
     def __init__(self, system: System, frame: Frame) -> None:
         self.system = system
@@ -110,11 +110,11 @@ class InputEmitter:
         self.types = frame.types
 
     def setter(self, topic: int) -> str:
-        """The function through which a topic takes a value of the environment's."""
+        """The name of the C function that sets a topic from the environment."""
         return f"{self.frame.prefix}_publish_{topic}"
 
     def publish(self, topic: Topic) -> c.FunctionDef:
-        """Stores a value that is of the topic's type and set; refuses any other."""
+        """The C that stores a value of the topic's type and set, and refuses any other."""
         stored = self.types.stored(topic.type)
         stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(topic.index)))
         size = c.CallExpr("sizeof", (VALUE,))
@@ -138,7 +138,7 @@ class InputEmitter:
         return c.FunctionDef("soter_fault", self.setter(topic.index), PUBLISH_PARAMETERS, body, doc)
 
     def draw(self, drive: InputDrive, name: str) -> c.FunctionDef:
-        """A change of an environment input, by chance or as a driver answers."""
+        """The C that changes an environment input: at random, or to what a driver answers."""
         info = self.system.topics[drive.topic]
         index = c.Binary("/", CT, int_number(drive.every_ns))
         stream = f"input.{info.name}"
@@ -165,7 +165,7 @@ class InputEmitter:
     def _one_of(
         self, drive: InputDrive, stream: str, index: c.CExpr
     ) -> tuple[list[c.CStmt], c.CExpr]:
-        """One of the declared values of an input."""
+        """Draws one of the declared values of an input."""
         t = self.system.topics[drive.topic].type
         last = len(drive.values) - 1
         pick = c.CallExpr(
@@ -182,7 +182,7 @@ class InputEmitter:
     def _leaf(
         self, t: Type, bound: Bound | None, stream: str, index: c.CExpr
     ) -> tuple[str, c.CExpr]:
-        """One leaf of an input: its C type, and the draw."""
+        """The C type of one leaf of an input, and the C that draws it."""
         if isinstance(t, FloatType):
             assert bound is not None
             return "double", uniform(stream, index, bound.low, bound.high)
@@ -202,7 +202,7 @@ class InputEmitter:
 def plant_step(
     frame: Frame, component: Component, step: core.PlantStep, name: str
 ) -> c.FunctionDef:
-    """One release of a plant."""
+    """The C function of one release of a plant."""
     once = core.If(step.span, core.Const(BOOL, True), step.integrate, ())
     task = frame.task((*step.choose, once, *step.publish), step.states)
     with frame.body.planned(None if step.extern else task, frame.certain(component, step)):
@@ -262,7 +262,7 @@ def _disturbances(
 
 
 def _draw(draw: core.Draw, component: Component, at: c.CExpr) -> c.CExpr:
-    """A disturbance: one that holds is drawn by chance, whoever answers."""
+    """Draws a disturbance; no driver may answer for one that is held or of an extern plant."""
     hold = draw.hold_ns if draw.hold_ns > 0 else component.period_ns
     index = c.Binary("/", at, int_number(hold))
     chance = draw.hold_ns > 0 or component.extern
@@ -270,7 +270,7 @@ def _draw(draw: core.Draw, component: Component, at: c.CExpr) -> c.CExpr:
 
 
 def _new_states(frame: Frame, step: core.PlantStep, name: str) -> list[c.CStmt]:
-    """An extern plant: the driver's answer holds the new states."""
+    """Takes the new states of an extern plant from the driver's answer, if there is one."""
     got = c.Name("got")
     statements: list[c.CStmt] = [c.Declare(f"const {name}_out *const ", "got", c.Name("answer"))]
     assigns = tuple(
@@ -282,7 +282,7 @@ def _new_states(frame: Frame, step: core.PlantStep, name: str) -> list[c.CStmt]:
 
 
 def _noise(frame: Frame, component: Component, step: core.PlantStep) -> list[c.CStmt]:
-    """Measurement errors, leaf by leaf."""
+    """Adds a drawn measurement error to each leaf of an output that has one."""
     statements: list[c.CStmt] = []
     index = c.Binary("/", CT, int_number(component.period_ns))
     for output, leaf, draw in step.noise:

@@ -1,4 +1,4 @@
-"""What externs see of a generated program, and what becomes of their answers.
+"""The C interface of externs: what they read, and how their answers are cleaned.
 
 Purpose: structs of inputs and answers, the prototypes of linked C functions, and what calls them.
 An enum, int or length that its type does not have is the step fault `extern`; bools become 0 or 1,
@@ -42,11 +42,11 @@ if TYPE_CHECKING:
 
 
 LINKED = "_linked"
-"""How the name of a function ends that calls a linked one."""
+"""The end of the name of a generated function that calls a linked C function."""
 
 
 def answer_fields(component: Component) -> tuple[tuple[str, Type], ...]:
-    """Fields of the struct in which a driver answers an extern step."""
+    """Names and types of the fields of the struct in which a driver answers an extern step."""
     if component.plant is not None:
         return tuple((v.name, v.type) for v in component.plant.states)
     assert component.node is not None
@@ -57,7 +57,7 @@ def answer_fields(component: Component) -> tuple[tuple[str, Type], ...]:
 def struct(
     frame: Frame, layout: Struct, name: str, comment: str, *, topics: bool = False
 ) -> c.StructDef:
-    """A struct as it is laid out; `topics`: the one of all topics."""
+    """A C struct with the members of `layout`; `topics`: it is the struct of all topics."""
     members = [
         c.StructMember(
             frame.types.stored(m.type),
@@ -71,7 +71,7 @@ def struct(
 
 
 def interface(frame: Frame, core: CoreSystem, names: dict[int, str]) -> list[c.CTop]:
-    """What externs see: inputs, outputs, and the prototypes of linked functions."""
+    """Declares what externs see: structs of inputs and outputs, prototypes of linked functions."""
     declarations: list[c.CTop] = []
     for x in frame.system.components:
         if not x.extern:
@@ -89,7 +89,7 @@ def interface(frame: Frame, core: CoreSystem, names: dict[int, str]) -> list[c.C
 
 
 def request_fields(system: System, component: Component) -> tuple[tuple[str, Type], ...]:
-    """Members of the struct of what an extern node reads, in its order, with their types."""
+    """Names and types of the members of the struct that an extern node reads, in order."""
     assert component.node is not None
     topics = component.scope.topics
     return tuple(
@@ -131,18 +131,18 @@ def symbol_of(binding: str) -> str:
 
 
 def linked_name(name: str) -> str:
-    """What generated code calls in the place of the linked function of `name`."""
+    """The name of the generated function that calls the linked function of `name`."""
     return name + LINKED
 
 
 def call_of_node(x: Component, name: str) -> c.FunctionDef:
-    """Calls the linked function of an extern node."""
+    """The generated function that calls the linked C function of an extern node."""
     assert x.binding is not None
     return call_linked("int", name, symbol_of(x.binding), _parameters(x, name))
 
 
 def _prototype(frame: Frame, f: Function) -> c.FunctionDef:
-    """Of the linked function of an extern function."""
+    """The prototype of the linked C function of an extern function."""
     return c.FunctionDef(
         frame.types.work(f.result_type),
         symbol_of(f.source or ""),
@@ -154,12 +154,12 @@ def _prototype(frame: Frame, f: Function) -> c.FunctionDef:
 
 
 def is_linked(f: Function) -> bool:
-    """Whether a function is a linked one."""
+    """Whether a function of Core is bound to a C function that is linked."""
     return f.result is None and (f.source or "").startswith("c:")
 
 
 def linked_functions(frame: Frame, core: CoreSystem) -> Iterator[tuple[str, Span, bool]]:
-    """Every binding to C whose function is called, where it is declared, whether it is a node."""
+    """Yields each binding to C, where it is declared, and whether it is one of a node."""
     for x in frame.system.components:
         if x.extern and x.node is not None and (x.binding or "").startswith("c:"):
             assert x.binding is not None
@@ -171,7 +171,7 @@ def linked_functions(frame: Frame, core: CoreSystem) -> Iterator[tuple[str, Span
 
 
 def call_of_function(frame: Frame, f: Function, name: str) -> c.FunctionDef:
-    """Calls the linked function of an extern function."""
+    """The generated function that calls the linked C function of an extern function."""
     result, parameters = frame.types.work(f.result_type), _parameters_of(frame, f)
     return call_linked(result, name, symbol_of(f.source or ""), parameters)
 
@@ -183,9 +183,9 @@ def _parameters_of(frame: Frame, f: Function) -> tuple[tuple[str, str], ...]:
 def call_linked(
     result: str, name: str, symbol: str, parameters: tuple[tuple[str, str], ...]
 ) -> c.FunctionDef:
-    """Calls a linked function where no other name is in scope that could hide its own.
+    """A function that only calls `symbol`, so that no name in scope hides it.
 
-    Its own name is the user's: `answer`, say, which steps have a parameter of.
+    The user chose `symbol`: it may be `answer`, which is also a parameter of steps.
     """
     given = tuple((t, f"{n}_" if n == symbol else n) for t, n in parameters)
     call = c.CallExpr(symbol, tuple(c.Name(n) for _, n in given))
@@ -219,9 +219,9 @@ def received(t: Type, e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
 
 
 def to_ends(t: Type, bounds: Sequence[Bound | None], e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
-    """Statements that make a float of `e` an end of its set where it is the float32 of that end.
+    """Statements that turn floats of `e` beyond an end of their set by float32 rounding into it.
 
-    `bounds`: of all leaves of `t`. None of an end that is a float32, or has its own inside.
+    `bounds` has one for each leaf of `t`. An end that float32 keeps or rounds inward needs none.
     """
     if isinstance(t, FloatType):
         return [] if bounds[0] is None else _to_ends_of(bounds[0], e)
@@ -243,7 +243,7 @@ def to_ends(t: Type, bounds: Sequence[Bound | None], e: c.CExpr, depth: int = 0)
 def _array_to_ends(
     t: ArrayType, bounds: Sequence[Bound | None], e: c.CExpr, depth: int
 ) -> list[c.CStmt]:
-    """A loop where all elements have the same bounds."""
+    """`to_ends` of an array: a loop if all elements have the same bounds, else each by itself."""
     size = sum(1 for _ in leaves(t.element))
     groups = [tuple(bounds[k * size : (k + 1) * size]) for k in range(t.size)]
     at = c.Member(e, "at")
@@ -275,7 +275,7 @@ def _within(e: c.CExpr, low: int, high: int, *, unsigned: bool) -> list[c.CStmt]
 
 
 def _int(t: IntType, e: c.CExpr) -> list[c.CStmt]:
-    """Nothing where the storage holds no other values than the type."""
+    """Checks an int against its type; nothing if its storage has no other values."""
     storage = scalar(t)
     assert storage is not None
     low, high = next((k[2], k[3]) for k in INT_KINDS if k[4] == storage.c_type)

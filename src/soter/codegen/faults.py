@@ -1,4 +1,4 @@
-"""What goes wrong in a run, in generated C.
+"""Faults of a run, in generated C.
 
 Purpose: the tables of a system's faults, when releases happen, what becomes of publications and
 disturbances, which node steps next (`runtime/soter_faults.h` has what they share).
@@ -32,7 +32,7 @@ SLOT, TIME = c.Name("slot"), c.Name("t")
 
 
 def fault_names(system: System) -> list[str]:
-    """What the tables of a system's faults are called."""
+    """The names of the tables of a system's faults, without the program's prefix."""
     numbers = range(len(system.faults))
     return [f"fault_{i}" for i in numbers] + [f"lateness_{i}" for i in numbers]
 
@@ -41,7 +41,7 @@ def fault_names(system: System) -> list[str]:
 
 
 def definitions(frame: Frame, names: Mapping[int, str]) -> list[c.CTop]:
-    """The tables, and the functions that the kernel asks."""
+    """The tables of faults, and the functions about time and order that the kernel calls."""
     declarations: list[c.CTop] = []
     for i, f in enumerate(frame.system.faults):
         if f.on is not None:
@@ -83,7 +83,7 @@ def _asked(frame: Frame, number: int, what: str, *more: c.CExpr) -> c.CExpr:
 
 
 def _happens(frame: Frame, component: Component, names: Mapping[int, str]) -> c.FunctionDef:
-    """When a release really happens."""
+    """The C function for when a release of `component` really happens; SOTER_NEVER: it is lost."""
     nominal, release = c.Name("nominal"), c.Name("release")
     period = int_number(component.period_ns)
     since = c.Binary("*", release, period)
@@ -123,7 +123,7 @@ def _happens(frame: Frame, component: Component, names: Mapping[int, str]) -> c.
 
 
 def _wait(other: Component, name: str) -> list[c.CStmt]:
-    """No earlier than the last release of another component up to the same nominal time."""
+    """Moves `t` to no earlier than `other`'s last release up to the same nominal time."""
     phase, period, since = int_number(other.phase_ns), int_number(other.period_ns), c.Name("since")
     there = c.CallExpr(f"{name}_happens", (c.Name("state"), c.Binary("/", since, period)))
     since_then = c.Binary(">=", since, c.Number("0"))
@@ -136,7 +136,7 @@ def _wait(other: Component, name: str) -> list[c.CStmt]:
 
 
 def _overrun(frame: Frame, component: Component, name: str) -> c.FunctionDef:
-    """How much longer a step lasts that begins now."""
+    """The C function for how many nanoseconds longer a step lasts that begins now."""
     longer, period = c.Name("longer"), int_number(component.period_ns)
     body: list[c.CStmt] = [
         frame.state_pointer(const=True),
@@ -155,7 +155,7 @@ def _overrun(frame: Frame, component: Component, name: str) -> c.FunctionDef:
 
 
 def _order(frame: Frame) -> c.FunctionDef:
-    """Which of the nodes that wait steps next."""
+    """The C function that draws which of `waiting` nodes steps next."""
     waiting = c.Name("waiting")
     first = c.Binary("*", c.Cast("uint64_t", CT), c.Number(f"{ORDERS}U"))
     index = c.Binary("+", first, c.Binary("%", waiting, c.Number(f"{ORDERS}U")))
@@ -173,7 +173,7 @@ def _order(frame: Frame) -> c.FunctionDef:
 
 
 def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-    """What faults make of what a step wants to publish."""
+    """Changes, by the faults of `component`, the outputs that its step is about to publish."""
     statements: list[c.CStmt] = []
     places = {o.topic: k for k, o in enumerate(outputs)}
     period = int_number(component.period_ns)
@@ -214,7 +214,7 @@ def _new(
     *,
     is_float: bool,
 ) -> c.CExpr:
-    """What becomes of a leaf; `which`: the fault and the leaf, by number; `values`: old, now."""
+    """A leaf's new value; `which`: numbers of fault, leaf; `values`: the output's, the topic's."""
     i, leaf = which
     old, now = values
     if f.kind == "stuck":
@@ -242,7 +242,7 @@ def _within(target: c.CExpr, bound: Bound) -> c.CExpr:
 
 
 def scaled(frame: Frame, component: Component, disturbance: int, drawn: c.CExpr) -> c.CExpr:
-    """A leaf of a disturbance, larger or smaller while a fault is there."""
+    """A drawn leaf of a disturbance, times the factors of the faults that are active."""
     by: c.CExpr | None = None
     period = int_number(component.period_ns)
     for i, f in enumerate(frame.system.faults):
@@ -254,7 +254,7 @@ def scaled(frame: Frame, component: Component, disturbance: int, drawn: c.CExpr)
 
 
 def leaf_of(e: c.CExpr, t: Type, index: int) -> c.CExpr:
-    """Leaf number `index` of a value."""
+    """The C of leaf number `index` of the value `e` of type `t`."""
     if isinstance(t, RecordType):
         for n, f in t.fields:
             count = sum(1 for _ in leaves(f))

@@ -1,7 +1,7 @@
-"""What the functions of a generated program share.
+"""The C that all functions of a generated program have in common.
 
-Purpose: the state and its cells, locals loaded and committed, outputs declared, checked and
-published.
+Purpose: `Frame` emits access to the cells of the state, the load and commit of a step's locals, and
+the declaration, check and publication of its outputs.
 Non-goals: what steps compute (`body.py`), the functions themselves (`nodes.py`, `environment.py`,
 `decisions.py`, `kernel_tables.py`).
 """
@@ -36,17 +36,17 @@ STEP_PARAMETERS = (
 
 
 def where(span: Span) -> str:
-    """`file.soter:12`, for the comment above a function."""
+    """The place of a declaration as `file.soter:12`, for the comment above its C function."""
     return f"{span.source.name.rsplit('/', 1)[-1]}:{span.line}"
 
 
 def enabled(flag: str) -> c.CExpr:
-    """Whether a flag of a step is set."""
+    """The C condition that `flag` is set among the flags of a step."""
     return c.Binary("!=", c.Binary("&", c.Name("flags"), c.Name(flag)), c.Number("0U"))
 
 
 class Frame:
-    """What the functions of one system share."""
+    """Emits the code around the bodies of one system's functions: state, locals and outputs."""
 
     def __init__(
         self, system: System, types: TypeTable, body: Body, prefix: str, groups: dict[int, str]
@@ -56,35 +56,35 @@ class Frame:
         self.body = body
         self.prefix = prefix
         self.groups = groups
-        """Component index -> C name of its group of locals or states."""
+        """Component index -> C name of the struct member with its locals or states."""
         self.apart: frozenset[int] = frozenset()
         """Extern nodes that a driver answers though they are bound to C (target `posix`)."""
         self.works_in_place = False
-        """Large locals of nodes are not copied where no fault changes them back (campaigns)."""
+        """Whether nodes change large locals in the state, and restore them after a fault."""
         self.branches: list[StepBranch] | None = None
-        """A list: nodes count which branches they take, and it says what the numbers mean."""
+        """The branches that nodes count as taken, by number; None: they count none."""
         unique = Unique()
         self._topic_fields = [unique(t.name) for t in system.topics]
 
     def linked(self, component: Component) -> bool:
-        """Whether it is an extern node whose C is linked into the program."""
+        """Whether `component` is an extern node whose C is linked into the program."""
         bound = (component.binding or "").startswith("c:") and component.node is not None
         return component.extern and bound and component.index not in self.apart
 
     def state_pointer(self, *, const: bool = False) -> c.CStmt:
-        """`prefix_state *const s = state;`."""
+        """Declares `prefix_state *const s = state;`."""
         qualifier = "const " if const else ""
         return c.Declare(f"{qualifier}{self.prefix}_state *const ", "s", c.Name("state"))
 
     def fault_pointer(self) -> list[c.CStmt]:
-        """The sticky fault of a step."""
+        """Declares the step's sticky fault: `status` keeps the first one, `fault` points there."""
         return [
             c.Declare("soter_fault", "status", OK),
             c.Declare("soter_fault *const ", "fault", c.Unary("&", c.Name("status"))),
         ]
 
     def sticky(self, code: list[c.CStmt], failed: tuple[c.CStmt, ...] = ()) -> list[c.CStmt]:
-        """Code with its sticky fault: the step ends after it, with that; none where none can be."""
+        """Code that may fault, and then: run `failed`, return the fault. Other code stays as is."""
         if not any(name in {"fault", "status"} for s in code for name in c.names_read(s)):
             return code
         ends = (*failed, c.Return(c.Name("status")))
@@ -92,25 +92,25 @@ class Frame:
         return [*self.fault_pointer(), *code, check]
 
     def topic(self, index: int) -> c.CExpr:
-        """The value of a topic in the state."""
+        """The place of a topic's value in the state."""
         return c.Member(c.Arrow(S, "topics"), self.topic_field(index))
 
     def topic_field(self, index: int) -> str:
-        """The member of `topics` that holds a topic."""
+        """The name of a topic's member in the struct `topics`."""
         return self._topic_fields[index]
 
     def member(self, owner: int, name: str) -> c.CExpr:
-        """A local or plant state in the state struct."""
+        """The place of a component's local or plant state in the state struct."""
         return c.Member(c.Arrow(S, self.groups[owner]), field_name(name))
 
     def cell(self, cell: core.Cell) -> c.CExpr:
-        """Any state cell."""
+        """The place of any cell of Core in the state struct."""
         if cell.kind == "topic":
             return self.topic(cell.owner)
         return self.member(cell.owner, cell.name)
 
     def load(self, copies: tuple[core.LocalCopy, ...], used: set[str]) -> list[c.CStmt]:
-        """Copy cells into temporaries; a large one that is only read is read where it is."""
+        """Copies cells into temporaries; a large one that is only read is read where it is."""
         declarations: list[c.CStmt] = []
         for copy in copies:
             if copy.name not in used and not copy.written:
@@ -133,7 +133,7 @@ class Frame:
         return declarations
 
     def store(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
-        """Commit written temporaries."""
+        """Commits the written temporaries to their cells."""
         commits: list[c.CStmt] = []
         for x in copies:
             if x.name in self.body.in_place:
@@ -145,7 +145,7 @@ class Frame:
         return commits
 
     def restore(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
-        """After a fault: what was worked on in place is what it was."""
+        """Gives back their old values, after a fault, to locals that were changed in place."""
         return [
             c.IfStmt(
                 self.body.is_changed(x.name),
@@ -156,7 +156,7 @@ class Frame:
         ]
 
     def declare_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-        """`out_topic` and `has_topic` for every output; a large one may lie where a local does."""
+        """Declares `out_topic`, `has_topic` of outputs; a large one may share a local's place."""
         unique = Unique()
         topics = [self.system.topics[o.topic].name.rpartition(".")[2] for o in outputs]
         self.body.outputs = tuple(unique(name) for name in topics)
@@ -170,7 +170,7 @@ class Frame:
         return declarations
 
     def certain(self, component: Component, step: core.NodeStep | core.PlantStep) -> frozenset[int]:
-        """Outputs that a step always publishes: nobody asks whether it did."""
+        """Numbers of the outputs that a step always publishes: they need no flag `has_topic`."""
         code = step.publish if isinstance(step, core.PlantStep) else step.body
         silent = {
             f.topic
@@ -181,13 +181,13 @@ class Frame:
         return frozenset(always_published(code) & said)
 
     def if_published(self, k: int, code: list[c.CStmt]) -> list[c.CStmt]:
-        """What is done with an output if the step published it."""
+        """Code that runs if the step published output `k`."""
         if k in self.body.certain:
             return code
         return [c.IfStmt(self.body.has(k), tuple(code))]
 
     def in_place(self, copies: tuple[core.LocalCopy, ...]) -> frozenset[str]:
-        """The locals that a step works on where they lie, if this program's do."""
+        """The large locals that a step changes where they lie, if this program does that."""
         if not self.works_in_place:
             return frozenset()
         return frozenset(x.name for x in copies if x.written and self.types.is_large(x.type))
@@ -199,7 +199,7 @@ class Frame:
         outputs: tuple[core.Output, ...] = (),
         read_later: tuple[str, ...] = (),
     ) -> PlannedBody:
-        """What is to be planned of a step: its large locals, and outputs that nothing changes."""
+        """What a plan places of a step: its large locals, and outputs that nothing else writes."""
         large = self.types.is_large
         return PlannedBody(
             code=code,
@@ -211,7 +211,7 @@ class Frame:
         )
 
     def check_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-        """The gate's check of every publication."""
+        """Checks, as the gate does, that each output is finite and inside its topic's set."""
         statements: list[c.CStmt] = []
         for k, output in enumerate(outputs):
             checks = self.types.check(
@@ -224,7 +224,7 @@ class Frame:
         return statements
 
     def publish(self, outputs: tuple[core.Output, ...], *, gated: bool) -> list[c.CStmt]:
-        """Store publications (n1: only if OE) and report which there were."""
+        """Reports outputs, and stores them; `gated`: only if enabled (OE; the paper's rule n1)."""
         statements: list[c.CStmt] = []
         for k, output in enumerate(outputs):
             stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(output.topic)))
@@ -238,7 +238,7 @@ class Frame:
         return statements
 
     def _store_output(self, k: int, output: core.Output) -> list[c.CStmt]:
-        """What output `k` gave reaches the topic and its queues: a value, or all of a burst."""
+        """Stores output `k` in its topic and its queues: one value, or each one of a burst."""
         topic, out = self.topic(output.topic), self.body.out(k)
         if not output.burst:
             value = self.types.to_store(output.type, out)
@@ -248,11 +248,11 @@ class Frame:
         return [c.For("message", c.Number("0"), c.Member(out, "len"), each)]
 
     def pushed(self, topic: int) -> str:
-        """The function that puts a topic's value into the queues behind it."""
+        """The name of the C function that puts a topic's value into the queues behind it."""
         return f"{self.prefix}_pushed_{topic}"
 
     def push_on(self, topic: int) -> list[c.CStmt]:
-        """After a topic has a new value: put it into its queues."""
+        """Puts a topic's new value into the queues behind it, if there are any."""
         if not self.system.topics[topic].queues:
             return []
         return [c.Do(c.CallExpr(self.pushed(topic), (S,)))]

@@ -1,9 +1,9 @@
-"""What the kernel starts from: the tables of a generated program, and its first state.
+"""The tables of a generated program that the kernel reads, and the function for its first state.
 
-Purpose: components, modules, properties, topics and inputs, and `soter_program`, which names them;
-the state before the first instant, which `init` of these tables makes.
-Non-goals: the functions in them (`nodes.py`, `environment.py`, `decisions.py`), the first step of
-plants.
+Purpose: tables of components, modules, properties, topics and inputs; `soter_program`, which names
+them; `init`, which makes the state before the first instant.
+Non-goals: the functions in the tables (`nodes.py`, `environment.py`, `decisions.py`), the first
+step of plants.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def init(frame: Frame, name: str) -> c.FunctionDef:
-    """Defaults of topics, locals and plant states."""
+    """The C function that sets topics, locals and plant states to initial or drawn values."""
     body: list[c.CStmt] = [frame.state_pointer(), c.Unused("s"), c.Unused("answer")]
     for topic in frame.system.topics:
         body += _initial(frame, frame.topic(topic.index), topic.type, topic.default)
@@ -92,7 +92,7 @@ ROLES = {
 
 
 class TableEmitter:
-    """Emits the tables of one system, into `found`."""
+    """Emits the tables of one system, and collects them in `found`."""
 
     def __init__(
         self,
@@ -262,7 +262,7 @@ class TableEmitter:
 
 
 def _when(p: Property) -> tuple[tuple[str, c.CExpr], ...]:
-    """When a contract is checked, and whose it is; nothing for what instants check."""
+    """The table fields of a contract: before or after whose step it is checked; else none."""
     if p.component is None:
         return ()
     when = "SOTER_BEFORE_STEP" if p.kind == "assumes" else "SOTER_AFTER_STEP"
@@ -270,7 +270,7 @@ def _when(p: Property) -> tuple[tuple[str, c.CExpr], ...]:
 
 
 def _held(x: Component, name: str) -> tuple[tuple[str, c.CExpr], ...]:
-    """Of a node whose steps may last; nothing of others."""
+    """The table fields of a node whose steps take time; other nodes have none of them."""
     if x.held is None:
         return ()
     least, most = x.takes_ns or (0, 0)

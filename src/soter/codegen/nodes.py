@@ -1,8 +1,8 @@
 """Steps of nodes in generated C: fail-safe values, steps that take time, queues behind topics.
 
-Purpose: what `soter_step_fn` of the kernel's tables is for a node: of Soter, a linked C function,
-or answered by the driver. What a step publishes that takes time is held in a topic of its own until
-it takes effect; values are put into the queues of a topic, and a lost one is a step fault.
+Purpose: the step function of each node: its Soter code, or an extern that a linked C function or
+the driver answers. The outputs of a step that takes time are held in a topic of their own until
+they take effect; a value is put into the queues behind its topic, and a lost one is a step fault.
 Non-goals: what an extern node sees (`externs.py`), plants (`environment.py`), when a held
 publication takes effect (the kernel), what queues hold in memory (`core/layout.py`).
 """
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def push(frame: Frame, topic: Topic) -> c.FunctionDef:
-    """Puts a topic's value into the queues behind it, each by its policy when it is full."""
+    """The C function that puts a topic's value into its queues; a full one follows its policy."""
     body: list[c.CStmt] = [frame.state_pointer()]
     for index in topic.queues:
         queue = frame.system.topics[index]
@@ -66,7 +66,7 @@ def push(frame: Frame, topic: Topic) -> c.FunctionDef:
 
 
 def _lost(queue: int) -> c.CExpr:
-    """Whether a queue lost a value that it may not lose: SOTER_LOST, else SOTER_NEVER."""
+    """The queue's stamp, which says if it lost a value against its policy: SOTER_LOST or _NEVER."""
     return c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(queue)))
 
 
@@ -75,7 +75,7 @@ def _has_lost(queue: int) -> c.CExpr:
 
 
 def must_not_lose(frame: Frame, component: Component) -> list[c.CStmt]:
-    """A step fault where a queue of the node lost a value that it may not lose."""
+    """Raises a capacity fault if a queue of the node lost a value that it may not lose."""
     return [
         c.Do(
             c.CallExpr(
@@ -89,13 +89,13 @@ def must_not_lose(frame: Frame, component: Component) -> list[c.CStmt]:
 
 
 def empty(frame: Frame, queue: int) -> c.CStmt:
-    """Take everything out of a queue."""
+    """Takes everything out of a queue."""
     default = frame.types.default(frame.system.topics[queue].type)
     return c.Assign(frame.topic(queue), default)
 
 
 def forgive(frame: Frame, component: Component) -> list[c.CStmt]:
-    """After that fault the queue starts afresh."""
+    """Empties, after a capacity fault, the queues that lost a value, and clears that mark."""
     statements: list[c.CStmt] = []
     for q in queues_of(frame.system, component):
         if frame.system.topics[q].policy == "fault":
@@ -109,7 +109,7 @@ PARAMETERS = (("void *", "state"),)
 
 
 def hold(frame: Frame, component: Component, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-    """At the end of a step: keep what it publishes; the kernel draws until when."""
+    """Keeps the outputs of a step in `held`; the kernel draws how long until they take effect."""
     statements: list[c.CStmt] = [_nothing(frame, component)]
     published = c.Unary("*", c.Name("published"))
     for k, output in enumerate(outputs):
@@ -130,7 +130,7 @@ def hold(frame: Frame, component: Component, outputs: tuple[core.Output, ...]) -
 def effect(
     frame: Frame, component: Component, outputs: tuple[core.Output, ...], name: str
 ) -> c.FunctionDef:
-    """Publishes what is held, if the outputs are enabled; nothing is held then."""
+    """The C function that publishes what is held, if outputs are enabled, and empties `held`."""
     assert component.held is not None
     own = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(component.index)))
     stores: list[c.CStmt] = []
@@ -154,7 +154,7 @@ def effect(
 def exchange(
     frame: Frame, component: Component, outputs: tuple[core.Output, ...], name: str
 ) -> c.FunctionDef:
-    """Swaps what is held and what the topics have."""
+    """The C function that swaps the held values and stamps with those of the topics."""
     body: list[c.CStmt] = [frame.state_pointer()]
     for k, output in enumerate(outputs):
         pairs = (
@@ -191,7 +191,7 @@ def _stamp(topic: int) -> c.CExpr:
 
 
 def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str) -> c.FunctionDef:
-    """The step of a node."""
+    """The C function of one step of a node."""
     certain = frozenset[int]() if component.extern else frame.certain(component, step)
     in_place = frozenset[str]() if component.extern else frame.in_place(step.locals)
     with frame.body.planned(_task(frame, component, step), certain, in_place):
@@ -202,7 +202,7 @@ def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str
 
 
 def _task(frame: Frame, component: Component, step: core.NodeStep) -> PlannedBody | None:
-    """What is to be planned; what an extern or a fault writes keeps its own place."""
+    """The body to plan, or None of an extern; outputs that a fault may write are not planned."""
     if component.extern:
         return None
     disturbed = any(f.component == component.index for f in frame.system.faults)
@@ -266,7 +266,7 @@ def _foreign(
     takeover: list[c.CStmt],
     nothing_lost: list[c.CStmt],
 ) -> list[c.CStmt]:
-    """What an extern answers; one in C that keeps something begins anew before it is asked."""
+    """Takes an extern's answer; `takeover` runs before C with locals is called, else after."""
     if frame.linked(component):
         answers = _linked(frame, component, step, name)
     else:
@@ -282,9 +282,9 @@ def _foreign(
 
 
 def _held(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
-    """What the shield remembers of the commands that were published (n1: only if OE).
+    """Stores what the shield remembers of the commands that a step gave.
 
-    And of those that were proposed, whether or not they were.
+    Published ones only if outputs are enabled (OE; rule n1), proposed ones always.
     """
     shield = step.shield
     if shield is None:
@@ -301,13 +301,13 @@ def _held(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
 
 
 def _kept(frame: Frame, cell: core.Cell, name: str, t: Type) -> tuple[c.CStmt, ...]:
-    """A topic takes the value of a temporary."""
+    """Stores the value of temporary `name` in a hidden topic, with the time of this step."""
     stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(cell.owner)))
     return (*frame.types.commit(frame.cell(cell), t, frame.body.place(name)), c.Assign(stamp, CT))
 
 
 def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:
-    """Outputs of an extern node from a linked C function, which also gets its locals."""
+    """Calls the linked C function of an extern node, with its locals, and takes its outputs."""
     node = component.node
     assert node is not None
     assert component.binding is not None
@@ -349,13 +349,13 @@ def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) 
 
 
 def _keep(frame: Frame, copy: core.LocalCopy) -> list[c.CStmt]:
-    """Commit a local that a linked C function may have changed."""
+    """Commits a local that a linked C function may have changed."""
     new = c.Member(c.Name("kept"), field_name(copy.cell.name))
     return frame.types.commit(frame.cell(copy.cell), copy.type, new)
 
 
 def _answered(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:
-    """Outputs of an extern node from the driver's answer."""
+    """Takes the outputs of an extern node from the driver's answer; no answer is a fault."""
     node = component.node
     assert node is not None
     got = c.Name("got")
@@ -378,7 +378,7 @@ def _answered(frame: Frame, component: Component, step: core.NodeStep, name: str
 
 
 def _cleaned(node: NodeSymbol) -> list[c.CStmt]:
-    """Make `got` values of their types, or raise the fault `extern`."""
+    """Turns the parts of `got` into values of their types, or raises the fault `extern`."""
     statements: list[c.CStmt] = []
     for topic in node.publishes:
         short = topic.name.rsplit(".", 1)[-1]
@@ -390,7 +390,7 @@ def _cleaned(node: NodeSymbol) -> list[c.CStmt]:
 
 
 def _given(frame: Frame, node: NodeSymbol, part: Callable[[str], c.CExpr]) -> list[c.CStmt]:
-    """Take over the outputs that an extern gave."""
+    """Copies the outputs that an extern gave; `part` reads a field of its answer."""
     statements: list[c.CStmt] = []
     for k, topic in enumerate(node.publishes):
         short = topic.name.rsplit(".", 1)[-1]
@@ -407,7 +407,7 @@ def _given(frame: Frame, node: NodeSymbol, part: Callable[[str], c.CExpr]) -> li
 
 
 def failsafe(frame: Frame, component: Component, name: str) -> c.FunctionDef | None:
-    """Publishes the declared fail-safe values of a node."""
+    """The C function that publishes the declared fail-safe values; None if there are none."""
     if not component.failsafe:
         return None
     body: list[c.CStmt] = [frame.state_pointer()]

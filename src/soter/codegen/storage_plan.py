@@ -1,14 +1,14 @@
-"""Which large temporaries are places of their own, share one, or only point to one.
+"""Plans which large temporaries have a place of their own, share one, or only point to one.
 
-Purpose: a `StoragePlan` of a body: temporaries that refer to what nothing changes while they are
-read; those that share a place, because one is a copy of the other and they never differ while both
-are needed; stores that nobody reads.
+Purpose: `plan_of` makes the `StoragePlan` of a body, which saves copies and stack in generated C:
+temporaries that refer to what nothing changes while they are read; those that share a place,
+because one is a copy of the other and they never differ while both are needed; idle stores.
 Non-goals: C (`codegen/body.py`), which values are large (`TypeTable.is_large`).
 
-Decision 109. Derived here from the definition of liveness: backwards through structured code, loops
-until nothing changes. Two places interfere where one is written while the other is still needed
-(but for the write that makes them equal), and where one is read while the other is written in more
-than one piece. What is written in several pieces never shares a place with what it is made of.
+Decision 109. A walk backwards through the structured code computes liveness; it repeats loops until
+nothing changes. Two places interfere where one is written while the other is still needed (but for
+the write that makes them equal), and where one is read while the other is written in more than one
+piece. A value that is written in several pieces never shares a place with what it is made of.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ if TYPE_CHECKING:
 
 
 RESULT = "$result"
-"""The place that the caller of a function gives for what it returns."""
+"""The name of the place that a function's caller gives for the value that it returns."""
 
 
 Path = tuple[str, ...]
-"""Fields, from the outside."""
+"""Names of record fields, from the outermost in."""
 
 
 @dataclass(frozen=True)
 class StoragePlan:
-    """Of one body. Names are those of Core, `RESULT` and `output_name`.
+    """Where the large values of one body lie, by names of Core, `RESULT` and `output_name`.
 
-    `references`: they are pointers; `behind`: the temporaries that such a one may point into;
-    `same`: of one that points to all of another, that one; `homes`: of a name that has no place of
-    its own, whose it has, or which part of whose; `shared`: places that others have, too; `idle`:
-    statements (by `id`) whose value nobody reads.
+    `references`: temporaries that become pointers; `behind`: for each the temporaries that it may
+    point into; `same`: for one that points to all of another, that other. `homes`: for a name with
+    no place of its own, the name whose place it shares, and the path to its part of that; `shared`:
+    places with several names; `idle`: statements (by `id`) whose value nobody reads.
     """
 
     references: frozenset[str] = frozenset()
@@ -53,11 +53,11 @@ class StoragePlan:
     idle: frozenset[int] = frozenset()
 
     def home(self, name: str) -> str:
-        """Whose place a name has, or a part of whose."""
+        """The name whose place, or a part of it, `name` has; its own if it shares none."""
         return self.homes[name][0] if name in self.homes else name
 
     def whole(self, name: str) -> str:
-        """What a name is another name for."""
+        """The temporary that `name` stands for after all references to whole ones."""
         while name in self.same:
             name = self.same[name]
         return name
@@ -75,7 +75,7 @@ class PlannedBody:
     `given`: large parameters and cells that are read in place, and never change here; `kept`: large
     locals of a step, which are loaded first and stored last; `outputs`: numbers of large outputs
     that may share a place; `result`: what a function returns; `leave`: its flag of having returned;
-    `read_later`: other temporaries that are read behind the body.
+    `read_later`: other temporaries that code after the body reads.
     """
 
     code: tuple[core.Stmt, ...]
@@ -89,21 +89,21 @@ class PlannedBody:
 
 
 def is_place(e: core.Expr) -> bool:
-    """Whether an expression names something that lies somewhere, and so has an address."""
+    """Whether an expression names a temporary or cell, or a part of one, and so has an address."""
     while isinstance(e, (core.Field, core.Element)):
         e = e.target
     return isinstance(e, (core.Var, core.Get, core.Const))
 
 
 def has_address(e: core.Expr) -> bool:
-    """Whether it is one such thing, or one of several."""
+    """Whether `e` is a place, or a choice between places."""
     if isinstance(e, core.Select):
         return has_address(e.then) and has_address(e.otherwise)
     return is_place(e)
 
 
 def is_still_here(e: core.Expr, leave: str) -> bool:
-    """Whether a condition says that the function has not returned: where it is read, it is true."""
+    """Whether `e` is `!leave`, not yet returned: C returns at once, so there it always holds."""
     if not isinstance(e, core.Unary) or e.op != "not":
         return False
     return isinstance(e.operand, core.Var) and e.operand.name == leave
@@ -119,13 +119,13 @@ class _Planner:
         self.task = task
         self.types: dict[str, Type] = dict(task.kept)
         self.declared: dict[str, tuple[int, int]] = {}
-        """Of each temporary its depth, and its number in the order of the text."""
+        """Temporary -> nesting depth of its block, and its number in the order of the text."""
         self.outputs = {output_name(k): t for k, t in task.outputs}
         self.kept = {name for name, _ in task.kept}
         self.fixed = {RESULT, *self.outputs, *self.kept}
         self.candidates: dict[str, frozenset[str]] = {}
         self.same: dict[str, str] = {}
-        """Of a reference to all of another temporary, that one."""
+        """Reference to all of another temporary -> that temporary."""
         fixed = written_names(task.code)
         self._declare(task.code, 0, fixed)
         self.types.update(self.outputs)
@@ -151,7 +151,7 @@ class _Planner:
                 self._declare(s.body, depth + 1, changed)
 
     def run(self) -> StoragePlan:
-        """Refer to as much as can be, then share as much as can be."""
+        """Makes as many temporaries references as possible, then shares as many places."""
         references = dict(self.candidates)
         while True:
             same = {n: o for n, o in self.same.items() if n in references}
@@ -172,7 +172,7 @@ class _Planner:
         )
 
     def _share(self, walker: _Walker) -> dict[str, tuple[str, Path]]:
-        """Whole places first; then parts of what is made of them."""
+        """Joins copies that can share a whole place, then values with a field made of them."""
         groups: dict[str, dict[str, Path]] = {n: {n: ()} for n in self.types}
         for a, b in walker.copies:
             if self.types[a] == self.types[b]:
@@ -195,7 +195,7 @@ class _Planner:
         into: tuple[str, Path],
         name: str,
     ) -> None:
-        """Let a group have its place in another, if nothing keeps them apart."""
+        """Puts `name`'s group at the place `into` of another group, unless they interfere."""
         outer, inner = groups[into[0]], groups[name]
         path = (*outer[into[0]], *into[1])
         if outer is inner or any((x, y) in walker.apart for x in outer for y in inner):
@@ -204,7 +204,7 @@ class _Planner:
             if inner[name] or self.fixed & inner.keys():
                 return
             if self._rank(self._home(outer)) > self._rank(self._home(inner)):
-                return  # what is a part of another is declared inside its scope
+                return  # a part must be declared inside the scope of its whole
         elif path:
             return
         both = {**outer, **{x: (*path, *p) for x, p in inner.items()}}
@@ -215,7 +215,7 @@ class _Planner:
         return min((n for n, p in group.items() if not p), key=self._rank)
 
     def _rank(self, name: str) -> tuple[int, int, int]:
-        """The result's place first, then locals of the step, then outputs, then the outermost."""
+        """Who gives the place first: the result, locals of the step, outputs, the outermost."""
         if name == RESULT:
             return 0, 0, 0
         if name in self.kept:
@@ -224,7 +224,7 @@ class _Planner:
 
 
 def _bases(e: core.Expr) -> Iterator[str]:
-    """The temporaries that a thing with an address is, or is a part of."""
+    """Yields the temporaries that an expression with an address is, or is a part of."""
     if isinstance(e, core.Select):
         yield from _bases(e.then)
         yield from _bases(e.otherwise)
@@ -236,15 +236,15 @@ def _bases(e: core.Expr) -> Iterator[str]:
 
 
 def _through(references: Mapping[str, frozenset[str]]) -> dict[str, frozenset[str]]:
-    """Of each reference everything that it may point into, through other references."""
+    """For each reference, all temporaries that it may point into, directly or through others."""
     known: dict[str, frozenset[str]] = {}
-    for name, bases in references.items():  # those that are referred to come first
+    for name, bases in references.items():  # a reference stands behind those that it refers to
         known[name] = frozenset({x for b in bases for x in (b, *known.get(b, ()))})
     return known
 
 
 class _Walker:
-    """One walk, from the end to the beginning."""
+    """Walks a body once, from its end to its beginning, and notes what interferes."""
 
     def __init__(
         self,
@@ -259,15 +259,15 @@ class _Walker:
         self.same = same
         self.idle: set[int] = set()
         self.changed: set[str] = set()
-        """References to something that is written while they are needed."""
+        """References that must become copies: their target is written while they are needed."""
         self.copies: list[tuple[str, str]] = []
         self.parts: list[tuple[str, int, str]] = []
-        """Which field of what is made of what."""
+        """(record, number of its field, temporary that the field is made of)."""
         self.apart: set[tuple[str, str]] = set()
         self._at_exit: set[str] = set()
         self._order: dict[int, int] = {}
         self._said: dict[str, int] = {}
-        """Of each output the number of the first statement that publishes it, or of its loop."""
+        """Output -> number of the first statement that publishes it, or of the loop around it."""
         self._number(task.code, None)
 
     def _number(self, block: tuple[core.Stmt, ...], loop: int | None) -> None:
@@ -282,7 +282,7 @@ class _Walker:
                 self._number(s.body, at if loop is None else loop)
 
     def run(self) -> None:
-        """Fills what is found."""
+        """Walks the body and fills `idle`, `changed`, `copies`, `parts` and `apart`."""
         task = self.task
         live = {output_name(k) for k, _ in task.outputs} | {n for n, _ in task.kept}
         live |= self.tracked & {*task.read_later}
@@ -307,7 +307,7 @@ class _Walker:
     # ------------------------------------------------------------ statements
 
     def _block(self, block: tuple[core.Stmt, ...], live: set[str]) -> set[str]:
-        """What is needed before a block, from what is needed after it."""
+        """The names needed before a block, from those needed after it (`live`)."""
         for s in reversed(block):
             live = self._statement(s, live)
         return live
@@ -325,7 +325,7 @@ class _Walker:
         if isinstance(s, core.Loop):
             return self._loop(s, live)
         at = self._order[id(s)]
-        live = {x for x in live if self._said.get(x, -1) <= at}  # of the others nobody reads
+        live = {x for x in live if self._said.get(x, -1) <= at}  # others are not published yet
         if isinstance(s, core.Let):
             return self._full(s, s.name, s.value, live)
         if isinstance(s, core.Call):
@@ -358,7 +358,7 @@ class _Walker:
     def _loop(self, s: core.Loop, live: set[str]) -> set[str]:
         idle, changed = set(self.idle), set(self.changed)
         around = set(live)
-        while True:  # what is idle in one round may be needed in the next
+        while True:  # a store that is idle in one round may be needed in the next
             self.idle = set(idle)
             before = self._block(s.body, around)
             if before <= around:
@@ -368,7 +368,7 @@ class _Walker:
         return around
 
     def _full(self, s: core.Stmt | None, name: str, value: core.Expr, live: set[str]) -> set[str]:
-        """A new value for all of a place; of a small one, what is read for it."""
+        """Handles a new value for a whole place; for a small one only its reads count."""
         reads = self._reads(value)
         if name not in self.tracked:
             return live | reads
@@ -382,7 +382,7 @@ class _Walker:
     def _part(
         self, name: str, value: core.Expr | None, live: set[str], reads: set[str]
     ) -> set[str]:
-        """A new value for a part of a place: the rest of it is still needed."""
+        """Handles a new value for a part of a place, the rest of which is still needed."""
         if name not in self.tracked:
             return live | reads
         self._write(name, value, live, reads - {name}, whole=False)
@@ -397,7 +397,7 @@ class _Walker:
         *,
         whole: bool = True,
     ) -> None:
-        """A place is written: from one thing with an address at once, else in pieces."""
+        """Notes what a write interferes with; only a value with an address is copied at once."""
         at_once = value is not None and has_address(value)
         needed = live if at_once else live | reads
         self.changed |= {r for r in needed if name in self.behind.get(r, ())}
@@ -418,7 +418,7 @@ class _Walker:
         self.apart |= {(name, x) for x in needed - equal}
 
     def _whole(self, e: core.Expr) -> str | None:
-        """The place that an expression is all of."""
+        """The name of the tracked place that `e` is the whole of, if there is one."""
         if not isinstance(e, core.Var):
             return None
         name = e.name

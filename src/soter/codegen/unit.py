@@ -1,6 +1,6 @@
-"""One generated program: a header and a source file.
+"""Assembles one generated program: a header and a source file.
 
-Purpose: the state struct, the tables of topics, components and modules, and every function, in
+Purpose: puts the state struct, the tables of topics, components and modules, and every function in
 the order in which a person would read them.
 Non-goals: build files and drivers (`targets/`), compiling (`native/`).
 """
@@ -89,13 +89,13 @@ class Unit:
     names: dict[int, str]
     """Component -> what its C names begin with (`cart_c`: `cart_c_step`, `cart_c_out`)."""
     topics: tuple[tuple[str, str], ...] = ()
-    """Of each topic its C type and its member in `topics` of the state."""
+    """Topic index -> its C type, and its member in `topics` of the state."""
     branches: tuple[StepBranch, ...] = ()
-    """What the numbers of `soter_branch` mean, where they were asked for."""
+    """The branches that the numbers of `soter_branch` stand for; empty without `branches`."""
 
 
 def own_names(system: System) -> tuple[str, ...]:
-    """What every generated file declares, whatever the program calls its own things."""
+    """Names, without prefix, that generated files declare whatever names the program uses."""
     properties = [f"property_{p.index}" for p in system.properties]
     inputs = [f"input_{i}" for i in range(len(system.inputs))]
     pushed = [f"pushed_{t.index}" for t in system.topics if t.queues]
@@ -111,10 +111,10 @@ def generate(
     branches: bool = False,
     apart: frozenset[int] = frozenset(),
 ) -> Unit:
-    """The C of a system. With `branches` its nodes tell which of their branches they take.
+    """Generates the C of a system; with `branches` its nodes report which branches they take.
 
-    `apart`: extern nodes that a driver answers from outside the process: none of their C is
-    linked, and what they answer is believed in nothing, lengths included.
+    `apart`: indices of extern nodes in another process: their C is not linked, and all of their
+    answers is checked, lengths included. SoterError X009 for names of C functions that clash.
     """
     builder = UnitBuilder(system, core or lower(system), prefix)
     builder.frame.apart = apart
@@ -144,7 +144,7 @@ class UnitBuilder:
         self.body = Body(
             self.types,
             self.functions,
-            lambda cell: self.frame.cell(cell),  # noqa: PLW0108 - it comes next
+            lambda cell: self.frame.cell(cell),  # noqa: PLW0108 - `frame` is made just below
         )
         self.frame = Frame(system, self.types, self.body, self.prefix, self.groups)
         self.inputs = InputEmitter(system, self.frame)
@@ -152,7 +152,7 @@ class UnitBuilder:
         self.c_sources: list[str] = []
 
     def run(self) -> Unit:
-        """The header, the source and what a driver must know."""
+        """Generates the header, the source and what a driver must know."""
         for topic in self.system.topics:
             self.types.stored(topic.type)  # declared names first: equal records share a struct
         functions = self._functions()
@@ -220,7 +220,7 @@ class UnitBuilder:
         )
 
     def _require_names(self, items: tuple[c.CTop, ...]) -> None:
-        """SoterError X009 for a linked function that is called as something else is already."""
+        """Raises SoterError X009 if a linked function's name is reserved or already taken."""
         own = {
             name
             for x in items
@@ -263,12 +263,12 @@ class UnitBuilder:
         )
 
     def more(self) -> list[c.CTop]:
-        """What a kind of program has besides (`explore/model/explorer_model.py`)."""
+        """C that a kind of program adds at the end (`explore/model/explorer_model.py`)."""
         return []
 
     @staticmethod
     def names_of_more(_system: System) -> tuple[str, ...]:
-        """What `more` calls its own, behind the prefix: nothing of the program is called so."""
+        """Names, without prefix, of what `more` declares: the program's own must differ."""
         return ()
 
     # ------------------------------------------------------------ functions and steps
@@ -282,7 +282,7 @@ class UnitBuilder:
         return found + [made for f in self.core.functions for made in self.function(f)]
 
     def function(self, f: Function) -> list[c.CTop]:
-        """The C of a function; programs of a kind may add to it (`campaign/compiled_unit.py`)."""
+        """The C of a function; subclasses may change it (`campaign/compiled_unit.py`)."""
         return [self._function(f)]
 
     def _function(self, f: Function) -> c.FunctionDef:
@@ -306,9 +306,9 @@ class UnitBuilder:
     def _extern_function(
         self, f: Function, name: str, parameters: tuple[tuple[str, str], ...], result: str, doc: str
     ) -> c.FunctionDef:
-        """A linked C function; where it is bound to something else, calling it is a fault.
+        """Calls a linked C function; one that is bound to something else only raises a fault.
 
-        It takes and gives values, however large (docs/language.md).
+        It takes and returns values, however large (docs/language.md).
         """
         t = f.result_type
         large = self.types.is_large(t)
@@ -348,11 +348,11 @@ class UnitBuilder:
         return c.FunctionDef(result, name, parameters, body, doc, inline=True)
 
     def _gives(self, t: Type, value: c.CExpr) -> tuple[c.CStmt, ...]:
-        """What a function ends with that returns a value."""
+        """The last statements of a function that returns `value`."""
         return (c.Assign(MADE, value),) if self.types.is_large(t) else (c.Return(value),)
 
     def _given_topics(self) -> set[int]:
-        """Topics that something gives a value while the system runs."""
+        """Indices of the topics that get a value while the system runs."""
         topics = {o.topic for step in self.core.nodes.values() for o in step.outputs}
         topics |= {o.topic for step in self.core.plants.values() for o in step.outputs}
         return topics | set(self.open_topics)
@@ -394,7 +394,7 @@ class UnitBuilder:
             self.c_sources.append(x.binding.split(":")[1])
 
     def property(self, p: Property, predicate: Predicate) -> c.FunctionDef:
-        """Whether a property is violated."""
+        """The C function that says whether a property is violated."""
         return decisions.predicate(
             self.frame,
             predicate,

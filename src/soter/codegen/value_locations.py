@@ -1,8 +1,8 @@
-"""Where the values of a body lie in C, and how a large one gets there.
+"""Chooses where the values of a body lie in C, and emits how a large one gets there.
 
-Purpose: the place of every temporary, output and result by the body's plan; large arguments by
-address; values put into places, in pieces where that saves a place. Comparisons of stored values
-whose result a compiler would remark on get `soter_plain` around their operands.
+Purpose: `Places`, the base of `Body`, gives each temporary, output and result its place by the
+body's plan, passes large arguments by address, and writes values into places. Two functions find
+comparisons that compilers would warn of; `body.py` puts `soter_plain` around their operands.
 Non-goals: the plan (`storage_plan.py`), what expressions and statements are (`codegen/body.py`).
 """
 
@@ -33,10 +33,10 @@ STORED = (core.Get, core.Field, core.Element, core.Fact)
 
 
 def is_foregone(op: str, value: core.Expr, other: core.Expr) -> bool:
-    """Whether a compiler could tell the result of an int comparison, and would remark on it.
+    """Whether a compiler could tell the result of an int comparison, and would warn of it.
 
-    That is a stored value against a constant at or beyond the limits of its storage, or constants
-    chosen by a condition that it knows.
+    So it is for a stored value against a constant at or beyond the limits of its storage, and
+    perhaps for a choice between constants.
     """
     if isinstance(value, core.Select):
         return True
@@ -52,9 +52,9 @@ def is_foregone(op: str, value: core.Expr, other: core.Expr) -> bool:
 
 
 def compared_twice(condition: core.Expr) -> list[core.Expr]:
-    """Stored values that parts of a condition compare with several constants for equality.
+    """Stored values that parts of a condition compare with different constants by == or !=.
 
-    Where no value fits all of them a compiler knows the result.
+    A compiler knows the result where no value equals all of the constants, and warns.
     """
     comparisons: list[tuple[core.Expr, object]] = []
     for part in _equalities(condition):
@@ -66,7 +66,7 @@ def compared_twice(condition: core.Expr) -> list[core.Expr]:
 
 
 def _equalities(condition: core.Expr) -> Iterator[core.Binary]:
-    """The parts of a condition that are `==` or `!=`, the last one first."""
+    """Yields the parts of a condition that are `==` or `!=`, the last one first."""
     parts = [condition]
     while parts:
         part = parts.pop()
@@ -79,11 +79,11 @@ def _equalities(condition: core.Expr) -> Iterator[core.Binary]:
 
 
 MADE = c.Unary("*", c.Name("made"))
-"""Where a function puts what it returns, if that is large: its caller says where that is."""
+"""Where a function puts a large result: its caller passes the address as `made`."""
 
 
 class Places:
-    """Places of one body after the other."""
+    """Emits where values lie, for one body after the other; `planned` begins one."""
 
     def __init__(self, types: TypeTable) -> None:
         self.types = types
@@ -91,13 +91,13 @@ class Places:
         """Names of the outputs of the step that is being emitted."""
         self.plan = StoragePlan()
         self.certain: frozenset[int] = frozenset()
-        """Outputs of the step that is being emitted which it always publishes."""
+        """Numbers of the outputs that the step being emitted always publishes."""
         self.in_place: frozenset[str] = frozenset()
-        """Locals of the step that it works on where they lie in the state."""
+        """Locals that the step being emitted changes where they lie in the state."""
         self._given = 0
 
     def expr(self, e: core.Expr) -> c.CExpr:
-        """A pure expression."""
+        """Translates a pure Core expression (`Body`)."""
         raise NotImplementedError
 
     def local(self, name: str) -> str:
@@ -111,7 +111,7 @@ class Places:
         certain: frozenset[int] = frozenset(),
         in_place: frozenset[str] = frozenset(),
     ) -> Iterator[None]:
-        """Emit a body whose large values lie where a plan of it says, and what it surely gives."""
+        """Plans `task` while its body is emitted; `certain`: outputs that are always published."""
         self.plan = StoragePlan() if task is None else plan_of(task)
         self.certain = certain
         self.in_place = in_place
@@ -124,7 +124,7 @@ class Places:
             self.in_place = frozenset()
 
     def used(self, root: object) -> set[str]:
-        """Names of temporaries that are read somewhere below, but for values that nobody reads."""
+        """Names of temporaries that code below `root` reads, without what idle stores read."""
         read_counts = Counter(x.name for x in walk(root) if isinstance(x, core.Var))
         for s in walk(root):
             if id(s) in self.plan.idle:
@@ -132,7 +132,7 @@ class Places:
         return {name for name, times in read_counts.items() if times > 0}
 
     def refers(self, name: str) -> bool:
-        """Whether a temporary is a pointer to where its value lies."""
+        """Whether a temporary is a C pointer to where its value lies."""
         return name in self.plan.references or name in self.in_place
 
     def is_own(self, name: str) -> bool:
@@ -140,7 +140,7 @@ class Places:
         return self.plan.home(name) == name
 
     def place(self, name: str) -> c.CExpr:
-        """Where a temporary, an output or the result lies."""
+        """The C place where a temporary, an output or the result lies."""
         home, path = self.plan.homes.get(name, (name, ()))
         place = self._own(home)
         for part in path:
@@ -159,15 +159,15 @@ class Places:
     # ------------------------------------------------------------ locals in place
 
     def is_changed(self, name: str) -> c.Name:
-        """Whether a step has changed a local that it works on in place."""
+        """The C flag that says whether a step has changed a local in place."""
         return c.Name(f"given_{self.local(name)}_changed")
 
     def before(self, name: str) -> c.Name:
-        """What such a local was until then."""
+        """The C variable that has the value of such a local from before the change."""
         return c.Name(f"given_{self.local(name)}_before")
 
     def changing(self, s: core.Stmt, made: list[c.CStmt]) -> list[c.CStmt]:
-        """The C of a statement; in front of it what it changes in place is put aside, once."""
+        """Code `made` of `s`, after code that saves, the first time, a local changed in place."""
         name = getattr(s, "name", None)
         if isinstance(s, core.Publish):
             name = output_name(s.output)
@@ -190,13 +190,13 @@ class Places:
         return f"const {work} *" if self.types.is_large(t) else work
 
     def task(self, f: core.Function, result: core.Expr) -> PlannedBody:
-        """What is to be planned of a function."""
+        """The body of a function, as `plan_of` takes it."""
         large = self.types.is_large
         given = tuple(p.name for p in f.parameters if large(p.type))
         return PlannedBody(code=f.body, is_large=large, given=given, result=result, leave=f.leave)
 
     def arguments(self, arguments: tuple[core.Expr, ...]) -> tuple[list[c.CStmt], list[c.CExpr]]:
-        """What a function is given, and what goes before the call."""
+        """Statements that go before a call, and its C arguments."""
         before: list[c.CStmt] = []
         given: list[c.CExpr] = []
         for e in arguments:
@@ -206,7 +206,7 @@ class Places:
         return before, given
 
     def _argument(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
-        """What a function is given: of something large its address."""
+        """Statements before the call, and one C argument: the address of a large value."""
         if not self.types.is_large(e.type):
             return [], self.expr(e)
         if has_address(e):
@@ -217,10 +217,10 @@ class Places:
     # ------------------------------------------------------------ large values
 
     def into(self, target: c.CExpr, root: str, t: Type, e: core.Expr) -> list[c.CStmt]:
-        """Put a value where one of type `t` is stored: in `target`, a part or all of place `root`.
+        """Writes a value of type `t` to `target`, which is place `root` or a part of it.
 
-        In pieces, where it is made of large ones, so that no other place is needed for it; in one
-        where a piece may be read from what is written.
+        A large record, array or list is written piece by piece, so that it needs no second place,
+        unless a piece may be read from where it is written.
         """
         if isinstance(e, core.Select) and self.types.is_large(t):
             then = self.into(target, root, t, e.then)
@@ -269,11 +269,11 @@ class Places:
         return statements
 
     def _lies_in(self, e: core.Expr, target: c.CExpr) -> bool:
-        """Whether a value need not be put there, because it is there already."""
+        """Whether the value `e` already lies in `target`."""
         return isinstance(e, core.Var) and self.place(self.plan.whole(e.name)) == target
 
     def _is_read(self, target: c.CExpr, root: str, e: core.Make) -> bool:
-        """Whether a piece of a value that is put together in a place may be read from there."""
+        """Whether a piece of `e`, which is written to `target`, may be read from place `root`."""
         there: set[str] = set()
         others = list(e.elements)
         if isinstance(e.type, RecordType):
@@ -286,7 +286,7 @@ class Places:
         return any(self.plan.home(x) == self.plan.home(root) for x in reads)
 
     def _apart(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
-        """A value in a place that nothing else has."""
+        """Writes a value to a new place, and returns the statements and that place."""
         self._given += 1
         made = c.Name(f"given_{self._given}")
         declared = c.Declare(self.types.work(e.type), made.text, None)

@@ -63,7 +63,7 @@ class Const(Expr):
 
 @node()
 class Var(Expr):
-    """A temporary of the function, by its unique name."""
+    """The value of a temporary of the function, by its unique name."""
 
     name: str
 
@@ -249,7 +249,7 @@ class If(Stmt):
 
 @node()
 class Loop(Stmt):
-    """For `variable` = low, ..., high - 1."""
+    """A loop over `variable` = low, ..., high - 1."""
 
     variable: str
     low: int
@@ -261,7 +261,7 @@ class Loop(Stmt):
 class Publish(Stmt):
     """Remember a publication: output number `output` of the step.
 
-    With a `limit` after those that the step made before; faults where there are as many already.
+    With a `limit` it follows the earlier ones of the step; faults where there are `limit` already.
     """
 
     output: int
@@ -304,7 +304,7 @@ class Function(Shown):
 
 @dataclass(eq=False, repr=False)
 class LocalCopy(Shown):
-    """A state cell that a step works on as a temporary: loaded first, stored at the exit."""
+    """A state cell that a step uses as a temporary: loaded first, stored at the exit."""
 
     cell: Cell
     name: str
@@ -337,16 +337,16 @@ class Footprint(Shown):
 
 
 def output_name(output: int) -> str:
-    """What a step publishes as output number `output`, as a temporary."""
+    """The name of the temporary with what a step publishes as output number `output`."""
     return f"$out {output}"
 
 
 @dataclass(eq=False, repr=False)
 class ShieldStep(Shown):
-    """After the body: the temporary `name` is what becomes of the shield's topic `cell`.
+    """Run after the body: the temporary `name` gets the next value of the shield's topic `cell`.
 
-    The statements that compute it guard what AC publishes. `proposed`: the cell, temporary and type
-    of the topic of proposals; then these statements also move what AC publishes.
+    The statements that compute it fault if AC's commands are not permitted. `proposed`: the cell,
+    temporary and type of the topic of proposals; then the statements also move AC's commands.
     """
 
     body: tuple[Stmt, ...]
@@ -446,8 +446,8 @@ class CoreSystem(Shown):
     decisions: tuple[Decision, ...]
     properties: tuple[Predicate, ...]
     timed: tuple[Timed, ...] = ()
-    """Of a system that was flattened for a test: as `TestPlan.timed`."""
+    """The timed properties of a system that was flattened for a test, as in `TestPlan.timed`."""
     premises: tuple[Predicate | None, ...] = ()
-    """Of such a system, as `System.properties`: of those that are implications."""
+    """For such a system, by property: the premise of an implication, None of any other."""
     measures: tuple[Predicate, ...] = ()
-    """As `System.measures`; floats in the place of truth values."""
+    """One for each of `System.measures`, whose value is a float, no truth value."""

@@ -35,13 +35,13 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
     Output: TypeAlias = tuple[V, V, Type]
-    """Of a step so far: whether it is published, the last value, its type."""
+    """An output of a step so far: whether it is published, its last value, its type."""
     Join: TypeAlias = Callable[[V | None, V | None, Type], V]
     """One value of both sides of a branch; None for a side that has none."""
 
 
 _NOT_WALKED = frozenset({"type", "span", "value"})
-"""Fields that are no code, but where an expression stands in them."""
+"""Fields that are no code, unless an expression stands in them."""
 
 
 @cache
@@ -117,7 +117,7 @@ def always_published(code: tuple[core.Stmt, ...]) -> set[int]:
 
 
 def operations_of(functions: tuple[Function, ...]) -> dict[str, int]:
-    """Of each function by its name; those that are called come first."""
+    """The operations of each function, by name; called functions come before their callers."""
     known: dict[str, int] = {}
     for f in functions:
         known[f.name] = operations(f.body, known)
@@ -125,7 +125,7 @@ def operations_of(functions: tuple[Function, ...]) -> dict[str, int]:
 
 
 def operations(body: tuple[Stmt, ...], known: dict[str, int]) -> int:
-    """How many expressions a body evaluates at most, roughly; `known`: of functions by name."""
+    """About how many expressions a body evaluates at most; `known`: the same of functions."""
     count = 0
     for s in body:
         if isinstance(s, Loop):
@@ -138,12 +138,12 @@ def operations(body: tuple[Stmt, ...], known: dict[str, int]) -> int:
 
 
 STATEMENTS_MAX = 20_000
-"""Of one step or predicate, functions inlined and loops unrolled."""
+"""Statements of one step or predicate at most, functions inlined and loops unrolled."""
 YES, NO = core.Const(BOOL, True), core.Const(BOOL, False)
 
 
 class TooManyStatementsError(Exception):
-    """A step or predicate of more statements than are followed."""
+    """A step or predicate has more statements than `statements_max`."""
 
 
 @dataclass
@@ -155,7 +155,7 @@ class Frame(Generic[V]):
     outputs: dict[int, Output[V]] = field(default_factory=dict)
 
     def copy(self) -> Frame[V]:
-        """For one side of a branch."""
+        """A copy of the frame for one side of a branch."""
         return Frame(dict(self.variables), self.types, dict(self.outputs))
 
 
@@ -163,7 +163,7 @@ class Execution(ABC, Generic[V]):
     """One step or predicate, executed over a domain of values."""
 
     where: Any
-    """Where statements stand: under which condition they are reached, or in which block of C."""
+    """The place of statements, such as the condition under which they run, or their block of C."""
 
     def __init__(
         self, functions: Mapping[str, core.Function], statements_max: float = STATEMENTS_MAX
@@ -173,7 +173,7 @@ class Execution(ABC, Generic[V]):
         self.frame: Frame[V] = Frame()
 
     def bind(self, name: str, t: Type, value: V) -> None:
-        """A temporary."""
+        """Give a temporary its value."""
         self.frame.variables[name], self.frame.types[name] = value, t
 
     # ------------------------------------------------------------ statements
@@ -244,15 +244,15 @@ class Execution(ABC, Generic[V]):
         )
 
     def _branch_condition(self, condition: V) -> V:
-        """A condition, as both sides of a branch and what joins them have it."""
+        """The form of a condition that both sides of a branch and their join use."""
         return condition
 
     def _run_where(self, _: core.Expr, body: tuple[core.Stmt, ...], *, truth: bool) -> None:  # noqa: ARG002
-        """One side of a branch, where a condition has a truth."""
+        """Execute one side of a branch, on which the condition is `truth`."""
         self.run(body)
 
     def branch(self, condition: V, then: Callable[[], None], otherwise: Callable[[], None]) -> None:
-        """Both sides on copies of the frame, joined behind."""
+        """Execute both sides on copies of the frame, and join these afterwards."""
         before, where = self.frame, self.where
         ends, sides = [], []
         for truth, action in ((True, then), (False, otherwise)):
@@ -272,7 +272,7 @@ class Execution(ABC, Generic[V]):
     def _output(
         self, then: Output[V] | None, otherwise: Output[V] | None, join: Join[V]
     ) -> Output[V]:
-        """What one side has published, or both."""
+        """The output after a branch, from what one side or both have published."""
         one = then or otherwise
         assert one is not None
         value = join(then and then[1], otherwise and otherwise[1], one[2])
@@ -320,7 +320,7 @@ class Execution(ABC, Generic[V]):
 
     @abstractmethod
     def _join(self, condition: V, *where: Any) -> Join[V]:  # noqa: ANN401
-        """What joins the values of both sides, each with its `where`."""
+        """The function that joins the values of both sides, each with its `where`."""
 
     @abstractmethod
     def _checked(self, s: core.Checked, operands: list[V], limit: V | None) -> V: ...

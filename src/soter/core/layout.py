@@ -58,7 +58,7 @@ NEVER = -(2**62)
 
 FORMATS = {"<i8": "q", "<u8": "Q", "<u4": "I", "<u2": "H", "<u1": "B"}
 RESERVED = "reserved"
-"""Of a fixed struct: bytes that are zero at the end of every instant."""
+"""The member of a fixed struct whose bytes are zero at the end of every instant."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class Fixed:
 
     @cached_property
     def image(self) -> struct.Struct:
-        """How it is packed."""
+        """The Python struct that packs it."""
         parts = [self._format(*f) for f in self.fields]
         return struct.Struct("<" + "".join(parts))
 
@@ -79,7 +79,7 @@ class Fixed:
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """Its size in bytes."""
         return self.image.size
 
     def dtype(self) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
@@ -250,7 +250,7 @@ def align_of(t: Type) -> int:
 def placed_leaves(t: Type, offset: int = 0) -> Iterator[tuple[tuple[str, ...], Type, int]]:
     """Path, type and offset of each scalar of a value at `offset`, in declared order.
 
-    As `leaves` names them; none of a list, whose places are not always in use.
+    Paths are those of `leaves`; a list gives none, as its places are not always in use.
     """
     if isinstance(t, RecordType):
         at = {m.index: m.offset for m in struct_of(t).members}
@@ -322,7 +322,7 @@ def image_of_table(t: ArrayType | ListType, value: Table) -> bytes:
 
 
 def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - any buffer
-    """Read a value back from its image. ValueError for a list of a length that its type has not."""
+    """Read a value back from its image. ValueError for a list longer than its type permits."""
     s = scalar(t)
     if s is not None:
         value = struct.unpack_from("<" + s.format, buffer, offset)[0]

@@ -86,7 +86,7 @@ INT_OPS = {"+": "add", "-": "sub", "*": "mul", "/": "div", "%": "mod"}
 
 
 class Functions(Protocol):
-    """What expressions ask of the functions of their system."""
+    """The part of `FunctionTable` that expressions use."""
 
     by_name: dict[str, core.Function]
 
@@ -127,7 +127,7 @@ class ExpressionBuilder:
     # ------------------------------------------------------------ names and blocks
 
     def fresh(self, base: str) -> str:
-        """A name nobody uses yet."""
+        """A name that is not used yet."""
         name, n = base, 2
         while name in self._taken:
             name = f"{base}_{n}"
@@ -152,7 +152,7 @@ class ExpressionBuilder:
     def capture(
         self, action: Callable[[], core.Expr | None]
     ) -> tuple[tuple[core.Stmt, ...], core.Expr | None]:
-        """Run `action` and give what it emitted, and its expression."""
+        """Run `action`; return the statements that it emitted, and its expression."""
         self._blocks.append([])
         value = action()
         return tuple(self._blocks.pop()), value
@@ -203,7 +203,7 @@ class ExpressionBuilder:
         return core.Cell("topic", index, self.system.topics[index].name)
 
     def _topicread(self, e: typed.TopicRead) -> core.Expr:
-        """Its value; behind a step what that publishes, where it does."""
+        """The value of a topic; after a step's body, what the step publishes there, if it does."""
         old = core.Get(e.type, self.topic_cell(e.topic))
         new = self.published.get(e.topic)
         if new is None or new[0] is None:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def _with_rest(s: typed.TypedIf, rest: tuple[typed.TypedStmt, ...]) -> typed.TypedIf | None:
-    """An `if` with what follows it in the one arm that does not return; None where several do not.
+    """An `if` whose one arm that does not return gets `rest`; None where several do not return.
 
     None as well where that arm returns sometimes.
     """
@@ -281,8 +281,8 @@ class FunctionTable:
     ) -> core.Function:
         """The Core function of a source function where parameters have these values.
 
-        One for all places in which those that it reads are the same, and in which the same
-        operands that it compares are looked at.
+        All calls share it in which the parameters that it reads are the same, and the same
+        compared operands are checked for NaN.
         """
         looked_at = maybe_nan & operands_in(fun) if maybe_nan else maybe_nan
         plain = fun, *sorted((p.name, repr(params[p])) for p in self._reads_of(fun))

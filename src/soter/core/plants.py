@@ -96,7 +96,7 @@ class _Plant:
         )
 
     def _lets(self) -> None:
-        """All lets on the present states, but for those that chose; fresh temporaries each time."""
+        """All lets on the present states, except those that choose, in fresh temporaries."""
         for variable, value in self.plant.lets:
             if variable not in self.chosen:
                 self._let(variable, value)

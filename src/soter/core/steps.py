@@ -99,7 +99,7 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
 def _shield(
     builder: Builder, component: Component, outputs: tuple[core.Output, ...]
 ) -> core.ShieldStep | None:
-    """What the shield of its module makes of what a controller publishes."""
+    """The statements by which its module's shield judges what a controller publishes."""
     system = builder.system
     module = None if component.module is None else system.modules[component.module]
     shield = None if module is None else module.shield
@@ -143,7 +143,7 @@ def _copied(builder: Builder, topic: Topic, base: str, span: Span) -> tuple[core
 def _proposed(
     builder: Builder, component: Component, name: str, outputs: tuple[core.Output, ...]
 ) -> None:
-    """The numbers that a controller would publish are noted; what AC publishes is moved."""
+    """Note the numbers that a controller would publish as proposals; move what AC publishes."""
     assert component.module is not None
     system, span = builder.system, component.span
     module = system.modules[component.module]
@@ -171,7 +171,7 @@ def _proposed(
 def _move(
     builder: Builder, span: Span, where: tuple[int, Place], t: Type, value: core.Expr
 ) -> None:
-    """A number of an output that was published becomes another."""
+    """Replace a number of an output, if the step publishes it."""
     output, place = where
     path = tuple(p if isinstance(p, int) else core.Const(INT, p[0]) for p in place)
     move = core.Set(span, core.output_name(output), t, path, value)
@@ -179,7 +179,7 @@ def _move(
 
 
 def _read_as(builder: Builder, module: Module, topic: int, new: tuple[int | None, str]) -> None:
-    """Lets code of a module read a topic, by any of its names, as what the step publishes."""
+    """Let code of a module that reads a topic get what the step publishes there."""
     for symbol, index in module.scope.topics.items():
         if index == topic:
             builder.published[symbol] = new
@@ -190,7 +190,7 @@ Place = tuple["int | tuple[int]", ...]
 
 
 def _places(t: Type) -> Iterator[Place]:
-    """Of all numbers of a type without lists, in declared order."""
+    """The places of all numbers of a type without lists, in declared order."""
     if isinstance(t, RecordType):
         for k, (_, f) in enumerate(t.fields):
             yield from ((k, *rest) for rest in _places(f))
@@ -202,7 +202,7 @@ def _places(t: Type) -> Iterator[Place]:
 
 
 def _part(value: core.Expr, place: Place) -> core.Expr:
-    """What lies there."""
+    """The number at a place of a value."""
     for p in place:
         t = value.type
         if isinstance(p, int):
@@ -299,7 +299,7 @@ def lower_timed(functions: FunctionTable, system: System, timed: TimedProperty) 
 
 
 def lower_premise(functions: FunctionTable, system: System, p: Property) -> core.Predicate | None:
-    """Of an `always` that is an implication."""
+    """The premise of an `always` that is an implication, else None."""
     premise = premise_of(p.condition) if p.kind == "always" else None
     if premise is None:
         return None

@@ -53,12 +53,12 @@ def all_codes() -> list[str]:
 
 
 def all_words() -> list[str]:
-    """What no diagnostic is: subjects of verdicts (`ttf`, `start`, ...), and words of `rest`."""
+    """The pages that are of no code: subjects of verdicts (`ttf`, `start`), words of `rest`."""
     return sorted(_words().values())
 
 
 def named(code: str) -> str | None:
-    """A code or word as it is written, from any letter case; None where there is no page."""
+    """A code or word in its own letter case, from any other; None where it has no page."""
     folded = code.strip().casefold()
     return _by_folded().get(folded) or _words().get(folded)
 
@@ -70,7 +70,7 @@ def explain(code: str) -> str | None:
 
 
 def title(code: str) -> str | None:
-    """What stands behind `# CODE:` on the first line of the page."""
+    """The title of a code's page: what follows `# CODE:` on its first line."""
     page = explain(code)
     if page is None:
         return None

@@ -1,8 +1,8 @@
-"""Records of commands: options as fields that all readers ask, and results as JSON objects.
+"""Records of commands: each option described once, in its field, and results as JSON objects.
 
-Purpose: an option has its range, unit, words and flag in one place: a record is made of keywords,
-or every mistake is U001; and the method that takes them gets its signature and docstring. One list
-of fields makes a JSON document and its schema.
+Purpose: an `Option` has range, unit, words and flag in one place. `made` makes the record from
+keywords, or reports every mistake as U001; `takes` gives the method that accepts them its signature
+and docstring. A `JsonObject` makes from one list of fields a JSON document and its schema.
 Non-goals: which options there are (each room's record), command lines
 (`cli/terminal/command_line.py`), the schema, which `docs/site/json_schemas.py` reads off these
 lists.
@@ -31,12 +31,12 @@ Shape: TypeAlias = "JsonObject | dict[str, object] | tuple[JsonObject, dict[str,
 
 
 def one_of(*values: object) -> dict[str, object]:
-    """The schema of what is one of some values, where a type does not say so."""
+    """The schema of a field that is one of these values, where its type does not say so."""
     return {"enum": list(values)}
 
 
 class JsonObject:
-    """A record as an object."""
+    """How a record becomes a JSON object."""
 
     def __init__(
         self,
@@ -49,14 +49,14 @@ class JsonObject:
         shapes: Mapping[str, Shape] | None = None,
         **more: Shape,
     ) -> None:
-        """`record`: its class, or `room.file.Class` where that is heavy.
+        """`record`: its class, or `room.file.Class` where importing it is heavy.
 
-        `fields`: each `name`, or `name=path` where the record has it at another place (None on the
-        way is null; behind a list or tuple it is that of every entry); with `?` at the end what is
-        empty is null, with `*` pairs are an object, with `/s` ns are seconds. `made`: those that a
-        function of the record makes. `shapes`, `more`: the objects that values are, also in tuples
-        and mappings, or schemas, or both. `named`: its own schema. `beside`: what the command adds,
-        with types, or may add (`name?`). `also`: a record whose fields may be there, too.
+        `fields`: words, each `name` or `name=a.b` (the path to it in the record; None on the way
+        gives null, a list gives a list) and a mark: `?` empty becomes null, `*` pairs become an
+        object, `/s` ns become seconds. `made`: by name, functions of the record that give a field.
+        `shapes`, `more`: by name, the JsonObject of its values, also within lists and mappings, or
+        a schema, or both. `named`: the name of its schema. `beside`: fields that the command adds,
+        with types; `name?`: those it may add. `also`: a record whose fields may be there, too.
         """
         self.record, self.made, self.named = record, made or {}, named
         pairs = [text.partition("=") for text in fields.split()]
@@ -65,7 +65,7 @@ class JsonObject:
         self.also = also
 
     def of(self, record: object) -> dict[str, object]:
-        """The object."""
+        """The JSON object of one record."""
         values = {n: self.made.get(n, _at(path))(record) for n, path in self.paths.items()}
         return {name: _plain(value, self.shapes.get(name)) for name, value in values.items()}
 
@@ -90,7 +90,7 @@ def _part(record: object, name: str) -> object:
 
 
 def _lists(value: object) -> TypeGuard[Sequence[object]]:
-    """Whether it is a list of others; a named tuple is a record."""
+    """Whether it is a list or tuple of values; a named tuple is a record."""
     return isinstance(value, (list, tuple)) and not hasattr(value, "_fields")
 
 
@@ -120,8 +120,8 @@ _SIZE = re.compile(r"([0-9]{1,15}(?:\.[0-9]{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGN
 class Kind:
     """What values an option takes. `text`: how a command line reads one, a name or a function.
 
-    `allowed`: the range.
-    `in_python`: what its words say where no command line is, with the unit.
+    `allowed`: the range in words; `fits`: its test; `read`: what is made of a value that fits.
+    `in_python`: a pattern for the option's words in Python, where the unit has to be said.
     """
 
     text: str | Callable[[str], Any] = ""
@@ -133,17 +133,17 @@ class Kind:
 
 
 ANYTHING = Kind()
-"""Taken as it is: whoever uses it checks it."""
+"""Any value, unchecked: whoever uses it checks it."""
 SEVERAL, SWITCH = Kind("several"), Kind("switch")
 
 
 def read_by(function: Callable[[str], Any]) -> Kind:
-    """What a function makes of a text; ArgumentTypeError where it is none."""
+    """Values that a function makes of a text; it raises ArgumentTypeError where it cannot."""
     return Kind(function)
 
 
 def choice(*names: str) -> Kind:
-    """One of some names."""
+    """One of these names."""
     said = f"{', '.join(names[:-1])} or {names[-1]}"
     return Kind("", said, lambda given: given in names, names=names)
 
@@ -160,7 +160,7 @@ def whole(low: int, high: int, text: str = "whole", in_python: str = "{}") -> Ki
 
 
 def seconds(low: str, high: int, *, optional: bool = False) -> Kind:
-    """A length of time in seconds; `low`: in words, where 0 is one with what it means."""
+    """A time in seconds up to `high`; `low`: the lower end in words, "from 0 ..." to allow 0."""
 
     def fits(given: object) -> bool:
         if given is None or isinstance(given, bool) or not isinstance(given, (int, float)):
@@ -177,7 +177,7 @@ def size(low: int) -> Kind:
 
 
 def bytes_of(given: int | str) -> int | None:
-    """Bytes, from a number or a text such as `512M`; None where it is none."""
+    """Bytes, from a number or a text such as `512M`; None where it is neither."""
     if isinstance(given, int):
         return None if isinstance(given, bool) else given
     match = _SIZE.fullmatch(given.strip()) if isinstance(given, str) else None
@@ -186,13 +186,12 @@ def bytes_of(given: int | str) -> int | None:
 
 @dataclass(frozen=True)
 class Option:
-    """What is known of a field of a record.
+    """The description of one option, a field of a record.
 
-    `flags`: as a command line has them, with what stands for a value; none where it has none, and
-    no dashes where it is known by its place. Ellipsis as `given`: it has to be there.
-    `given`: the default as a caller writes it; `words` may quote it (`{default}`), and how a text
-    is written (`{text}`). `told`: its field in the JSON document of a result. `keyword`: whether
-    callers in Python have it, too.
+    `flags`: those of the command line and a name for the value; no dashes: it is positional; "":
+    not there. `given`: the default as a caller writes it, Ellipsis where a value is required.
+    `words`: its help, with `{default}` and `{text}`, how a text is written. `told`: its field in
+    the JSON document of a result. `keyword`: whether callers in Python have it, too.
     """
 
     flags: str
@@ -204,7 +203,7 @@ class Option:
 
     @property
     def dashed(self) -> bool:
-        """Whether a command line knows it by a flag, not by its place."""
+        """Whether a command line knows it by a flag, not by its position."""
         return self.flags.startswith("-")
 
     def help(self, text: str = "") -> str:
@@ -213,7 +212,7 @@ class Option:
 
     @property
     def meaning(self) -> str:
-        """The words for who gives the value itself: with its unit."""
+        """The words for callers in Python, with the unit of the value."""
         return self.kind.in_python.format(self.help())
 
 
@@ -233,13 +232,13 @@ def option(
 
 
 def options_of(record: type, *, keyword: bool = False) -> dict[str, Option]:
-    """The options of a record by name, in order, or the keywords of them."""
+    """The options of a record by name, in order; `keyword`: only those that Python has."""
     known = {f.name: f.metadata["option"] for f in fields(record) if f.metadata}
     return {name: o for name, o in known.items() if o.keyword or not keyword}
 
 
 def made(record: type[Record], given: Mapping[str, object]) -> Record:
-    """The record of keywords; `SoterError` U001 with all mistakes at once, TypeError as a call."""
+    """The record of keywords; SoterError U001 with all wrong values, TypeError for a wrong name."""
     options, problems = options_of(record, keyword=True), []
     for name, value in given.items():
         if name not in options:
@@ -254,16 +253,16 @@ def made(record: type[Record], given: Mapping[str, object]) -> Record:
 
 
 class takes:  # noqa: N801 - a decorator
-    """A method with `**options` of a record, `room.file.Class`, shows them: defaults, words.
+    """Gives a method with `**options` the signature and docstring of a record's options.
 
-    The record is imported when somebody asks for the method.
+    The record, `room.file.Class`, is imported when somebody asks for the method.
     """
 
     def __init__(self, record: str) -> None:
         self.record = record
 
     def __call__(self, method: Method) -> Method:
-        """The method, described when it is looked up."""
+        """Take the method; it is described when it is looked up."""
         self.method = method
         return cast("Method", self)
 

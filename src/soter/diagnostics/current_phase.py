@@ -1,10 +1,10 @@
-"""What is being done just now, for whoever waits for it.
+"""The phase of a long computation and its progress, for whoever waits for it.
 
 Purpose: `phase("P2b of Cart")` where something that takes long begins; a progress line shows it.
-`passing_phase`: what is done in between, after which the phase before it goes on; `within_phase`:
-what else is done in one. `share_done`: how far it is, for whom `telling` names; `between` says
-which part of a whole a block is. `announce`: a line about how long it will take, for whoever shows
-one. `lasting`: such a time in words.
+`passing_phase` is one phase in the middle of another; `within_phase` mutes the phases of a block.
+`share_done` tells the progress to the function that `telling` has set; `between` scales the shares
+of a block to its part of the whole. `announce` gives an estimate of the time to who shows one, and
+`lasting` puts it in words.
 Non-goals: runs, searches and campaigns, whose options name who is told.
 """
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Told = Callable[[float, str], None]
 
 MINUTES_FROM_S = 90.0
-"""Less is said in seconds."""
+"""Times from here on are said in minutes, shorter ones in seconds."""
 
 _listener: ContextVar[Callable[[str, bool], None] | None] = ContextVar("listener", default=None)
 _current: ContextVar[str] = ContextVar("current", default="")
@@ -30,11 +30,11 @@ _announcer: ContextVar[Callable[[str], None] | None] = ContextVar("announcer", d
 
 
 class CancelledError(Exception):
-    """Nobody wants the rest of what is done."""
+    """The computation is to stop here: nobody wants its result (`cancelled_when`)."""
 
 
 def phase(name: str, *, anew: bool = False) -> None:
-    """Say what begins; `anew`: shares that are told from here on begin at nothing."""
+    """Say what begins; `anew`: the shares told from here on start from 0 again."""
     listener = _listener.get()
     if listener is not None:
         _current.set(name)
@@ -43,7 +43,7 @@ def phase(name: str, *, anew: bool = False) -> None:
 
 @contextmanager
 def passing_phase(name: str) -> Iterator[None]:
-    """A phase as long as the block takes; the one before it goes on afterwards."""
+    """Make the block a phase of its own; the phase before it is said again afterwards."""
     before = _current.get()
     phase(name)
     try:
@@ -54,7 +54,7 @@ def passing_phase(name: str) -> Iterator[None]:
 
 @contextmanager
 def within_phase() -> Iterator[None]:
-    """Phases in this block are parts of the one that goes on, and not told."""
+    """Tell nobody the phases in this block: they are parts of the one that goes on."""
     before = _listener.set(None)
     try:
         yield
@@ -63,7 +63,7 @@ def within_phase() -> Iterator[None]:
 
 
 def share_done(share: float, stage: str = "") -> None:
-    """Say how far it is, 0 to 1: all of it, or only a stage of it. Whoever is told may raise."""
+    """Tell the progress, 0 to 1, of the whole or of one stage. Whoever is told may raise."""
     told = _told.get()
     if told is not None:
         told(share, stage)
@@ -71,7 +71,7 @@ def share_done(share: float, stage: str = "") -> None:
 
 @contextmanager
 def telling(told: Told | None) -> Iterator[None]:
-    """In this block, and thread, `told(share, stage)` is who is told, or nobody (None)."""
+    """Let `told(share, stage)` get the shares of this block, in this thread; None: nobody does."""
     before = _told.set(told)
     try:
         yield
@@ -80,16 +80,16 @@ def telling(told: Told | None) -> Iterator[None]:
 
 
 def telling_shares(progress: Callable[[float], None] | None) -> AbstractContextManager[None]:
-    """In this block `progress(share)` is told how far all of it is; None: who was told before."""
+    """Let `progress(share)` get the shares of the whole in this block; None changes nothing."""
     if progress is None:
         return nullcontext()
     return telling(lambda share, stage: None if stage else progress(share))
 
 
 def between(low: float, high: float, stages: Sequence[str] = ()) -> AbstractContextManager[None]:
-    """All of this block is that part, 0 to 1, of the block around it, and its share never falls.
+    """Pass the shares of this block on as [low, high] of the block around it, never falling.
 
-    `stages`: equal parts of it in their order; who is told of other stages is told by name.
+    `stages`: names of equal parts of this block, in order; shares of other stages go on unscaled.
     """
     told, furthest = _told.get(), 0.0
     if told is None:
@@ -108,7 +108,7 @@ def between(low: float, high: float, stages: Sequence[str] = ()) -> AbstractCont
 
 
 def cancelled_when(due: Callable[[], bool]) -> AbstractContextManager[None]:
-    """In this block who says how far it is gets a `CancelledError` from when on `due()` is true."""
+    """In this block `share_done` raises `CancelledError` once `due()` is true."""
     told = _told.get()
 
     def listener(share: float, stage: str) -> None:
@@ -121,14 +121,14 @@ def cancelled_when(due: Callable[[], bool]) -> AbstractContextManager[None]:
 
 
 def announce(text: Callable[[], str]) -> None:
-    """Say a line once; `text` is asked only where somebody listens, and "" is not said."""
+    """Say a line; `text` is called only where somebody listens, and "" is not said."""
     announcer = _announcer.get()
     if announcer is not None and (line := text()):
         announcer(line)
 
 
 def lasting(seconds: float, to_s: int = 1) -> str:
-    """A time that is estimated, in one style of units: `to_s` seconds are told apart."""
+    """An estimated time in words: whole minutes, or seconds in multiples of `to_s`."""
     minutes = seconds >= MINUTES_FROM_S
     return f"{seconds / 60:.0f} min" if minutes else f"{to_s * round(seconds / to_s)} s"
 
@@ -139,7 +139,7 @@ def listening_to_phases(
 ) -> Iterator[None]:
     """Let `listener(name, anew)` know of the phases of this block, in this thread.
 
-    `announcer(line)` is told what is announced.
+    `announcer(line)` gets the lines of `announce`.
     """
     before = _listener.set(listener), _announcer.set(announcer), _current.set("")
     try:

@@ -3,8 +3,8 @@
 Purpose: every room reports problems with these types, and nothing prints. `Source` turns character
 offsets into lines and columns for people; `Span` is the one immutable type for positions, which
 tokens, trees, Core and diagnostics share. A `Fix` says what to write where, for an editor to offer
-and a test to try. What the system says of a file or process that cannot be had is put into words
-once.
+and a test to try. `reason` puts the system's refusal of a file or process into words, for all who
+report one.
 Non-goals: reading files (`language/load/loader.py`), rendering (`render.py`), the texts of the
 explain pages (`pages/`); which fix a problem has, and which file it was, whoever reports it says.
 """
@@ -156,22 +156,22 @@ def whole_lines(span: Span) -> Span:
 
 
 def exchange(one: Span, other: Span, title: str) -> Fix:
-    """Each in the place of the other."""
+    """Exchange the texts of two spans."""
     return Fix(title, (Edit(one, other.text), Edit(other, one.text)))
 
 
 def the_other_way(low: Span, high: Span) -> Fix:
-    """The bounds of an interval, exchanged."""
+    """Exchange the bounds of an interval, which stand the wrong way round."""
     return exchange(low, high, f"write `[{high.text}, {low.text}]`")
 
 
 def texts(helps: Iterable[Help]) -> tuple[str, ...]:
-    """The lines to be shown."""
+    """The help lines as texts: an edit is shown as its title."""
     return tuple(h.title if isinstance(h, Fix) else h for h in helps)
 
 
 def fixes(helps: Iterable[Help]) -> tuple[Fix, ...]:
-    """Those of them that are edits."""
+    """The edits among the help lines."""
     return tuple(h for h in helps if isinstance(h, Fix))
 
 
@@ -198,9 +198,9 @@ def _edited(text: str, edits: list[Edit]) -> str:
 
 
 KEPT_MAX = 500
-"""So many problems are kept; a file with more has one cause for most of them."""
+"""How many problems are kept; most of a file with more have one cause."""
 NAMES_COMPARED = 30_000
-"""So many names are compared for suggestions in all: beyond a few mistakes nobody reads them."""
+"""How many names are compared for all suggestions: nobody reads them beyond a few mistakes."""
 
 
 class Severity(Enum):
@@ -223,8 +223,8 @@ class Diagnostic:
     """One problem: `message` is lower case, names in backticks, no full stop.
 
     `primary` is where the problem stands, None for problems of no file (a missing file, a
-    command-line value). `note` lines explain; only `help` lines suggest. Those of them that are
-    edits are in `fixes`, too: the title of a fix is its help line.
+    command-line value). `notes` explain; only `helps` suggest. A help that is an edit is in
+    `fixes`, too, and its title in `helps`.
     """
 
     code: Code
@@ -254,7 +254,7 @@ def made(
 class Diagnostics:
     """A growing list of diagnostics, in the order they were found, without repetitions.
 
-    `tell` is called with what is being done, where that may take seconds.
+    `tell` is called with the step that begins, where steps may take seconds.
     """
 
     def __init__(self, tell: Callable[[str], None] | None = None) -> None:
@@ -265,7 +265,7 @@ class Diagnostics:
         self._names_left = NAMES_COMPARED
 
     def add(self, diagnostic: Diagnostic) -> None:
-        """Keep `diagnostic` unless the same code was already reported at the same place."""
+        """Keep `diagnostic` unless one of its code, place and message is there already."""
         span = diagnostic.primary.span if diagnostic.primary else None
         key = (
             diagnostic.code,
@@ -288,7 +288,7 @@ class Diagnostics:
 
     @contextmanager
     def trial(self) -> Iterator[Callable[[], bool]]:
-        """What is said inside is forgotten; the function tells whether there was an error."""
+        """Forget what the block reports; afterwards the function says if it had no error."""
         items, seen, errors, names = (
             len(self._items),
             set(self._seen),
@@ -304,7 +304,7 @@ class Diagnostics:
             self._seen, self._errors, self._names_left = seen, errors, names
 
     def may_look_at(self, names: int) -> bool:
-        """Whether a help that looks at so many names more will be read; they are counted."""
+        """Count so many more names to compare; whether that is still worth it, for a help."""
         self._names_left -= names
         return self._names_left >= 0 and len(self._items) <= KEPT_MAX
 
@@ -400,7 +400,7 @@ class SoterError(Exception):
     """A user's mistake found by any room; carries diagnostics, never shown as a traceback."""
 
     def __init__(self, diagnostics: tuple[Diagnostic, ...] | SoterError) -> None:
-        """`diagnostics`: or those of another one, as whoever raises it again may give it."""
+        """`diagnostics`, or another `SoterError` whose diagnostics this one takes over."""
         self.diagnostics: tuple[Diagnostic, ...] = (
             diagnostics.diagnostics  # gymnasium.vector: `raise type(error)(error)`
             if isinstance(diagnostics, SoterError)
@@ -408,26 +408,26 @@ class SoterError(Exception):
         )
         super().__init__("; ".join(f"[{d.code}] {d.message}" for d in self.diagnostics))
         self.__notes__ = [f"help: {h}" for d in self.diagnostics for h in d.helps]
-        """What a traceback says."""
+        """Lines that Python adds to a traceback."""
 
     def __reduce__(self) -> tuple[type[SoterError], tuple[tuple[Diagnostic, ...]]]:
-        """Crosses from process to process: `args` hold the text, not what it is made of."""
+        """Pickle the diagnostics, since `args` hold their text alone."""
         return type(self), (self.diagnostics,)
 
 
 def mistake(code: Code, message: str, *helps: str, notes: tuple[str, ...] = ()) -> SoterError:
-    """An error of one diagnostic that stands in no program; of `helps` those that say something."""
+    """An error of one diagnostic that stands in no program; empty `helps` are left out."""
     return SoterError((Diagnostic(code, message, notes=notes, helps=tuple(filter(None, helps))),))
 
 
 def reason(error: OSError) -> str:
-    """Say why the system refused, in lower case, without the number and the path."""
+    """Why the system refused, in lower case, without error number and path."""
     text = error.strerror or str(error)
     return text[:1].lower() + text[1:]
 
 
 def utf8_text(name: str) -> str:
-    r"""A name of the system as UTF-8 can say it: bytes that are none as `\xe9`."""
+    r"""A file name of the system as UTF-8 text: bytes that are none as `\xe9`."""
     if name.isascii():
         return name
     return "".join(c if not "\ud800" <= c <= "\udfff" else f"\\x{ord(c) & 0xFF:02x}" for c in name)

@@ -1,10 +1,10 @@
-"""Diagnostics as text for a terminal, as data for `--json`, and where nobody catches them.
+"""Diagnostics as text for a terminal, as data for `--json`, and in tracebacks.
 
 Purpose: show where a problem stands and what is to be said about it, in the manner of rustc: a
 header, the source lines in order with carets under the primary span and dashes under the others,
-then notes and helps. Whatever the source contains, the output is printable, aligned and short. A
-script or a notebook that ends by `SoterError` prints its own lines and the diagnostics, not ours;
-`SOTER_TRACEBACK=1` shows everything.
+then notes and helps. Whatever the source contains, the output is printable, aligned and short.
+The traceback of a script or notebook that ends by `SoterError` has the user's own lines and the
+diagnostics, not lines of Soter; `SOTER_TRACEBACK=1` shows everything.
 Non-goals: deciding where it is written, and whether in colour; other exceptions.
 """
 
@@ -309,7 +309,7 @@ HERE = str(Path(__file__).resolve().parents[1])
 
 
 def traceback_lines(error: SoterError) -> list[str]:
-    """Where it was called, outside of soter, then the diagnostics."""
+    """The lines of the call outside of Soter, then the diagnostics."""
     frames = [
         f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith(HERE)
     ]

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 NAME_MAX = 60
-"""Nobody mistypes a longer name in one letter."""
+"""Longer names are not compared: nobody mistypes one in one letter."""
 CANDIDATES_MAX = 30_000
-"""So many names are looked at: of more, nobody expects to be told one."""
+"""How many names are compared at most; of more, nobody expects a suggestion."""
 
 
 def closest(name: str, candidates: Iterable[str], cutoff: float = 0.6, count: int = 1) -> list[str]:

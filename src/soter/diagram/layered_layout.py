@@ -1,10 +1,10 @@
-"""Where everything stands: in layers, top to bottom, arrows downwards where they can be.
+"""The places of a diagram's boxes: in layers from top to bottom, arrows downwards if possible.
 
-Purpose: a layered drawing after Sugiyama, small and repeatable: arrows that would close a circle
-are turned round (Eades, Lin and Smyth), layers by longest path and drawn together, crossings
-reduced by sweeps of medians, and x by isotonic regression: what the neighbours of a box wish is met
-as well as the order and the widths allow (pool adjacent violators, exact for one layer).
-Non-goals: shapes, text (`svg.py`). Arrows with one source share the way as far as they can.
+Purpose: a layered drawing after Sugiyama, small and repeatable. Arrows that would close a circle
+are turned round (Eades, Lin and Smyth); layers follow the longest path and are then drawn together;
+sweeps order each layer by the mean place of its neighbours; x comes from isotonic regression (pool
+adjacent violators, exact for one layer). Arrows with one source share their path where they can.
+Non-goals: shapes, text (`svg.py`).
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 GAP_PX = 22.0
-"""Between two boxes of a layer."""
+"""The gap between two boxes of a layer."""
 BEND_PX = 12.0
-"""The room that an arrow takes where it passes a layer."""
+"""The width that an arrow takes where it passes a layer."""
 UPWARDS_PX = 14.0
-"""From where downward arrows meet a box to where upward ones do."""
+"""The distance on a box between the places of downward and of upward arrows."""
 SWEEPS = 24
 SHIFTS = 30
 STRAIGHT = 6.0
-"""How much more a straight way counts than a box right below another."""
+"""How much more a straight arrow counts than a box right below another."""
 
 
 @dataclass(eq=False)
@@ -44,7 +44,7 @@ class Spot:
 class Piece:
     """A line from the lower edge of one spot to the upper edge of one in the next layer.
 
-    `up`: the arrow flows upwards. `ends`: whether its head is here. The x are from the left edges.
+    `up`: the arrow leads upwards. `ends`: whether its head is here. Each x is from its spot's left.
     """
 
     above: Spot
@@ -152,7 +152,7 @@ def _layers(
 def _neighbours(
     count: int, links: Sequence[Link], order: Sequence[int]
 ) -> tuple[list[list[int]], list[list[int]]]:
-    """Of each box those before and those behind it in the sequence that an arrow joins it with."""
+    """For each box, those joined to it by an arrow, before it and after it in the sequence."""
     above: list[list[int]] = [[] for _ in range(count)]
     below: list[list[int]] = [[] for _ in range(count)]
     ends = {(k.source, k.target) for k in links}
@@ -183,7 +183,7 @@ def _connect(layout: GraphLayout, spots: Sequence[Spot], links: Sequence[Link]) 
 
 
 def _beside(spot: Spot, x: float, *, up: bool) -> float:
-    """Where on a box an arrow meets it: upward ones beside the others, whose heads end there."""
+    """The x on a spot where an arrow meets it: upward ones beside the downward ones."""
     return min(x + UPWARDS_PX, spot.width - BEND_PX / 2) if up else x
 
 
@@ -233,7 +233,7 @@ def _places(layer: Sequence[Spot]) -> dict[Spot, float]:
 
 
 def _share(spot: Spot, x: float) -> float:
-    """Where on a spot a line meets it, 0 to less than 1."""
+    """The place on a spot where a line meets it, as a share of its width: 0 to less than 1."""
     return 0.98 * x / max(spot.width, 1e-9)
 
 
@@ -287,7 +287,7 @@ def _between(layout: GraphLayout, n: int) -> int:
 
 
 def _shift(layout: GraphLayout) -> None:
-    """Give every spot its x: as its neighbours wish, as well as the widths allow."""
+    """Give every spot its x, as near to where its neighbours want it as the widths allow."""
     for layer in layout.layers:
         x = 0.0
         for spot in layer:
@@ -309,7 +309,7 @@ def _shift(layout: GraphLayout) -> None:
 
 
 def _wish(spot: Spot, joined: Sequence[tuple[float, Spot, float]]) -> tuple[float, float]:
-    """Where a spot would stand by itself, and how much that counts."""
+    """The x that a spot's neighbours want for it, and its weight."""
     total = weight = 0.0
     for own_x, other, other_x in joined:
         w = STRAIGHT if spot.box is None and other.box is None else 1.0
@@ -319,7 +319,7 @@ def _wish(spot: Spot, joined: Sequence[tuple[float, Spot, float]]) -> tuple[floa
 
 
 def _isotonic(layer: Sequence[Spot], wishes: Sequence[tuple[float, float]]) -> list[float]:
-    """The x next to the wishes, by weight, that keep the order and the gaps (least squares)."""
+    """The x nearest to the wanted ones, in weighted least squares, with the order and the gaps."""
     starts = [0.0]
     for spot, other in pairwise(layer):
         gap = GAP_PX if spot.box is not None and other.box is not None else BEND_PX

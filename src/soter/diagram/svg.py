@@ -1,8 +1,8 @@
 """The diagram of a system as SVG: one file that needs nothing else, in light and dark.
 
 Purpose: `picture` gives in one call what `soter show`, reports, the docs and editors show: sizes of
-boxes from their texts, the layout, and lines, arrow heads, legend and style. Everything that a page
-may want to light up has `data-component`, `data-module` or `data-topics`.
+boxes from their texts, the layout, and lines, arrow heads, legend and style. Elements that a page
+may light up have `data-component`, `data-module` or `data-topics`.
 Non-goals: what stands where (`layered_layout.py`), what there is (`system_graph.py`). Lengths are
 pixels.
 """
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 LINE_PX, CAPTION_PX, PAD_X, PAD_Y = 17.0, 14.0, 11.0, 7.0
 FRAME_PAD, TITLE_PX, INSIDE_GAP = 10.0, 20.0, 10.0
 BETWEEN_PX = 44.0
-"""From layer to layer."""
+"""The distance between layers."""
 MARGIN_PX = 14.0
 LEGEND_WIDTH_PX = 400.0
-"""At least; a phone is about as wide."""
+"""The least width of the legend, about that of a phone."""
 MONO_PX = 6.7
-"""A letter of a value."""
+"""The width of a letter of a value, which is monospaced."""
 NARROW, WIDE = set("iljtfrI.,:;'|()[] "), set("mwMW@")
 LEGEND = (
     ("plant", "plant"),
@@ -43,7 +43,7 @@ LEGEND = (
     ("input", "input from outside"),
 )
 UPWARDS = ("up", "leads upwards")
-"""Only where there is one."""
+"""The entry of the legend for upward arrows, where there are any."""
 STYLE = """
 .sd { --ink: #1a1f24; --muted: #5b646d; --paper: #fcfcfa; --panel: #ffffff;
   --rule: #9aa3ab; --line: #6d767e;
@@ -119,7 +119,7 @@ def draw(graph: DiagramGraph) -> str:
 
 
 def text_width(text: str, size: float = 13.0) -> float:
-    """About how wide a text is in a sans-serif letter of `size` px, rather more than less."""
+    """About the width of a text in sans-serif letters of `size` px, rather too large."""
     ems = sum(
         0.33 if c in NARROW else 0.92 if c in WIDE else 0.7 if c.isupper() else 0.6 for c in text
     )
@@ -140,7 +140,7 @@ def _size(part: Part) -> tuple[float, float]:
 
 
 def _anchors(part: Part, left: float = 0.0) -> dict[str, float]:
-    """Where arrows meet a part and what is inside it: x by key, from the left of the outermost."""
+    """By key, the x where arrows meet a part and each part inside, from the outermost's left."""
     width, _ = _size(part)
     x_by_key = {part.key: left + width / 2}
     if isinstance(part, ModuleFrame):
@@ -152,7 +152,7 @@ def _anchors(part: Part, left: float = 0.0) -> dict[str, float]:
 
 
 def _tops(layout: GraphLayout) -> list[float]:
-    """The upper edge of each layer, and of what comes below the last."""
+    """The upper edge of each layer, and of the space below the last."""
     tops = [0.0]
     for layer in layout.layers:
         high = max((spot.height for spot in layer), default=0.0)
@@ -222,7 +222,7 @@ def _small(kind: str, x: float, y: float, text: str, named: str = "") -> str:
 
 
 def _shape(kind: str, place: tuple[float, float, float, float]) -> str:
-    """Kinds differ in shape as well as in colour."""
+    """The outline of a box; kinds differ in shape as well as in colour."""
     x, y, width, height = place
     if kind == "dm":
         c = min(10.0, height / 3)
@@ -239,7 +239,7 @@ def _shape(kind: str, place: tuple[float, float, float, float]) -> str:
 
 
 def _legend(width: float, *, upwards: bool) -> tuple[str, float]:
-    """What shapes and colours mean, in rows of this width; and how high that is."""
+    """The legend of shapes and colours, in rows of this width, and its height."""
     parts, x, y = [], 0.0, 18.0
     for kind, text in (*LEGEND, *((UPWARDS,) if upwards else ())):
         wide = 34 + text_width(text, 11.0) + 16
@@ -255,7 +255,7 @@ def _legend(width: float, *, upwards: bool) -> tuple[str, float]:
 
 
 def _upward(x: float, y: float) -> str:
-    """An arrow as those that lead upwards are drawn."""
+    """The sample of an upward arrow in the legend."""
     return (
         f'<path class="wire up" d="M{x:.1f} {y + 8:.1f}V{y - 2:.1f}"/>'
         f'<path class="head up" d="M{x:.1f} {y - 9:.1f}L{x - 4:.1f} {y - 1.5:.1f}H{x + 4:.1f}Z"/>'
@@ -309,6 +309,6 @@ def _wire(p: Piece, tops: Sequence[float]) -> Iterator[str]:
 def picture(system: System, *, live: bool = False) -> str:
     """The SVG of a flat system: a whole file, in light and dark; the same system, the same text.
 
-    `live`: with empty rows, told by `data-value`, for what there is at a moment.
+    `live`: with empty rows, marked by `data-value`, for the values at one time.
     """
     return draw(graph_of(system, live=live))

@@ -30,19 +30,19 @@ if TYPE_CHECKING:
 
 
 ROWS_MAX = 6
-"""So many rows of a topic or plant are shown; that there are more is said by the last."""
+"""How many rows of a topic or plant are shown; if there are more, the last one says so."""
 ROWS_TOGETHER_MAX = 3
-"""So many numbers of one unit stand in a row."""
+"""How many numbers of one unit stand in one row."""
 LETTERS = 8
-"""Of a number, as pages write it."""
+"""The letters of a number, as pages write it."""
 
 
 @dataclass(frozen=True)
 class ValueRow:
     """`label`, then the values at `paths` (indices of fields and elements), then the `unit`.
 
-    `names`: of the signals, as reports call them. `words`: what 0, 1, ... stand for, where the
-    values are no numbers. Without paths it is a text, that of `label` or what a page says.
+    `names`: those of the signals in reports. `words`: what 0, 1, ... stand for, where the values
+    are no numbers. Without paths the row is a text: `label`, or what a page fills in.
     """
 
     key: str
@@ -54,7 +54,7 @@ class ValueRow:
 
     @property
     def letters(self) -> int:
-        """How long its text can get."""
+        """The length of its longest text."""
         one = max((len(w) for w in self.words), default=LETTERS)
         many = len(self.paths) or min(len(self.words), 1)
         parts = [len(self.label), (one + 2) * many, len(self.unit)]
@@ -105,8 +105,8 @@ class DiagramBox:
     """A box with text: `lines` are titles, `caption` stands below them in small letters.
 
     `kind`: plant, node, ac, sc, dm, topic or input. `key` is what arrows name; `names` are the full
-    names of what is shown here, one but for topics that share a box. `values`: of each title the
-    rows below it that a page fills in while a run is replayed; empty where nothing is replayed.
+    names of what is shown here, several where topics share a box. `values`: for each title the
+    rows below it that a page fills in while a run is replayed; () where nothing is replayed.
     """
 
     key: str
@@ -131,7 +131,7 @@ Part = DiagramBox | ModuleFrame
 
 @dataclass(frozen=True)
 class Edge:
-    """From one key to another."""
+    """An arrow from one key to another."""
 
     source: str
     target: str
@@ -139,7 +139,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class DiagramGraph:
-    """Everything that is drawn. `first`: keys of what stands at the top where it can."""
+    """Everything that is drawn. `first`: keys of what stands at the top if possible."""
 
     title: str
     parts: tuple[Part, ...]
@@ -156,13 +156,13 @@ def cells(part: Part) -> tuple[DiagramBox, ...]:
 
 ROLES = {"ac": "AC", "sc": "SC", "dm": "DM"}
 TOGETHER_MAX = 9
-"""So many names stand in one box of topics."""
+"""How many names stand in one box of topics at most."""
 
 
 def graph_of(system: System, *, live: bool = False) -> DiagramGraph:
     """The graph of a system: every component once, every topic of the program once.
 
-    `live`: with room for what topics, plants and decision modules hold at a moment.
+    `live`: with rows for the values of topics, plants and decision modules at one time.
     """
     frames = _frames(system)
     framed = {cell.key for frame in frames for cell in cells(frame)}
@@ -248,7 +248,7 @@ def _short(name: str) -> str:
 
 
 def _frames(system: System) -> list[ModuleFrame]:
-    """The modules that stand in no other's place of AC, with those that do inside."""
+    """Frames of the modules that are no AC of another, with the other modules inside."""
     above = {m.over for m in system.modules if m.over is not None}
     return [_frame(system, m) for m in system.modules if m.index not in above]
 
@@ -321,7 +321,7 @@ def _readers(system: System) -> dict[int, frozenset[str]]:
 def _topics(
     system: System, writers: dict[int, frozenset[str]], readers: dict[int, frozenset[str]]
 ) -> tuple[list[DiagramBox], dict[int, str]]:
-    """The boxes of topics, and the key of the box of each; what nobody touches is left out."""
+    """The boxes of topics, and for each topic the key of its box; unused topics are left out."""
     groups: dict[object, list[int]] = {}
     for i in _shown(system):
         if writers[i] or readers[i]:

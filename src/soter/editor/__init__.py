@@ -1,1 +1,1 @@
-"""The language server: what Soter knows of a program, where it is written."""
+"""The language server: shows in an editor what Soter knows of a program."""

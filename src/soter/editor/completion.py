@@ -1,8 +1,8 @@
-"""What could be written at the cursor, and where in a text the cursor is.
+"""Completion: where in a text the cursor is, and what could be written there.
 
-Purpose: tokens before the cursor tell in which body it stands, however broken the rest is. Offered
-are the words that can begin something here, the names in reach of the kind that is asked for, and
-what is behind a dot.
+Purpose: `cursor_at` finds the body around the cursor from the tokens before it, however broken the
+rest is. `completed` offers words that can begin something here, visible names of fitting kinds,
+and members after a dot.
 Non-goals: ranking beyond what is near first.
 """
 
@@ -33,16 +33,16 @@ BODIES = {
     "system": "system", "test": "test", "faults": "faults", "fun": "block", "step": "block",
     "on": "block", "if": "block", "elseif": "block", "else": "block", "enum": "names",
 }  # fmt: skip
-"""By the word that begins an item, what its braces hold."""
+"""Word that begins an item -> the kind of body in its braces."""
 
 
 @dataclass(frozen=True)
 class CursorContext:
-    """`body`: the body around, "file" at the top, "value" in braces of a value.
+    """Where the cursor is. `body`: the body around it, "file" at the top, "value" in a value.
 
-    `head`: the words of the declaration around (`node`, its name); `item`: the tokens of the item
-    at hand, up to the word that is being written; `dotted`: the names before the dots in front of
-    it; `word`: what of it is there, from offset `start`.
+    `head`: the words of the declaration around it (`node`, its name); `item`: the tokens of the
+    present item, up to the word that is being written; `dotted`: the names before the dots in front
+    of that word; `word`: its part before the cursor, from offset `start`.
     """
 
     body: str
@@ -52,11 +52,11 @@ class CursorContext:
     word: str
     start: int
     quiet: bool = False
-    """In a comment or a string: nothing is to be offered."""
+    """Whether it is in a comment or a string, where nothing is offered."""
 
 
 def cursor_at(text: str, offset: int) -> CursorContext:
-    """The place of the cursor at a character offset."""
+    """The context of the cursor at a character offset."""
     tokens = lex(Source("", text[:offset]))
     for start, end in tokens.comments:
         if start < offset <= end and not text[start:end].endswith("*/"):
@@ -107,7 +107,7 @@ def _step(stack: list[tuple[str, list[str]]], text: str) -> None:
 
 
 def _inside(body: str, item: list[str]) -> str:
-    """What the braces hold that an item opens."""
+    """The kind of body in the braces that an item opens."""
     words = [w for w in item if w != "extern"]
     first = words[0] if words else ""
     if "=" in item and first not in BODIES:
@@ -165,12 +165,12 @@ AFTER: dict[str, set[str]] = {
     "invariant": {"module", "instance"},
     "age": {"topic", "instance"},
 }
-"""By the word in front, the kinds of names that can follow; imports always can."""
+"""Word before the cursor -> kinds of names that can follow; imports always can."""
 LISTS = {"subscribes", "publishes", "reads", "rest"}
 NAMING = {"let", "var", "const", "param", "fun", "topic", "state", "rta", "plant", "type"}
 NAMING_IN_FILE = {"node", "system", "test", "as"}
 TYPED = {"let", "var", "const", "param", "topic", "input", "state", "disturbance", "type", "extern"}
-"""What leads an item in which a type follows the first `:`."""
+"""Words that lead an item in which a type follows the first `:`."""
 
 
 def completed(
@@ -178,8 +178,8 @@ def completed(
 ) -> list[lsp.CompletionItem]:
     """The items for the cursor at a character offset of `text`.
 
-    `file` and `index` are of the text as it is now; `good` is of the last text that parsed: where a
-    declaration is broken its locals are found there.
+    `file` and `index` are of the present text; `good` is of the last text that parsed, in which the
+    locals of a broken declaration are found.
     """
     cursor = cursor_at(text, offset)
     if cursor.quiet:
@@ -224,7 +224,7 @@ def _of_kinds(
 
 
 def _wanted(cursor: CursorContext) -> set[str] | None:
-    """The kinds of names that can stand here; None: any value. {"new"}: a name of one's own."""
+    """The kinds of names that can stand here; None: any value; {"new"}: a new name."""
     last, first = cursor.item[-1], cursor.item[0]
     before = cursor.item[-2] if len(cursor.item) > 1 else ""
     if last in NAMING or (cursor.body == "file" and last in NAMING_IN_FILE):
@@ -251,7 +251,7 @@ def _after_colon(cursor: CursorContext) -> set[str] | None:
 def _names(
     cursor: CursorContext, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
 ) -> dict[str, Definition]:
-    """All names in reach, the innermost of each."""
+    """All visible names, of equal ones the innermost."""
     definition_by_name: dict[str, Definition] = {}
     for prelude in index.files:
         if prelude.prelude:
@@ -270,14 +270,14 @@ def _names(
 def _declaration(
     cursor: CursorContext, index: NameIndex, file: LoadedFile
 ) -> tuple[LoadedFile | None, Definition | None]:
-    """The file as an index has it, and the declaration around the cursor, by its name."""
+    """The file as the index has it, and the definition of the declaration around the cursor."""
     home = next((f for f in index.files if f.path == file.path), None)
     declared = {} if home is None else index.declared_in(home)
     return home, next((declared[w] for w in cursor.head if w in declared), None)
 
 
 def _instances(index: NameIndex, decl: Definition | None) -> dict[str, Definition]:
-    """Those of a system."""
+    """The instances of a system, by name."""
     instances = {} if decl is None else index.instances.get(id(decl.node), {})
     return {name: definition for name, (definition, _) in instances.items()}
 
@@ -287,7 +287,7 @@ def _is_value(d: Definition) -> bool:
 
 
 def _near(d: Definition, file: LoadedFile) -> str:
-    """Locals first, then this file, then imports and the prelude."""
+    """The sort key: locals first, then this file, then imports and the prelude."""
     if not isinstance(d.node, tree.Decl):
         return "0"
     return "1" if d.file is file else "2"

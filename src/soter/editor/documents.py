@@ -1,8 +1,8 @@
-"""The open documents, what was found in each, and what has to be looked at again.
+"""Keeps the open documents, checks them, and publishes what was found.
 
-Purpose: every open document is checked as a program of its own; the checker reads open documents
-first, then the disk, and reads no text and no data file twice. A file is told what any of these
-checks found in it.
+Purpose: checks every open document as a program of its own; the checker reads open documents
+first, then the disk, and reads no text and no data file twice. The diagnostics of a file are those
+that any of these checks found in it.
 Non-goals: when to check (`server.py`), what to answer to a question.
 """
 
@@ -38,14 +38,14 @@ if TYPE_CHECKING:
 
 
 KEPT_TREES = 64
-"""Parsed texts that are remembered: a program has a few files, and one of them changes."""
+"""How many parsed texts are kept: a program has a few files, and one of them changes."""
 KEPT_DATA = 32
 KEPT_CONSTANTS = 64
-"""Files whose constants are remembered."""
+"""How many files' constants are kept."""
 
 
 class Overlay(SourceAccess):
-    """Reads for an editor. `open_text` gives the text of a document that is open, else None."""
+    """Reads files for an editor; `open_text` returns the text of an open document, else None."""
 
     def __init__(self, open_text: Callable[[Path], str | None]) -> None:
         self._open_text = open_text
@@ -58,12 +58,12 @@ class Overlay(SourceAccess):
     def text(
         self, path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
     ) -> str | None:
-        """The text in the editor, or the one on the disk."""
+        """The text in the editor, or the one on the disk if the file is not open."""
         text = self._open_text(path)
         return text if text is not None else super().text(path, shown, diagnostics, span)
 
     def parsed(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
-        """The tree; the same one for the same text, with what was said about it."""
+        """The tree of a text, kept with its diagnostics for the next time."""
         known = self._trees.get((shown, text))
         if known is None:
             own_diagnostics = Diagnostics()
@@ -77,7 +77,7 @@ class Overlay(SourceAccess):
         return known[0], known[1]
 
     def data(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
-        """The value in a data file; read again where the file was written."""
+        """The value in a data file, which is read again after it was written."""
         try:
             status = path.stat()
         except (OSError, ValueError):
@@ -85,7 +85,7 @@ class Overlay(SourceAccess):
         key = (str(path), t, status.st_mtime_ns, status.st_size, status.st_ino)
         known = self._data.get(key)
         if known is None:
-            self._constants.clear()  # whatever was computed of the file as it was
+            self._constants.clear()  # they may depend on the file's old content
             known = self._data[key] = super().data(path, t, tell)
             if len(self._data) > KEPT_DATA:
                 self._data.popitem(last=False)
@@ -93,9 +93,9 @@ class Overlay(SourceAccess):
         return known
 
     def constants(self, file: LoadedFile) -> dict[str, tuple[Value, int]]:
-        """Those of a file that is imported; the same ones while no text that it is made of changes.
+        """The known constants of an imported file, kept while its text and imports do not change.
 
-        A constant of data is looked up behind the data, which forgets all where a file was written.
+        The checker reads `data` before it looks here, and a changed data file clears all constants.
         """
         texts = _texts(file) if file.library else None
         if texts is None:
@@ -109,7 +109,7 @@ class Overlay(SourceAccess):
 
 
 def _texts(file: LoadedFile) -> tuple[str, ...] | None:
-    """Places and texts of a file and of all that it imports; None where one was not read."""
+    """Paths and texts of a file and of all its imports; None if one could not be read."""
     texts: list[str] = []
     todo, seen = [file], {id(file)}
     while todo:
@@ -127,20 +127,20 @@ def _texts(file: LoadedFile) -> tuple[str, ...] | None:
 
 KEPT_LINES = 64
 FILES_MAX = 2000
-"""So many files of a folder are searched for a name."""
+"""In how many files of a folder a name is searched."""
 LEFT_OUT = {"node_modules", "__pycache__", "build"}
 
 
 @dataclass(eq=False)
 class Document:
-    """An open document. `path` is where it is saved, or a name of its own where it is not."""
+    """An open document. `path` is that of its file, or a made-up name if it is not saved."""
 
     uri: str
     path: Path
     version: int | None
     text: str
     checked: CheckResult | None = None
-    """What the last check said, of this text or an older one."""
+    """The result of the last check, of this text or an older one."""
     good: CheckResult | None = None
     """The last check without errors."""
     found: dict[Path, list[lsp.Diagnostic]] = field(default_factory=dict)
@@ -159,7 +159,7 @@ class Document:
 
 
 class Documents:
-    """All of them. `publish` is given the URI, version and diagnostics of a file."""
+    """All open documents; `publish` is called with URI, version and diagnostics of a file."""
 
     def __init__(self, publish: Publish) -> None:
         self.encoding = "utf-16"
@@ -197,7 +197,7 @@ class Documents:
         self.touched([path])
 
     def changed(self, uri: str, version: int | None, text: str) -> None:
-        """Somebody typed."""
+        """A document got a new text."""
         document = self.get(uri)
         if document is None:
             self.opened(uri, version, text)
@@ -218,7 +218,7 @@ class Documents:
     # ------------------------------------------------------------ checking
 
     def touched(self, paths: Iterable[Path]) -> None:
-        """Files that were written or typed in: they and what imports them wait for a check."""
+        """Files have changed: open documents that they are part of wait for a check."""
         for path in paths:
             key = whole(path)
             if key in self._open:
@@ -228,21 +228,21 @@ class Documents:
                     self._waiting.setdefault(other)
 
     def touched_data(self) -> None:
-        """A file that is no program was written: anything may read it."""
+        """A file that is no program was written: all documents wait, as any may read it."""
         self._waiting.update(dict.fromkeys(self._open))
 
     @property
     def waiting(self) -> bool:
-        """Whether something has to be checked."""
+        """Whether a document waits for a check."""
         return bool(self._waiting)
 
     def check_next(self) -> None:
-        """Check what has waited longest, if anything waits, and tell what was found."""
+        """Checks the document that has waited longest, if any, and publishes the result."""
         if self._waiting:
             self._check(self._open[next(iter(self._waiting))])
 
     def settle(self, document: Document) -> None:
-        """Check a document now if it waits: what is answered next is of its text as it is."""
+        """Checks a document now if it waits, so that the next answer is about its present text."""
         if whole(document.path) in self._waiting:
             self._check(document)
 
@@ -257,7 +257,7 @@ class Documents:
         self._tell({document.path: [], **document.found, **before})
 
     def _tell(self, files: Iterable[Path]) -> None:
-        """Publish what all checks together found in each of some files."""
+        """Publishes what all checks together found in each of some files."""
         for key in dict.fromkeys(whole(path) for path in files):
             items: dict[str, lsp.Diagnostic] = {}
             for document in self._open.values():
@@ -269,7 +269,7 @@ class Documents:
             self._publish(self.uri(key), version, list(items.values()))
 
     def _files(self, document: Document) -> set[Path]:
-        """The files that a document was made of when it was last looked at."""
+        """The files that a document was made of when it was last checked or parsed."""
         loaded = None if document.checked is None else document.checked.loaded
         return set() if loaded is None else {whole(f.path) for f in loaded.files}
 
@@ -284,7 +284,7 @@ class Documents:
         return self.parsed_names(document)[1]
 
     def parsed_names(self, document: Document) -> tuple[LoadedProgram, NameIndex]:
-        """Trees and names; made again only where a text has changed."""
+        """Trees and names of a document, made again only if a text has changed."""
         loaded = load(str(document.path), Diagnostics(), document.text, self.reading)
         assert loaded is not None, "a text can always be read"
         key = tuple(id(f.file) for f in loaded.files)
@@ -293,7 +293,7 @@ class Documents:
         return document.indexed[1:]
 
     def every_file(self) -> Iterator[LoadedFile]:
-        """Every file of the workspace, parsed, what is open first."""
+        """Yields every file of the workspace, parsed, open ones first."""
         for path in self.programs():
             text = self.reading.text(path, str(path), Diagnostics())
             if text is not None:
@@ -310,7 +310,7 @@ class Documents:
         return list(paths.values())
 
     def mentioning(self, name: str, about: Document) -> list[tuple[Path, NameIndex]]:
-        """The programs that say a name anywhere in their main file, and the document itself."""
+        """The programs whose main file contains a name, and the document itself."""
         word = re.compile(rf"\b{re.escape(name)}\b")
         programs = [(about.path, self.index(about))]
         for path in self.programs(about):
@@ -352,7 +352,7 @@ def _soter_files(folder: Path) -> Iterator[Path]:
 
 @lru_cache(maxsize=1024)
 def whole(path: Path) -> Path:
-    """One name for a file, however it is reached."""
+    """The one path by which a file is known, however it is reached."""
     try:
         return path.resolve()
     except (OSError, ValueError, RuntimeError):

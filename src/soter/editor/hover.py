@@ -35,10 +35,10 @@ if TYPE_CHECKING:
 
 
 LINES_MAX = 12
-"""So many lines of a declaration are shown."""
+"""How many lines of a declaration are shown."""
 VALUE_MAX = 200
 BUDGETS = (20_000, 200_000)
-"""Operations that a number, and all of them, may take: somebody waits."""
+"""Most operations for one number, and for all numbers, as a person waits for them."""
 
 
 def described(d: Definition, checked: CheckResult | None) -> str:
@@ -80,7 +80,7 @@ DECLARED = {"type", "constant", "parameter", "topic", "import"}
 
 
 def _inner(node: tree.NodeDecl | tree.PlantDecl | tree.RtaDecl) -> tuple[str, ...]:
-    """The words of the lines that are worth showing."""
+    """The words that begin the lines of a body which are shown."""
     if isinstance(node, tree.NodeDecl):
         return ("subscribes", "publishes", "takes", "wcet")
     if isinstance(node, tree.PlantDecl):
@@ -125,7 +125,7 @@ def comment_above(d: Definition) -> str:
 
 
 def facts(d: Definition, checked: CheckResult | None) -> list[str]:
-    """What a check computed: values, periods, sets."""
+    """Lines with what a check computed: values, periods, sets."""
     program = None if checked is None else checked.program
     if program is None or checked is None or checked.loaded is None:
         return []
@@ -161,7 +161,7 @@ def _facts(kind: str, name: str, program: TypedProgram) -> Iterable[str]:
 
 
 def _neighbours(topic: TopicSymbol, program: TypedProgram) -> str:
-    """Who publishes a topic, and who reads it."""
+    """A line on which parts publish a topic, and which read it."""
     nodes, plants = program.nodes.values(), program.plants.values()
     writers = [n.name for n in nodes if topic in n.publishes]
     writers += [p.name for p in plants if topic in [t for t, _ in p.drives]]
@@ -175,7 +175,7 @@ def _listed(names: list[str]) -> str:
 
 
 class _Numbers:
-    """Numbers of a program, its parameters at their defaults."""
+    """Evaluates numbers of a program with its parameters at their defaults."""
 
     def __init__(self, program: TypedProgram) -> None:
         constant = Calculator(Diagnostics(), None, BUDGETS)
@@ -184,7 +184,7 @@ class _Numbers:
         self._calculator = Calculator(Diagnostics(), params, BUDGETS)
 
     def __call__(self, expr: TypedExpr) -> str:
-        """The number as people write it; as it stands in the text where it cannot be computed."""
+        """The number as text; its source text if it cannot be computed."""
         value = self._calculator.value(expr, "")
         return " ".join(expr.span.text.split()) if value is None else shown(expr.type, value)
 
@@ -235,7 +235,7 @@ PLACES: dict[str, tuple[str, ...]] = {
     "faults": begins(FAULT_ITEMS),
     "block": ("let", "var", "publish", "push", "if", "for", "return", "assert"),
 }  # fmt: skip
-"""By place the words that can begin an item there."""
+"""Kind of body -> words that can begin an item in it."""
 
 TYPES = ("bool", "int", "float", "duration")
 VALUES = ("true", "false", "choose", "fair")
@@ -418,5 +418,5 @@ WORDS: dict[str, str] = {
 
 
 def meaning(word: str) -> str | None:
-    """What a word means; None where it is none of the language's."""
+    """What a word of the language means; None for any other word."""
     return WORDS.get(word) or BUILTINS.get(word) or SPECIALS.get(word)

@@ -1,7 +1,7 @@
-"""Names and what they mean, place by place: what every question about a name is answered from.
+"""The index of names: what each name means at each place; it answers every request about names.
 
-Purpose: definitions, their uses in all files of a program, which locals are in reach where, and the
-shape of what a name stands for, so far as the text says it.
+Purpose: holds definitions, their uses in all files of a program, which locals are visible where,
+and the shape of what a name stands for (what may follow a dot), as far as the text shows it.
 Non-goals: finding them out (`name_resolution.py`); whether the program is right
 (`language/check/`).
 """
@@ -31,14 +31,14 @@ class PlantTruth:
 
 @dataclass(frozen=True)
 class UndeclaredRecord:
-    """A record that is written where no type is asked for: name and shape of each field."""
+    """A record literal where no type is expected: name and shape of each field."""
 
     fields: tuple[tuple[tree.Name, Shape | None], ...]
 
 
 @dataclass(frozen=True)
 class UndeclaredArray:
-    """An array that is written where no type is asked for: the shape of an element, how many."""
+    """An array literal where no type is expected: the shape of an element, and their number."""
 
     element: Shape
     length: int
@@ -46,7 +46,7 @@ class UndeclaredArray:
 
 @dataclass(frozen=True)
 class Shape:
-    """What may stand behind a dot of it.
+    """What a name or an expression stands for, so what may follow a dot after it.
 
     `of` is a type expression; the name of a builtin type; a declaration, for a name that means one
     or an instance of one; `PlantTruth`; `UndeclaredRecord`; `UndeclaredArray`; or a file, for the
@@ -63,26 +63,26 @@ class Shape:
         | str
     )
     file: LoadedFile
-    """Where the names in `of` are looked up."""
+    """The file in which the names in `of` are looked up."""
 
 
 @dataclass(eq=False)
 class Definition:
-    """One thing that has a name. `node` is the syntax that declares it."""
+    """A thing that has a name; `node` is the syntax that declares it."""
 
     name: str
     kind: str
     span: Span
-    """Of the name."""
+    """Where the name is declared."""
     node: object
     file: LoadedFile
     shape: Shape | None = None
     owner: Definition | None = None
-    """The declaration it stands in."""
+    """The declaration that contains this one; or None."""
 
     @property
     def key(self) -> tuple[Path, int]:
-        """The same for the same thing in two readings of the same text."""
+        """A key that is equal for the same thing in two parses of the same text."""
         return path_of_span(self.span), self.span.start
 
 
@@ -101,21 +101,21 @@ class Use:
 
 @dataclass(eq=False)
 class NameIndex:
-    """All names of a program. `top`: by file what it declares; `reach`: where locals are seen."""
+    """All names of a program. `top`: file -> its declarations; `reach`: how far locals are seen."""
 
     files: tuple[LoadedFile, ...]
     top: dict[int, dict[str, Definition]] = field(default_factory=dict)
     instances: dict[int, dict[str, tuple[Definition, Definition | None]]] = field(
         default_factory=dict
     )
-    """By system declaration: each instance, and what it is one of."""
+    """System declaration -> its instances by name, each with what it is an instance of."""
     reach: dict[int, list[tuple[int, int, Definition]]] = field(default_factory=dict)
-    """By source: from where to where a local is seen."""
+    """Source -> (start, end, local) of the text in which each local is visible."""
     _uses: dict[int, dict[tuple[int, int], Use]] = field(default_factory=dict)
     _starts: dict[int, list[tuple[int, int]]] = field(default_factory=dict)
 
     def note(self, span: Span, definition: Definition) -> None:
-        """A name means this; the first meaning that is noted of a place stays."""
+        """Notes what a name at a place means; the first meaning of a place stays."""
         self._uses.setdefault(id(span.source), {}).setdefault(
             (span.start, span.end), Use(span, definition)
         )
@@ -146,7 +146,7 @@ class NameIndex:
         ]
 
     def locals_at(self, source: Source, offset: int) -> dict[str, Definition]:
-        """The locals that are seen at an offset, the innermost of each name."""
+        """The locals that are visible at an offset, of equal names the innermost."""
         seen = [r for r in self.reach.get(id(source), []) if r[0] <= offset <= r[1]]
         return {d.name: d for _, _, d in sorted(seen, key=lambda r: r[0])}
 

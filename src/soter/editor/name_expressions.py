@@ -1,7 +1,7 @@
-"""Names inside expressions, types and statements, with the shapes that tell what a dot means.
+"""Resolves names in expressions, types and statements, and finds the shapes of expressions.
 
-Purpose: one walk over any piece of syntax; what a name means is noted, and what an expression is
-made of is handed on, so far as the text says it.
+Purpose: walks over any piece of syntax once, notes what each name means, and returns the shape of
+an expression (`definitions.py`), as far as the text shows it.
 Non-goals: declarations (`name_resolution.py`); numbers, conversions and errors (`language/check/`).
 """
 
@@ -32,20 +32,20 @@ if TYPE_CHECKING:
 _Method = Callable[["Expressions", Any, "NameContext", "Shape | None"], "Shape | None"]
 
 FIRST = {"abs", "min", "max", "saturate"}
-"""Builtin functions that give what their first argument is; the others give a number."""
+"""Builtin functions whose result has the shape of their first argument; others give numbers."""
 RESULTS = {"mode": "Mode", "int": "int"}
 BOOLEAN = {"<", "<=", ">", ">=", "==", "!=", "&&", "||"}
 
 
 @dataclass(frozen=True)
 class NameContext:
-    """Where an expression stands: its file, the locals in reach, the instances of a system."""
+    """Where an expression stands: its file, visible locals, the instances of a system."""
 
     file: LoadedFile
     frames: tuple[dict[str, Definition], ...] = ()
     instances: Instances | None = None
     result: Shape | None = field(default=None)
-    """What `return` gives."""
+    """The shape of the function's result."""
 
     def inner(self, frame: dict[str, Definition], result: Shape | None = None) -> NameContext:
         """The same place with one more frame of locals."""
@@ -61,7 +61,7 @@ class NameContext:
 
 
 class Expressions:
-    """The part of the resolver below declarations."""
+    """The part of the resolver for everything below declarations."""
 
     def __init__(self, index: NameIndex) -> None:
         self.index = index
@@ -89,13 +89,13 @@ class Expressions:
         return known
 
     def seen(self, definition: Definition, start: int, end: int) -> None:
-        """A local is seen from `start` to `end`."""
+        """Notes that a local is visible from `start` to `end`."""
         self.index.reach.setdefault(id(definition.span.source), []).append((start, end, definition))
 
     # ------------------------------------------------------------ names
 
     def find(self, ref: tree.Ref, place: NameContext) -> Definition | None:
-        """What a reference means."""
+        """The meaning of a reference."""
         names = self.index.declared_in(place.file)
         if ref.qualifier is None:
             return names.get(ref.name.text) or self.prelude.get(ref.name.text)

@@ -1,8 +1,8 @@
-"""Find out what every name of a program means, from its trees alone.
+"""Finds what every name of a program means, from its syntax trees alone.
 
-Purpose: an index also of programs that are not finished: what cannot be resolved is left out. The
+Purpose: makes an index also of unfinished programs: names that it cannot resolve are left out. The
 rules are those of `language/check/` (own file, then prelude; locals first); a test compares both.
-Non-goals: complaining about anything.
+Non-goals: reporting errors.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def index_of(loaded: LoadedProgram) -> NameIndex:
 
 
 class Members:
-    """What stands behind a dot, asked of an index that is made already."""
+    """Finds members, the names after a dot, in a finished index."""
 
     def __init__(self, index: NameIndex) -> None:
         self._walker = _Resolver.over(index)
@@ -52,7 +52,7 @@ class Members:
         return self._walker.member(shape, nowhere)
 
     def inside(self, shape: Shape | None) -> Iterator[tuple[str, str, str]]:
-        """Name, detail and kind of every member."""
+        """Yields name, detail and kind of every member."""
         if shape is None:
             return
         shape = self._walker.plain(shape)
@@ -75,7 +75,7 @@ class Members:
     def _declared_inside(
         self, of: PlantTruth | tree.Decl, file: LoadedFile
     ) -> Iterator[tuple[str, str, str]]:
-        """The same of a declaration."""
+        """Yields the members of a declaration."""
         if isinstance(of, tree.TypeDecl) and isinstance(of.type, tree.EnumTypeExpr):
             for own in of.type.members:
                 yield own.text, of.name.text, "member"
@@ -103,7 +103,7 @@ class _Resolver(Expressions):
 
     @classmethod
     def over(cls, index: NameIndex) -> _Resolver:
-        """One that looks things up in an index, and notes nothing that is seen of it."""
+        """A resolver that only looks names up in a finished index."""
         made = cls(NameIndex(index.files, index.top, dict(index.instances)))
         for file in index.files:
             if file.prelude:

@@ -1,8 +1,8 @@
-"""Places and diagnostics in the words of the editor's protocol.
+"""Converts places and diagnostics to the editor's protocol (LSP).
 
-Purpose: offsets of characters become positions and back, in the encoding that was agreed on, and
-files become URIs. A diagnostic becomes the protocol's, file by file: range, code, related places,
-and the notes and helps in its text.
+Purpose: converts character offsets to positions and back, in the encoding that client and server
+have chosen, and files to URIs. A diagnostic becomes one of the protocol, file by file: range, code,
+related places, and the notes and helps in its text.
 Non-goals: rendering for terminals (`diagnostics/render.py`), edits (`requests.py`).
 """
 
@@ -46,7 +46,7 @@ class Lines:
         self._ascii = text.isascii()
 
     def position(self, offset: int) -> lsp.Position:
-        """The position of a character offset; beyond the text it is the text's end."""
+        """The position of a character offset; for one beyond the text that of its end."""
         offset = min(max(offset, 0), len(self.text))
         line = bisect_right(self._starts, offset) - 1
         before = self.text[self._starts[line] : offset]
@@ -116,7 +116,7 @@ SEVERITIES = {
 }
 UNUSED = "W001"
 AGAIN = "and here"
-"""What `language/front_end.py` writes at the further places of one mistake."""
+"""The label that `language/front_end.py` puts at further places of one mistake."""
 
 
 def by_file(

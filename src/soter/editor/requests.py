@@ -49,7 +49,7 @@ ASKED = "did you mean "
 def actions(
     document: Document, documents: Documents, wanted: lsp.Range
 ) -> Iterator[lsp.CodeAction]:
-    """The fixes of the problems that touch a range of a document, which has been checked."""
+    """Yields the fixes of problems that touch a range of a checked document."""
     checked = document.checked
     if checked is None or checked.loaded is None:
         return
@@ -78,14 +78,14 @@ def _fixes(d: Diagnostic, documents: Documents) -> Iterator[lsp.CodeAction]:
 
 
 def _title(help_: str) -> str:
-    """A help line as an order: `Write ...`, `Change to ...`."""
+    """A help line as a title in the imperative: `Write ...`, `Change to ...`."""
     if help_.startswith(ASKED):
         help_ = "change to " + help_.removeprefix(ASKED).removesuffix("?")
     return help_[:1].upper() + help_[1:]
 
 
 def workspace_edit(edits: Iterable[tuple[Span, str]], documents: Documents) -> lsp.WorkspaceEdit:
-    """Texts for places in any files, as the editor applies them."""
+    """The editor's edit that writes texts at places in any files."""
     changes: dict[str, list[lsp.TextEdit]] = {}
     for span, text in edits:
         uri = documents.uri(path_of_span(span))
@@ -95,14 +95,14 @@ def workspace_edit(edits: Iterable[tuple[Span, str]], documents: Documents) -> l
 
 
 TERMINAL = "soter.terminal"
-"""The editor's command that runs a command line where a person sees it: `{command, cwd}`."""
+"""The editor's command that runs a command line in a terminal, with `{command, cwd}`."""
 SHOWN = {"proved": "proved", "refuted": "REFUTED", "undecided": "undecided", "assumed": "assumed"}
 
 
 def lenses(
     file: LoadedFile, lines: Lines, checked: CheckResult | None, verdicts: Verdicts
 ) -> Iterator[lsp.CodeLens]:
-    """The lenses of a file; `checked` is the check of its text as it is now, if there is one."""
+    """Yields the lenses of a file; `checked` is the check of its present text, if there is one."""
     path = file.path
     modules = [d for d in file.file.declarations if isinstance(d, tree.RtaDecl)]
     records = list(verdicts(path)) if modules else []
@@ -129,7 +129,7 @@ def _lens(where: lsp.Range, title: str, command: list[str], path: Path) -> lsp.C
 
 
 def _said(name: str, records: list[dict[str, Any]], sha256: str) -> Iterator[str]:
-    """What the last proof said, a line for each view of the module."""
+    """Yields the verdict of the last proof in a line for each view of the module."""
     mine = [
         (r["program_sha256"] == sha256, full, said)
         for r in records
@@ -178,11 +178,11 @@ class _CursorPosition:
         self.offset = self.lines.offset(position)
 
     def use(self) -> Use | None:
-        """The name there."""
+        """The name at the position, with its definition; or None."""
         return self.index.at(self.main.source, self.offset)
 
     def word(self) -> tuple[int, int]:
-        """Start and end of the word there."""
+        """Start and end of the word at the position."""
         text = self.main.source.text
         start = end = self.offset
         while start and (text[start - 1].isalnum() or text[start - 1] == "_"):
@@ -193,7 +193,7 @@ class _CursorPosition:
 
 
 def answer(server: LanguageServer, documents: Documents, verdicts: Verdicts) -> None:
-    """Register every question that the server answers."""
+    """Registers every request that the server answers."""
     _about_names(server, documents)
     _about_renaming(server, documents)
     _about_text(server, documents)
@@ -305,7 +305,7 @@ def _hover(at: _CursorPosition) -> lsp.Hover | None:
 
 
 def _programs(at: _CursorPosition, definition: Definition) -> list[tuple[Path, NameIndex]]:
-    """The programs in which a definition can be named: all that say it, for what others see."""
+    """The programs in which a definition can be named: for a local only its own."""
     if definition.kind in LOCAL:
         return [(at.document.path, at.index)]
     return at.documents.mentioning(definition.name, at.document)

@@ -1,8 +1,8 @@
-"""`soter lsp`: the server, and when it checks.
+"""The server of `soter lsp`: it receives documents, and decides when to check them.
 
-Purpose: the protocol's requests to the files that answer them; a check soon after the last
-keystroke, in this process and thread, one document at a time.
-Non-goals: what is answered.
+Purpose: handles the protocol, and checks soon after the last keystroke, in this process and thread,
+one document at a time.
+Non-goals: answers to requests (`requests.py`).
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from soter.editor.requests import Verdicts
 
 HEAD_MAX, MESSAGE_MAX = 2**16, 2**28
-"""Bytes of a line of a message's head, and of its body."""
+"""Most bytes of a line of a message's head, and of its body."""
 SETTLE_S = 0.01
-"""So long nothing may come before a check begins: of a burst of keystrokes only the last counts."""
+"""Seconds without a message before a check begins, so that quick keystrokes cause only one."""
 
 
 class Server(LanguageServer):
-    """The protocol's side: documents in, diagnostics out."""
+    """The language server: it takes documents and publishes diagnostics."""
 
     def __init__(self) -> None:
         super().__init__("soter", VERSION, lsp.TextDocumentSyncKind.Full)
@@ -46,12 +46,12 @@ class Server(LanguageServer):
         self._apologised = False
 
     def report_server_error(self, error: Exception, source: ServerErrors) -> None:
-        """Tell the editor; what could not be sent is not told by sending, without end."""
+        """Tells the editor of an error, except of one in sending, which would repeat itself."""
         if source is not JsonRpcInternalError:
             super().report_server_error(error, source)
 
     def soon(self) -> None:
-        """Check what waits, once nothing more comes."""
+        """Checks waiting documents once no more messages come."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -59,7 +59,7 @@ class Server(LanguageServer):
             self._timer = asyncio.get_running_loop().call_later(SETTLE_S, self._check)
 
     def _check(self) -> None:
-        """One document; then whoever asked meanwhile has the floor."""
+        """Checks one document; requests that came meanwhile are answered before the next."""
         self._timer = None
         try:
             self.documents.check_next()
@@ -80,7 +80,7 @@ class Server(LanguageServer):
 
 
 def made(verdicts: Verdicts) -> Server:
-    """A server with all requests, and for the lenses what was proved of a program."""
+    """A server with all requests; `verdicts` finds what was proved of a program, for lenses."""
     server = Server()
     _documents(server)
     answer(server, server.documents, verdicts)
@@ -130,25 +130,25 @@ def _documents(server: Server) -> None:
 
 
 class _Refusals(logging.Filter):
-    """A request that is refused with a reason is no defect: nothing is logged."""
+    """Keeps requests that are refused with a reason, which are no defects, out of the log."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the record is worth a line."""
+        """Whether to log the record."""
         error = record.exc_info[1] if record.exc_info else None
         return not isinstance(error, JsonRpcInvalidRequest)
 
 
 def serve(verdicts: Verdicts, tcp: tuple[str, int] | None = None) -> None:
-    """Serve one client over standard input and output, or over `tcp` (host, port), to its end.
+    """Serves one client over standard input and output, or over `tcp` (host, port), to its end.
 
-    `SoterError` D005 where standard input is no stream of the protocol.
+    `SoterError` D005 if standard input does not follow the protocol.
     """
     server = made(verdicts)
     logging.getLogger("pygls.protocol.json_rpc").addFilter(_Refusals())
     if tcp is not None:
         server.start_tcp(*tcp)
         return
-    # what the editor reads are messages, and nothing else; pygls closes the stream at the end
+    # the editor must read nothing but messages; pygls closes the stream at the end
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     with redirect_stdout(sys.stderr):
         try:
@@ -159,7 +159,7 @@ def serve(verdicts: Verdicts, tcp: tuple[str, int] | None = None) -> None:
 
 
 class _Stream:
-    """What an editor says; ValueError where a message, or a line of its head, is out of measure."""
+    """The editor's messages; ValueError if one, or a line of its head, is too long."""
 
     def __init__(self, raw: BinaryIO) -> None:
         self._raw = raw
@@ -178,5 +178,5 @@ class _Stream:
         return self._raw.read(count)
 
     def close(self) -> None:
-        """Nothing more is read."""
+        """Stop reading messages."""
         self._raw.close()

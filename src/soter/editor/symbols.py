@@ -146,7 +146,7 @@ _Program = tuple["NameIndex", "dict[tuple[str, Place], str]"]
 
 
 class RefusedError(Exception):
-    """A rename that cannot be done; the text says why."""
+    """A rename cannot be done; the text says why."""
 
 
 def uses_of(definition: Definition, indices: Iterable[NameIndex]) -> list[Use]:
@@ -159,7 +159,7 @@ def uses_of(definition: Definition, indices: Iterable[NameIndex]) -> list[Use]:
 
 
 def refuse(definition: Definition, name: str) -> None:
-    """RefusedError where it cannot be called so, whatever else the program has."""
+    """Raises RefusedError if nothing of the definition's kind can have this name."""
     if not NAME.fullmatch(name):
         raise RefusedError(f"`{name}` is no name: letters, digits and `_`, not a digit first")
     if name in RESERVED:
@@ -171,9 +171,9 @@ def refuse(definition: Definition, name: str) -> None:
 def rename(
     definition: Definition, name: str, programs: Iterable[Path], reading: SourceAccess
 ) -> list[Span]:
-    """Where `name` is to be written, in all files that the programs are made of.
+    """The spans in which to write `name`, in all files that the programs are made of.
 
-    RefusedError where it cannot be, or where the programs would not mean the same.
+    RefusedError if that is impossible, or if the programs would not mean the same.
     """
     refuse(definition, name)
     mains = list(programs)
@@ -194,7 +194,7 @@ def rename(
 
 
 def _program(path: Path, reading: SourceAccess) -> _Program:
-    """The names of a program, and what the checker says of it."""
+    """The names of a program, and the messages of the checker."""
     diagnostics = Diagnostics()
     loaded = load(str(path), diagnostics, None, reading)
     if loaded is None:
@@ -209,7 +209,7 @@ def _program(path: Path, reading: SourceAccess) -> _Program:
 
 
 class _Moved:
-    """Where a place of the old texts is in the new ones."""
+    """Maps a place in the old texts to its place in the new ones."""
 
     def __init__(self, uses: list[Use], longer: int) -> None:
         self._longer = longer
@@ -223,7 +223,7 @@ class _Moved:
 
 
 class _After(SourceAccess):
-    """Reads the texts as they would be."""
+    """Reads files as they would be after the rename."""
 
     def __init__(self, reading: SourceAccess, texts: dict[Path, str]) -> None:
         self._reading = reading
@@ -237,7 +237,7 @@ class _After(SourceAccess):
         return text if text is not None else self._reading.text(path, shown, diagnostics, span)
 
     def parsed(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
-        """As it was read before: most texts are the same."""
+        """The parsed text, kept from an earlier reading where it is unchanged."""
         return self._reading.parsed(shown, text, diagnostics)
 
     def data(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
@@ -252,7 +252,7 @@ def _compare(
     definition: Definition,
     name: str,
 ) -> None:
-    """RefusedError unless both programs mean the same, up to the name."""
+    """Raises RefusedError unless both programs mean the same, apart from the name."""
     was, said = before
     is_, says = after
     meant = {

@@ -1,8 +1,8 @@
-"""From a file to a checked program: the whole static half in one call.
+"""Checks a program from its file to its flat systems: all that needs no run, in one call.
 
 Purpose: `check_file` loads and checks a program, elaborates every system and checks
-well-formedness, as `soter check` does. It gives diagnostics in the order of the text, says a
-repeated one once, and leaves out what another error may have caused.
+well-formedness, as `soter check` does. It orders diagnostics as the text is, merges repeated ones,
+and leaves out those that another error may have caused.
 Non-goals: rendering diagnostics, anything dynamic.
 """
 
@@ -39,17 +39,17 @@ HUSHED = {
     "W022", "W023", "W024", "W025", "W026", "W027", "W028", "W030", "W032", "W033",
     "W034", "W035", "W036",
 }  # fmt: skip
-"""Warnings of what is not there, or hardly meant: beside errors they are left out, as an error may
-be what makes it look so."""
+"""Warnings that something is missing or hardly meant; they are left out beside errors, which may
+be their cause."""
 MERGED = {"N001", "N004", "N006", "M009", "M010"}
-"""A name that is missing is one mistake, in however many places it is missed."""
+"""Codes for missing names: one mistake, wherever the name is used."""
 ONCE = {"M003", "M004", "M005", "M013"}
-"""What is wrong in a part is wrong in every system that has the part: said where it is shortest."""
+"""Codes of mistakes in a part, which every system with it repeats: reported for one of them."""
 PLACES_MAX = 5
 
 
 def for_people(diagnostics: Diagnostics, sources: Sequence[Source]) -> Diagnostics:
-    """By file in order of loading, then by position; errors before warnings at one place."""
+    """Diagnostics in order of files, then of places, with errors first; without repeated ones."""
     files = {id(source): i for i, source in enumerate(sources)}
 
     def place(d: Diagnostic) -> tuple[int, int, bool]:
@@ -66,7 +66,7 @@ def for_people(diagnostics: Diagnostics, sources: Sequence[Source]) -> Diagnosti
 
 
 def _once(items: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Of the same mistake at the same place the one with the shortest names."""
+    """For each mistake at one place only the diagnostic with the shortest names."""
     kept: dict[object, Diagnostic] = {}
     for number, d in enumerate(items):
         key: object = number
@@ -80,7 +80,7 @@ def _once(items: Sequence[Diagnostic]) -> list[Diagnostic]:
 
 
 def _merged(items: Sequence[Diagnostic]) -> list[Diagnostic]:
-    """Repetitions of a message in one file become labels of the first."""
+    """Merges repetitions of a message in one file into labels of the first."""
     groups: dict[object, list[Diagnostic]] = {}
     for number, d in enumerate(items):
         key: object = number
@@ -104,7 +104,7 @@ def _one(group: list[Diagnostic]) -> Diagnostic:
 
 
 def _together(fix: Fix, group: list[Diagnostic]) -> Fix:
-    """The edits of all who offer the same, each once."""
+    """A fix with the edits of all diagnostics of `group` that offer the same, each once."""
     edits = [e for d in group for f in d.fixes if f.title == fix.title for e in f.edits]
     return Fix(fix.title, tuple(dict.fromkeys(edits)))
 
@@ -119,28 +119,28 @@ ALL_COMPONENTS_MAX = 20_000
 
 @dataclass(eq=False)
 class CheckResult:
-    """A program and every diagnostic about it; `program` is None when nothing was read."""
+    """A program and every diagnostic about it; `program` is None if nothing could be read."""
 
     program: TypedProgram | None
     diagnostics: Diagnostics
     systems: dict[str, SystemSymbol] = field(default_factory=dict)
     loaded: LoadedProgram | None = None
-    """The files it was made of."""
+    """The files that the program is made of."""
     flat: dict[str, System] = field(default_factory=dict)
-    """Each system as it was flattened to be checked; none of a program that declares none."""
+    """System name -> the flat system that was checked; {} if the program declares none."""
 
     @property
     def ok(self) -> bool:
-        """Whether it may be run."""
+        """Whether the program has no errors, and so may be run."""
         return self.program is not None and not self.diagnostics.has_errors
 
     @property
     def begins(self) -> bool:
-        """Whether what was read begins as a program, so that words of it may be told."""
+        """Whether the file begins as a program, so that messages may quote it."""
         return self.loaded is None or is_program(self.loaded.main.source.text)
 
     def default_system(self) -> SystemSymbol | None:
-        """The only system, or the one marked `default`; None when that is not decided."""
+        """The only system, or the one marked `default`; None if there is neither."""
         if len(self.systems) == 1:
             return next(iter(self.systems.values()))
         marked = [s for s in self.systems.values() if s.default]
@@ -160,10 +160,10 @@ def check_file(
     tell: Callable[[str], None] | None = None,
     reading: SourceAccess = FROM_DISK,
 ) -> CheckResult:
-    """Check the program in `path` (or in `text`, with `path` as its name).
+    """Checks the program in `path` (or in `text`, with `path` as its name).
 
-    `tell` is called with what is being done, where that may take seconds. The cycle collector
-    rests meanwhile: a program is many small objects and hardly any garbage.
+    `tell` is called with what is being done if that may take seconds. The cycle collector is off
+    meanwhile: a program is many small objects and hardly any garbage.
     """
     collecting = gc.isenabled()
     diagnostics = Diagnostics(tell)
@@ -177,7 +177,7 @@ def check_file(
 
 
 def _nobody(_: str) -> None:
-    """The check is over: whoever looked at it does no longer."""
+    """Takes the place of `tell` once the check is over, and does nothing."""
 
 
 def _check_file(
@@ -217,7 +217,7 @@ def _all_flat(
     *,
     draft: bool,
 ) -> dict[str, System]:
-    """The flat systems, without those that have errors; M007 where they are too large together."""
+    """The flat systems without errors; reports M007 if they are too large together."""
     components, flat_by_name = 0, {}
     for name, system in systems.items():
         flat = _flatten(program, system, overrides, diagnostics, draft=draft)
@@ -245,7 +245,7 @@ def _flatten(
     draft: bool = False,
     lints: bool = True,
 ) -> System | None:
-    """The flat system; None where it has errors. Without `lints` nothing is said but errors."""
+    """The flat system, None if it has errors; without `lints` there are no warnings."""
     elaborator = Elaborator(program, symbol, overrides, diagnostics, draft=draft)
     before = len(diagnostics.items)
     flat = elaborator.run()
@@ -263,7 +263,7 @@ def _flatten(
 def _proved(
     program: TypedProgram, symbol: SystemSymbol, overrides: Mapping[str, Value]
 ) -> System | None:
-    """The system that `symbol` deploys; None where it has errors, which are told of it."""
+    """The flat system that `symbol` deploys; None if it has errors, reported for that system."""
     assert symbol.deploys is not None
     diagnostics = Diagnostics()
     flat = Elaborator(program, symbol.deploys, overrides, diagnostics).run()
@@ -273,7 +273,7 @@ def _proved(
 def _check_the_rest(
     program: TypedProgram, systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics
 ) -> None:
-    """Numbers of what the main file declares and no system has: with default parameters."""
+    """Checks numbers of declarations in the main file that no system has, by default parameters."""
     placed = _placed([*systems.values(), *(t.system for t in program.tests.values())])
     instances = tuple(InstanceSymbol(s.name, s, {}, {}, s.span) for s in _unplaced(program, placed))
     topics = [t for n, t in program.topics.items() if "." not in n]
@@ -312,7 +312,7 @@ def _placed(systems: list[SystemSymbol]) -> set[object]:
 def _unplaced(
     program: TypedProgram, placed: set[object]
 ) -> Iterator[PlantSymbol | ModuleSymbol | NodeSymbol]:
-    """What the main file declares that stands in no system, and in no module of these."""
+    """Yields declarations of the main file that are in no system and in none of their modules."""
     rest = [
         s
         for table in (program.plants, program.modules, program.nodes)
@@ -344,10 +344,10 @@ def system_of(
     *,
     exact: bool = True,
 ) -> System:
-    """The flattened system to run; SoterError when there is no such or it has errors.
+    """The flat system to run; SoterError if there is none of this name or it has errors.
 
-    Parameters of instances that it does not have are an error (U004), unless not `exact`: then they
-    are those of other systems.
+    With `exact`, parameters of instances that it does not have are an error (U004); without, they
+    are taken as those of other systems.
     """
     if not checked.ok:
         raise SoterError(checked.diagnostics.items)
@@ -372,7 +372,7 @@ def system_to_prove(
     *,
     exact: bool = True,
 ) -> System:
-    """The same for proofs: nothing that a step publishes is held, and nothing goes wrong."""
+    """As `system_of`, for proofs: outputs of steps are not held, and there are no faults."""
     return faultless(at_once(system_of(checked, name, overrides, exact=exact)))
 
 
@@ -383,9 +383,9 @@ def system_of_test(
     *,
     exact: bool = True,
 ) -> System:
-    """The system that a test explores, `System.test` set; SoterError when it has errors.
+    """The flat system that a test explores, with `System.test`; SoterError if it has errors.
 
-    `exact` as of `system_of`.
+    `exact` is as in `system_of`.
     """
     if not checked.ok:
         raise SoterError(checked.diagnostics.items)
@@ -410,7 +410,7 @@ def _all_meant(
     overrides: Mapping[str, Value],
     diagnostics: Diagnostics,
 ) -> None:
-    """U004 for parameters of instances that are not in a system."""
+    """Reports U004 for parameters of instances that are not in the system."""
     for name in overrides:
         if not has_param(program, [system], name):
             diagnostics.error("U004", f"system `{system.name}` has no instance of `{name}`")

@@ -3,4 +3,4 @@
 SAMPLES = 20_000
 """Steps of each component that are timed."""
 MARGIN = 2.0
-"""What the longest is multiplied with, for a `wcet` to begin with."""
+"""A suggested `wcet` is the longest time measured, multiplied by this."""

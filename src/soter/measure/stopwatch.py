@@ -1,11 +1,10 @@
 """Steps of the trusted thread, timed one by one on this machine.
 
-Purpose: `timed`: of every component of the thread that is Soter code the times of single steps, on
-states of a run (`of_run`) and on states made of them, with what a component reads drawn at random
-(`varied`), with caches as they are and swept; what is told of them, and the `wcet` that they
-suggest.
-Non-goals: bounds: a measurement has not seen what it has not seen; locals, which only a run makes
-as they are.
+Purpose: `timed` gives, for every component of the thread that is Soter code, the times of single
+steps, on states of a run (`of_run`) and on copies of them in which what the component reads is
+drawn at random (`varied`), each with the processor's caches as they are and swept. `StepTimes` has
+the figures, and the `wcet` that they suggest.
+Non-goals: bounds, which no measurement gives; random locals, which keep the values of the run.
 """
 
 from __future__ import annotations
@@ -48,9 +47,9 @@ if TYPE_CHECKING:
 
 
 WILD = 1e3
-"""Floats of a topic without a set are drawn between this, below and above zero."""
+"""Floats of a topic without a set are drawn from -WILD to WILD."""
 FAR = 1 << 31
-"""The same of ints."""
+"""Ints of a topic without a set are drawn from -FAR to FAR."""
 
 
 def of_run(trace: Bytes, count: int) -> Bytes:
@@ -78,7 +77,7 @@ def varied(
     count: int,
     rng: random.Random,
 ) -> Bytes:
-    """`count` states (count, size) made of some (n, size): what the component reads is drawn.
+    """`count` states (count, size), copies of some (n, size) in which what it reads is drawn.
 
     Its topics take values of their sets, published at the time of the state. In one of eight all
     numbers are at an end of their sets, and lists are full.
@@ -133,7 +132,7 @@ def _scalar(t: Type, bound: Bound | None, rng: random.Random, *, ends: bool) -> 
 FOLDER = Path(__file__).resolve().parent / "c"
 ENGINE = (FOLDER / "soter_stopwatch.c", FOLDER / "soter_stopwatch.h")
 SWEPT_BYTES = 4 * 1024 * 1024
-"""More than the caches near a processor hold."""
+"""The bytes that are swept, more than the caches near a processor hold."""
 PERCENTILES = (50.0, 90.0, 99.0, 99.9)
 GRAIN_NS = 1_000
 """A suggested `wcet` is a whole number of these."""
@@ -141,9 +140,9 @@ GRAIN_NS = 1_000
 
 @dataclass(frozen=True)
 class StepTimes:
-    """Of one component: percentiles and the longest of `samples` steps, in ns; how many faulted.
+    """One component: percentiles and the longest of `samples` steps, in ns; how many faulted.
 
-    `wcet_ns`: the longest times the margin, in whole microseconds, for people to judge.
+    `wcet_ns`: the longest time multiplied by the margin, in whole microseconds, as a suggestion.
     """
 
     name: str
@@ -157,7 +156,7 @@ class StepTimes:
 
     @property
     def line(self) -> str:
-        """For the node, or the `rta`."""
+        """The line for the text of the node, or of the `rta`."""
         return f"wcet {write_ns(self.wcet_ns)};"
 
 
@@ -170,10 +169,10 @@ def timed(
     seed: int,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[StepTimes, ...]:
-    """The times of every component of the thread that is no extern's; `trace` (n, size): states.
+    """The times of every component of the thread that is no extern; `trace` (n, size): states.
 
-    Of each about `samples` steps: a quarter from states of the run, a quarter from states made of
-    them, and both again with caches swept.
+    About `samples` steps of each: a quarter from states of the run, a quarter from varied ones,
+    and both again with caches swept.
     """
     rng = random.Random(f"measure {seed}")  # noqa: S311 - states, not secrets
     mine = timed_components(made.system)
@@ -196,7 +195,7 @@ def timed(
 
 
 def timed_components(system: System) -> list[Component]:
-    """Those of the trusted thread that are Soter code."""
+    """The components of the trusted thread that are Soter code."""
     return [c for c in system.components if in_thread(c) and not c.extern]
 
 
@@ -208,7 +207,7 @@ def step_times(
     *,
     margin: float,
 ) -> StepTimes:
-    """What the times of a component, (samples,) in ns, come to; `faulted` of its steps did."""
+    """The figures of a component's times (samples,) in ns; `faulted`: how many steps did."""
     longest = int(took.max())
     if c.node is not None:
         declared = c.node.name
@@ -228,7 +227,7 @@ def step_times(
 
 
 class TimedUnit:
-    """A system and its C, with that of `c/` beside it."""
+    """A system and its compiled C, together with that of `c/`."""
 
     def __init__(self, system: System, core: CoreSystem | None) -> None:
         self.system = system

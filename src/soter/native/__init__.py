@@ -1,1 +1,1 @@
-"""Find a compiler, build, cache by content, load."""
+"""Native code: find a compiler, build, cache by content, load."""

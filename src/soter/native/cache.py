@@ -1,4 +1,4 @@
-"""The cache: what was made once, by content, and is loaded again only if it is whole and ours.
+"""The cache of built files, by content: an entry is used only if it is whole and ours.
 
 Purpose: an entry is a folder NAME-CONTENT with its files and their seals. It is made beside and
 moved into place, so it is there whole or not at all; what is damaged, or could have been written by
@@ -34,16 +34,16 @@ if TYPE_CHECKING:
 
 LIMIT = "SOTER_CACHE_MB"
 LIMIT_MB = 2048
-"""What the cache may hold where neither $SOTER_CACHE_MB nor its file `limit` says it, MB."""
+"""MB that the cache may hold where neither $SOTER_CACHE_MB nor its file `limit` says it."""
 LIMIT_LONGEST = 64
-"""Letters of that file that are read."""
+"""How many letters of the file `limit` are read."""
 LIMIT_FILE = "limit"
 YOUNG_S = 600.0
-"""What was used as lately is never removed: another process may be about to load it."""
+"""An entry used within this time is never removed: another process may be about to load it."""
 LOOK_S = 60.0
-"""As long nobody looks for room again: what is added meanwhile is young."""
+"""For so long after a look for room nobody looks again: what is added meanwhile is young."""
 LOOKED_FILE = "looked"
-"""Its time is when some process looked for room last; in it stands for how many bytes."""
+"""A file: its time is that of the last look for room, its text the limit in bytes then."""
 SEALS = "seals"
 MAKING = ".soter-making-"
 MB = 1_000_000
@@ -63,7 +63,7 @@ def cache_dir() -> Path:
 
 
 def digest(parts: Iterable[str]) -> str:
-    """A hash of texts, one by one."""
+    """A hash of a sequence of texts, which tells where one ends."""
     told = hashlib.sha256()
     for part in parts:
         data = part.encode("utf-8", "surrogatepass")
@@ -76,13 +76,13 @@ def cached(name: str, content: str, files: tuple[str, ...], make: Callable[[Path
     """The folder with `files`: from the cache, or made by `make` in an empty folder.
 
     `content`: a hash of everything that they depend on. SoterError X006 where the cache cannot be
-    used, and whatever `make` raises.
+    used; raises whatever `make` does.
     """
     return find_cached(name, content, files) or store(name, content, files, make)
 
 
 def find_cached(name: str, content: str, files: tuple[str, ...]) -> Path | None:
-    """The folder with `files` if the cache has it; SoterError X006 where others could write it."""
+    """The folder with `files` if the cache has it; SoterError X006 for a cache of others."""
     folder = cache_dir()
     _refuse_a_folder_of_others(folder)
     entry = _entry(folder, name, content)
@@ -97,7 +97,7 @@ def find_cached(name: str, content: str, files: tuple[str, ...]) -> Path | None:
 def store(name: str, content: str, files: tuple[str, ...], make: Callable[[Path], None]) -> Path:
     """Make the folder with `files` in the cache, in place of what is there; see `cached`.
 
-    SoterError X006 where the cache cannot be used, and whatever `make` raises.
+    SoterError X006 where the cache cannot be used; raises whatever `make` does.
     """
     folder = cache_dir()
     entry = _entry(folder, name, content)
@@ -121,7 +121,7 @@ def store(name: str, content: str, files: tuple[str, ...], make: Callable[[Path]
 
 @contextlib.contextmanager
 def making() -> Iterator[Path]:
-    """A folder of the cache for a moment; SoterError X006 where there can be none."""
+    """A temporary folder of the cache; SoterError X006 where there can be none."""
     folder = cache_dir()
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -150,7 +150,7 @@ def _seals(folder: Path, content: str, files: tuple[str, ...]) -> str:
 
 
 def _seal(made: Path, content: str, files: tuple[str, ...]) -> None:
-    """Only these files, in folders or not, which only we may write."""
+    """Keep only these files, writable by us alone, and write their seals."""
     wanted = {Path(name).parts[0] for name in files}
     for path in made.iterdir():
         if path.name not in wanted:
@@ -201,7 +201,7 @@ def _unusable(message: str, notes: tuple[str, ...] = (), helps: tuple[str, ...] 
 
 
 def _move(made: Path, entry: Path, old: Path, content: str, files: tuple[str, ...]) -> None:
-    """Into place, unless another process was faster."""
+    """Move an entry into place, unless another process was faster."""
     if _is_whole(entry, content, files):
         return
     try:
@@ -217,7 +217,7 @@ def _move(made: Path, entry: Path, old: Path, content: str, files: tuple[str, ..
 
 
 def limit() -> tuple[int, str]:
-    """Bytes that the cache may hold, and who says so; SoterError X006 where that is nonsense."""
+    """Bytes that the cache may hold, and what says so; SoterError X006 where that is no number."""
     text, where = os.environ.get(LIMIT, "").strip(), LIMIT
     if not text:
         file = cache_dir() / LIMIT_FILE
@@ -237,7 +237,7 @@ def limit() -> tuple[int, str]:
 
 
 def set_limit(megabytes: int) -> None:
-    """Write down what the cache may hold, and keep to it now; SoterError X006."""
+    """Store what the cache may hold, and make room accordingly; SoterError X006."""
     folder = cache_dir()
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -268,7 +268,7 @@ def entries() -> list[tuple[float, int, Path]]:
 
 
 def clear() -> tuple[int, int]:
-    """Remove every entry; how many and their bytes. SoterError X006 where one stays."""
+    """Remove every entry; return how many, and their bytes. SoterError X006 where one stays."""
     _refuse_a_folder_of_others(cache_dir())
     cache_entries = entries()
     for _, _, entry in cache_entries:
@@ -283,7 +283,7 @@ def clear() -> tuple[int, int]:
 
 
 def _make_room(folder: Path, most: int) -> None:
-    """Remove the least recently used entries above `most` bytes; none of this process's."""
+    """Remove the least recently used entries beyond `most` bytes, none of this process's."""
     now = time.time()
     if _looked_lately(folder, most, now):
         return
@@ -299,7 +299,7 @@ def _make_room(folder: Path, most: int) -> None:
 
 
 def _looked_lately(folder: Path, most: int, now: float) -> bool:
-    """Whether this process or another has looked for room for as many bytes."""
+    """Whether some process has looked for room lately, with the same limit."""
     file = folder / LOOKED_FILE
     try:
         lately = 0.0 <= now - file.stat().st_mtime < LOOK_S
@@ -309,7 +309,7 @@ def _looked_lately(folder: Path, most: int, now: float) -> bool:
 
 
 def _used(folder: Path) -> list[tuple[float, int, str]]:
-    """When each entry was used last, its bytes, its folder; what else lies there is not ours."""
+    """When each entry was used last, its bytes, its folder; other files there are not ours."""
     used = []
     with os.scandir(folder.absolute()) as listed:
         for entry in listed:
@@ -353,7 +353,7 @@ def files_below(folder: Path, *patterns: str) -> list[Path]:
 
 @cache
 def soter_sha256() -> str:
-    """A hash of every file that Soter is made of, the prelude too."""
+    """A hash of every file of Soter, the prelude too."""
     told = hashlib.sha256()
     below = len(SOTER.as_posix()) + 1
     for path in files_below(SOTER, "*.py", "*.c", "*.h", "*.soter"):
@@ -366,15 +366,15 @@ INCLUDE = re.compile(
     r'^[ \t]*(?:#|%:)[ \t]*(?:include(?:_next)?|import|embed|define|if|elif)\b[^"\n]*"([^"\n]+)"',
     re.MULTILINE,
 )
-"""A name in quotes of a directive that includes, or defines: there may be an `#include NAME`. Or
-one that asks whether a file is there (`__has_include`)."""
+"""A name in quotes in a directive that includes, that defines (for an `#include NAME`), or that
+asks whether a file is there (`__has_include`)."""
 INCBIN = re.compile(r'\.incbin[ \t]*\\?"([^"\\\n]+)')
 """A file that assembler in the C puts into the object."""
 OF_A_MACRO = re.compile(
     r"^[ \t]*(?:#|%:)[ \t]*(?:include(?:_next)?|import|embed)[ \t]*([A-Za-z_]\w*)(.*)$",
     re.MULTILINE,
 )
-"""An include of a macro, and what stands behind its name."""
+"""An include whose file name is a macro: its name, and the rest of the line."""
 FILES_MAX = 1000
 
 
@@ -397,7 +397,7 @@ def included(*sources: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path,
 
 
 def computes_names(texts: Collection[str]) -> bool:
-    """Whether C includes what a macro makes a name of, other than one that a definition quotes."""
+    """Whether C includes a file whose name a macro makes, unless its definition is in quotes."""
     joined = [t.replace("\\\n", "") for t in texts]
     for name, rest in (found for t in joined for found in OF_A_MACRO.findall(t)):
         defined = re.compile(rf"^[ \t]*(?:#|%:)[ \t]*define[ \t]+{name}\b(?!\()(.*)$", re.MULTILINE)

@@ -1,9 +1,9 @@
 """Find a C compiler, and run it with its output, time and life bounded.
 
-Purpose: the system's `cc`, gcc or clang; otherwise the one in the Python package `ziglang`, which
-`python_child` starts so that it imports nothing from the current folder. Noise makes a compiler
-write gigabytes and macros make it work for ever; what it has started ends with it, and all of it
-with this process. `vector_flags` and `FAST` are for C that never leaves this machine.
+Purpose: the compiler is the system's `cc`, gcc or clang; otherwise the one in the Python package
+`ziglang`, which `python_child` starts so that it imports nothing from the current folder. Output
+and time are limited, as bad input can make a compiler write gigabytes or never end; its processes
+end with it, and all with this one. `vector_flags` and `FAST` are for C that stays on this machine.
 Non-goals: cross compilers (`targets/`); fused multiplication and addition, which rounds once where
 programs mean twice.
 """
@@ -36,15 +36,15 @@ if TYPE_CHECKING:
 
 
 START = "import sys; sys.path[:] = [p for p in sys.path if p] + [{root!r}]; "
-"""Python puts `""` there for the current folder. `sys` is in it from the start: no file is read."""
+"""Takes the current folder, `""`, off `sys.path`. `sys` is built in: no file is read for it."""
 
 
 ROOT = Path(__file__).resolve().parents[2]
-"""Where this Soter is imported from."""
+"""The folder that this Soter is imported from."""
 
 
 def python_child(code: str, *words: str) -> list[str]:
-    """The command that runs this code; `words` are its `sys.argv[1:]`. It imports this Soter."""
+    """The command that runs this code with `words` as `sys.argv[1:]`; it imports this Soter."""
     return [sys.executable, "-c", START.format(root=str(ROOT)) + code, *words]
 
 
@@ -55,18 +55,18 @@ def python_module(name: str, *words: str) -> list[str]:
 
 
 OUTPUT_MAX = 2**18
-"""Bytes of a compiler's output that are read; one that writes more is ended."""
+"""Bytes of a compiler's output at most; one that writes more is ended."""
 LOOK_S = 0.5
 GROUP = (
     'exec 3<&0; "$@" 3<&- </dev/null & p=$!; '
     "{ read -r x; kill -KILL 0; } <&3 >/dev/null 2>&1 & exec 3<&- </dev/null; wait $p"
 )
-"""A shell leads the group: the command, and who ends the group when our end of a pipe is gone."""
+"""A shell that leads a group: the command, and who ends the group when our end of a pipe closes."""
 
 
 @dataclass(frozen=True)
 class CompilerOutput:
-    """`code`: None where it was ended, and then `why`; `text`: what it wrote, errors included."""
+    """`text`: all that it wrote; `code`: its exit code, None where it was ended, with `why`."""
 
     code: int | None
     text: str
@@ -74,7 +74,7 @@ class CompilerOutput:
 
 
 def run_compiler(command: Sequence[str], work: Path, limit_s: float) -> CompilerOutput:
-    """Run a command in `work` to its end, or to what it may."""
+    """Run a command in `work` to its end, or to its limits of time and output."""
     if os.name != "posix":
         return _run_elsewhere(command, work, limit_s)
     led = ("/bin/sh", "-c", GROUP, "sh", *command)
@@ -101,11 +101,11 @@ def run_compiler(command: Sequence[str], work: Path, limit_s: float) -> Compiler
 
 
 _running: set[int] = set()
-"""Groups of the compilers that run now, in whichever thread."""
+"""The process groups of the compilers that run now, in any thread."""
 
 
 def end_compilers() -> None:
-    """End all that run, for a person who does not wait for them."""
+    """End all compilers that run, when the user interrupts."""
     for group in tuple(_running):
         _end(group)
 
@@ -116,7 +116,7 @@ def _end(group: int) -> None:
 
 
 def _read(process: subprocess.Popen[bytes], end: float, limit_s: float) -> tuple[bytes, str]:
-    """What it says, and why it is not heard any longer; "" where it is done."""
+    """Its output, and why it was not read to the end; "" where it was."""
     assert process.stdout is not None
     said, source = bytearray(), process.stdout.fileno()
     while (left := end - time.monotonic()) > 0:
@@ -132,7 +132,7 @@ def _read(process: subprocess.Popen[bytes], end: float, limit_s: float) -> tuple
 
 
 def _run_elsewhere(command: Sequence[str], work: Path, limit_s: float) -> CompilerOutput:
-    """Where there are no process groups: bounded in time alone."""
+    """Run a command with a limit of time alone, where there are no process groups."""
     try:
         done = subprocess.run(command, capture_output=True, check=False, timeout=limit_s, cwd=work)
     except subprocess.TimeoutExpired:
@@ -142,13 +142,13 @@ def _run_elsewhere(command: Sequence[str], work: Path, limit_s: float) -> Compil
 
 CPU = Path("/proc/cpuinfo")
 VECTORS = (("-mavx512f", "-mavx512dq"), ("-mavx2",))
-"""Flags of vectors of eight doubles, and of four."""
+"""Flags for vectors of eight doubles, and of four."""
 FAST = ("-fno-trapping-math",)
-"""Nobody looks at the processor's floating-point flags: clang may take both ways of a choice."""
+"""No floating-point flags of the processor are read, so clang may compute both ways of a choice."""
 
 
 def of_processor(said: str) -> tuple[str, ...]:
-    """The flags for a processor of which Linux says this: it has what all of its cores have."""
+    """The flags that all cores support according to Linux's text about the processor."""
     cores = [line.split() for line in said.splitlines() if line.startswith("flags")]
     for flags in VECTORS:
         if cores and all(flag.removeprefix("-m") in core for flag in flags for core in cores):
@@ -158,7 +158,7 @@ def of_processor(said: str) -> tuple[str, ...]:
 
 @cache
 def vector_flags() -> tuple[str, ...]:
-    """Flags for the vectors of this machine; none where it does not tell, or has none."""
+    """Flags for the vectors of this machine; () where it has none, or that is not known."""
     if platform.machine() not in {"x86_64", "AMD64"} or not CPU.exists():
         return ()
     return of_processor(CPU.read_text(encoding="utf-8", errors="replace"))
@@ -171,11 +171,11 @@ MEANING = (
     *("-fno-finite-math-only", "-fno-reciprocal-math", "-fno-associative-math", "-fsigned-zeros"),
     "-fno-math-errno",
 )
-"""Flags that belong to the meaning: one rounding an operation, on every compiler."""
+"""Flags that fix the meaning of the C: one rounding for each operation, on every compiler."""
 STRICT = (STANDARD, *MEANING)
 TIMEOUT_S = 300
 LINES, LINE_MAX = 8, 1000
-"""So many lines of a compiler's words are shown, and of each so many letters."""
+"""How many lines of a compiler's output are shown, and letters of each."""
 DEFECT = "this is a defect of soter: please report it with the program"
 WARNINGS = (
     "-Wall",
@@ -195,7 +195,7 @@ class Compiler:
     command: tuple[str, ...]
     identity: str
     flags: tuple[str, ...] = ()
-    """Of the command: what $SOTER_CC says behind its first word."""
+    """The words of $SOTER_CC after its first one."""
 
 
 def _identity(command: tuple[str, ...]) -> str | None:
@@ -252,7 +252,7 @@ def find() -> Compiler:
 
 
 def told_version(compiler: Compiler) -> str:
-    """The first line of what a compiler says of its version; its command where it says nothing."""
+    """The first line of a compiler's output for its version; its command where there is none."""
     done = run_compiler((*compiler.command, "--version"), Path.cwd(), TIMEOUT_S)
     lines = done.text.strip().splitlines() if done.code == 0 else []
     return visible(lines[0][:LINE_MAX]) if lines else " ".join(compiler.command)
@@ -265,7 +265,7 @@ def compile_with(
     helps: tuple[str, ...] = (DEFECT,),
     telling: tuple[str, ...] = (),
 ) -> None:
-    """Run a compiler in `work`; SoterError X004 with its words, those of `telling` if any are."""
+    """Run a compiler in `work`; SoterError X004 with its lines, those with `telling` if any."""
     with passing_phase("compiling"):
         done = run_compiler(command, work, TIMEOUT_S)
     if done.code == 0:

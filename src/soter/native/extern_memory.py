@@ -1,9 +1,9 @@
-"""Whether the C of externs may keep something from one call to the next, and C that kept nothing.
+"""Whether the C of externs may keep state from one call to the next, and fresh copies of such C.
 
-Purpose: `kept_by`, from the objects that a compiler makes of it: C without variables of its own
-that only calls functions which keep nothing cannot. Whoever is not known to keep nothing may.
-`unknown_of` says why nobody can know which bytes it depends on.
-`another_copy` is loaded beside a library: what its C keeps is its own.
+Purpose: `kept_by` looks at the compiler's objects: C that has no variables of its own, and only
+calls functions known to keep nothing, keeps nothing; all other C may. `unknown_of` says why it
+cannot be known which files and input the C depends on. `another_copy` of a library is loaded with
+variables of its own.
 Non-goals: what it does keep; assembler and addresses that are written down in the C, which can
 do anything.
 """
@@ -47,26 +47,26 @@ __stack_chk_fail _GLOBAL_OFFSET_TABLE_
 """
 KEEP_NOTHING = {f"{name}{suffix}" for name in MATH.split() for suffix in ("", "f", "l")}
 KEEP_NOTHING.update(OTHERS.split())
-"""Functions of libraries whose answer only depends on what they are given."""
+"""Functions of libraries whose answer depends only on their arguments."""
 FROM_WITHIN = """
 __tls_get_addr aligned_alloc calloc fflush fprintf fputc fputs free fwrite malloc printf putchar
 puts rand rand_r realloc snprintf sprintf srand stderr stdout vfprintf vsnprintf
 """
 READ_NOTHING = KEEP_NOTHING.union(FROM_WITHIN.split())
-"""Functions and names that bring in nothing from outside of the process; some keep something."""
+"""Functions and names that read nothing from outside of the process; some keep state."""
 WHEN = re.compile(r"__(?:DATE|TIME|TIMESTAMP)__")
 WRITABLE, OCCUPIES = 1, 2
 SYMBOLS, UNDEFINED, COMMON = 2, 0, 0xFFF2
 ELF = b"\x7fELF\x02\x01"
 RELOCATED = re.compile(r"\.(data\.rel\.ro|init_array|fini_array)(\.|$)")
-"""Sections that are only written while the library is loaded."""
+"""Sections that are written only while the library is loaded."""
 LOCAL = 0
-"""How a symbol is bound that other objects do not see."""
+"""The binding of a symbol that other objects do not see."""
 
 
 @contextmanager
 def another_copy(path: Path) -> Iterator[Path]:
-    """A copy of a library, to be loaded in the block; it stays loaded as long as the process.
+    """A copy of a library, to load in this block; it stays loaded as long as the process.
 
     SoterError X006 where the cache cannot be written.
     """
@@ -120,7 +120,7 @@ def _examined(unit: Unit, told: str) -> str:
 
 
 def _unseen(rule: str, work: Path, sources: Iterable[str]) -> str:
-    """What a compiler read besides what is known to be included; `rule`: as make would read it."""
+    """A file that the compiler read and `included` does not know; `rule`: its make rule."""
     known = included(*sources, folders=(RUNTIME, NEVER_SHIPPED))
     for when in (m[0] for text in known.values() for m in WHEN.finditer(text)):
         return f"it says when it was compiled (`{when}`)"
@@ -135,7 +135,7 @@ def _unseen(rule: str, work: Path, sources: Iterable[str]) -> str:
 
 
 def _asked(objects: list[bytes]) -> str:
-    """Who may be asked from outside: files, the environment, clocks, other libraries."""
+    """Why the objects may read files, clocks, the environment or other libraries; else ""."""
     if any(data[:6] != ELF for data in objects):
         return "the compiler's objects cannot be looked into"
     symbols = [x for data in objects for x in _symbols(data)]
@@ -145,7 +145,7 @@ def _asked(objects: list[bytes]) -> str:
 
 
 def _of(objects: list[bytes]) -> str:
-    """The same of objects."""
+    """Why the objects may keep something, in words; "": they cannot."""
     if any(data[:6] != ELF for data in objects):
         return "the compiler's objects cannot be looked into"
     defined, called = set[str](), set[str]()

@@ -36,15 +36,15 @@ if TYPE_CHECKING:
 
 RUNTIME = SOTER / "runtime"
 NEVER_SHIPPED = SOTER / "native" / "c"
-"""What only runs on this machine use."""
+"""The folder of C that is used on this machine alone, and is in no package."""
 KERNEL = ("soter_kernel.c", "soter_virtual.c")
 CHECK_FAILED = NEVER_SHIPPED / "soter_check_failed_exit.c"
-"""What a check of the run-time or of an engine that fails does on this machine."""
+"""The C that says what happens on this machine when a check of the run-time or an engine fails."""
 FAULTS = "soter_faults.h"
-"""What programs include whose system has faults."""
+"""The header of programs whose system has faults."""
 LIBRARY = "program.so"
 TELLING = ("error", "undefined", "previous de")
-"""What makes a line of a C compiler worth showing."""
+"""Words of those lines of a C compiler's output that are worth showing."""
 OWN_SYMBOLS = (
     ("-Wl,-Bsymbolic", "-fno-semantic-interposition") if sys.platform.startswith("linux") else ()
 )
@@ -56,7 +56,7 @@ REPORT = "this is a defect of soter: please report it with your compiler's versi
 def texts(*sources: str | Path) -> list[str]:
     """Path and text of C files and of every header that they include, our own ones too.
 
-    With something that is never the same where a header is not known: no key is of that.
+    Where a header is not known, a random text is added, so that no key of a cache matches.
     """
     known = included(*sources, folders=(RUNTIME, NEVER_SHIPPED)).items()
     never = [uuid4().hex] if computes_names([t for _, t in known]) else []
@@ -64,12 +64,12 @@ def texts(*sources: str | Path) -> list[str]:
 
 
 def library_flags(optimise: str = "-O2") -> tuple[str, ...]:
-    """Those of every shared library."""
+    """The compiler flags of every shared library."""
     return (*STRICT, optimise, "-fPIC", "-shared", *OWN_SYMBOLS)
 
 
 def without_link(flags: Iterable[str]) -> tuple[str, ...]:
-    """Those that a compiler takes which does not link."""
+    """These flags without those of the linker, for a compiler that does not link."""
     return tuple(f for f in flags if f != "-shared" and not f.startswith("-Wl,"))
 
 
@@ -99,13 +99,13 @@ def library(
 
 
 def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ...]:
-    """The objects of some C files of Soter, which many programs are linked with."""
+    """The compiled objects of C files of Soter, which many programs are linked with."""
     compiler = find()
     names = tuple(f"{s.stem}.o" for s in sources)
     content = digest((compiler.identity, *flags, *texts(*sources)))
 
     def make(work: Path) -> None:
-        for source, name in zip(sources, names, strict=True):  # of several zig makes but the first
+        for source, name in zip(sources, names, strict=True):  # zig makes only the first of several
             command = [*compiler.command, *flags, "-c", str(source), "-o", name]
             compile_with(command, work, "the run-time does not compile", (REPORT,))
 
@@ -114,9 +114,9 @@ def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ..
 
 
 def checked_extern(work: Path, number: int, source: str, prefix: str) -> str:
-    """An extern's C, followed by the header: a wrong signature is an error, not undefined.
+    """The file with an extern's C and then the header, so that a wrong signature is an error.
 
-    The header comes last, so that the file may still ask the system for its features first.
+    The header comes last, so that the C can ask for features of the system before any header.
     """
     path = str(Path(source).resolve())
     if Path(source).suffix != ".c" or '"' in path or "\\" in path:
@@ -143,11 +143,11 @@ def include_flags(*files: Path) -> tuple[str, ...]:
 def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...]) -> Path:
     """Write the unit into `work` and compile it there; X004 with the compiler's words.
 
-    C of externs is compiled as ever, whatever the `flags` are: it may ask which instructions there
-    are (`__AVX2__`), and is the same C in runs, campaigns and where its objects are looked into.
+    C of externs gets the same flags always, not `flags`, as it may test for them (`__AVX2__`): so
+    it is the same C in runs, campaigns and where its objects are examined.
 
-    `runtime`: sources or objects of the kernel and of what else is needed. The person's C comes
-    first: a mistake in it is said before a large program is compiled for minutes.
+    `runtime`: sources or objects of the kernel and of what else is needed. The user's C comes
+    first: a mistake in it is reported before a large program is compiled for minutes.
     """
     (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
     source = work / f"{unit.prefix}.c"
@@ -176,13 +176,13 @@ NUMBER = re.compile(r"^#define ([A-Z_]+) (\d+)U?$")
 TABLES = "interface.py"
 
 _opened: list[Any] = []
-"""All libraries: cffi closes one that nobody holds, whoever still holds a function of it."""
+"""All libraries: cffi closes one that nobody holds, even if a function of it is still held."""
 
 
 def declarations(header: Path) -> str:
     """What a header of Soter declares: types, functions and numbers; no comments, no inline code.
 
-    What it includes is not read: give it before.
+    Headers that it includes are not read: give their declarations before.
     """
 
     def kept(match: re.Match[str]) -> str:
@@ -195,10 +195,10 @@ def declarations(header: Path) -> str:
 
 @lru_cache(maxsize=64)
 def interface(*declared: str) -> Any:  # noqa: ANN401 - cffi has no types
-    """What calls C, given these declarations; the same object for the same texts.
+    """The cffi object for these declarations; the same one for the same texts.
 
-    They are parsed once, and the tables that cffi makes of them are kept: parsing takes longer than
-    most runs. SoterError X006 where the cache cannot be used.
+    They are parsed once and cffi's tables of them are cached, as parsing takes longer than most
+    runs. SoterError X006 where the cache cannot be used.
     """
     import _cffi_backend  # noqa: PLC0415 - only what is compiled pays for it
 
@@ -219,11 +219,11 @@ def opened(
     path: Path,
     owners: Mapping[str, str] | None = None,
 ) -> Any:  # noqa: ANN401 - the same
-    """The library; SoterError X004 where a function it needs is nowhere.
+    """The loaded library; SoterError X004 where a function that it needs is missing.
 
-    X012 where this thread does not compute as what is loaded takes for granted.
+    X012 where this thread's floating-point settings are not those that the library assumes.
 
-    `owners`: the C file in which each linked function was to be found.
+    `owners`: by linked function, the C file that should have it.
     """
     require_plain()
     try:
@@ -263,7 +263,7 @@ class RunStatus(IntEnum):
 
 
 def kernel_interface() -> Any:  # noqa: ANN401 - cffi has no types
-    """What `runtime/soter.h` declares."""
+    """The cffi interface of `runtime/soter.h`."""
     return interface(declarations(RUNTIME / "soter.h"))
 
 

@@ -1,11 +1,11 @@
 """How much stack a package's trusted part needs at most, from the compiler's own figures.
 
-Purpose: frames (`-fstack-usage`) and who calls whom (gcc: `-fcallgraph-info=su`; clang: the calls
-of its assembly), and the dearest way through them from the functions that a loop calls.
-Non-goals: stacks of interrupts, of the caller, of the C library and of externs: they are named.
+Purpose: from frames (`-fstack-usage`) and who calls whom (gcc: `-fcallgraph-info=su`; clang: the
+calls in its assembly), the costliest path of calls from the functions that a loop calls.
+Non-goals: stacks of interrupts, of the caller, of the C library and of externs, which are named.
 
 A call through a pointer may go to any function of the program's tables. What cannot be bounded (a
-frame that depends on data, a circle of calls, a compiler that says nothing) has no figure.
+frame that depends on data, a circle of calls, a compiler without figures) gets no number.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
 OPTIMISE = "-O2"
-"""As the Makefile of a package compiles where nobody says otherwise."""
+"""The optimisation of a package's Makefile, unless the user sets another."""
 INDIRECT = "__indirect_call"
 RETURNS_HERE = 16
-"""What a call itself may take where a compiler's figure is of the frame alone (clang)."""
+"""Bytes that a call itself may take where the compiler's figure leaves it out (clang)."""
 RED_ZONE = 128
-"""What the last function of a way may use below its frame (x86-64) and no compiler counts."""
+"""Bytes below its frame that the last function of a path may use (x86-64), which no figure has."""
 FOUND = "stack.json"
 SILENT = "this compiler tells no stack usage (gcc does, and clang for x86-64 and aarch64 of Linux)"
 QUIET = frozenset(
     {"soter_check_failed", "__assert_fail", "__assert_rtn", "abort", "__stack_chk_fail"}
 )
-"""Do not come back; what is yours of them needs a stack of its own."""
+"""Functions that do not return; the stack of those that the user writes is not counted."""
 ROLES = "step|failsafe|effect|exchange|happens|overrun|decide|violated|publish|init|order|self_test"
 TABLE = re.compile(rf"\.({ROLES}) = (\w+)")
 NODE = re.compile(r'^node: \{ title: "([^"]+)" label: "([^"]*)"')
@@ -45,13 +45,13 @@ BYTES = re.compile(r"\\n(\d+) bytes \((\w+(?:,\w+)*)\)")
 LABEL = re.compile(r"^([A-Za-z_][\w.$]*):")
 CALL = re.compile(r"^\s+(callq?|bl|blr|jmpq?|b|br)\s+(\S+)")
 READABLE = re.compile(r"^Target: (x86_64|aarch64)-\S*linux", re.MULTILINE)
-"""The targets of clang whose assembly is read here: what is not known is not guessed."""
+"""The targets of clang whose assembly can be read here; others get no figure."""
 TAIL = frozenset({"jmp", "jmpq", "b", "br"})
 
 
 @dataclass
 class StackGraph:
-    """Functions as `file:name`, or `name` where everybody may call it."""
+    """The call graph; a function is `file:name`, or `name` where it is visible to all files."""
 
     frames: dict[str, int] = field(default_factory=dict)
     calls: dict[str, set[str]] = field(default_factory=dict)
@@ -60,7 +60,7 @@ class StackGraph:
 
 @dataclass(frozen=True)
 class StackBound:
-    """`bytes`: None where there is no bound, and then `why`. `way`: the functions, outermost first.
+    """`bytes`, or None and `why`; `way`: the functions of the costliest path, outermost first.
 
     `not_counted`: functions that are called and whose own stack comes on top.
     """
@@ -80,8 +80,8 @@ def stack_of(
 ) -> StackBound:
     """The bound of C files (name -> text) for every function whose name begins with `entries`.
 
-    `left_out`: functions of the tables that are not the trusted part's, as the steps of plants.
-    `cross`: the compiler of another processor, with the flags of its own.
+    `left_out`: functions of the tables outside of the trusted part, such as the steps of plants.
+    `cross`: a compiler for another processor, with its flags.
     """
     try:
         compiler = cross or find()
@@ -90,7 +90,7 @@ def stack_of(
     flags = (*STRICT, *(cross.flags if cross is not None else (OPTIMISE,)))
     below = 0 if cross is not None else RED_ZONE
     left = sorted(left_out)
-    rules = Path(__file__).read_text(encoding="utf-8")  # the figure depends on them, too
+    rules = Path(__file__).read_text(encoding="utf-8")  # the bound depends on this file, too
     texts = [x for pair in files.items() for x in pair]
     content = digest([compiler.identity, rules, entries, str(below), *left, *flags, *texts])
 

@@ -1,4 +1,4 @@
-"""What the page asks of Soter, as JSON texts in and out.
+"""The functions of Soter that the page calls, with JSON texts in and out.
 
 Purpose: `check`, `layout`, `explain` of a program, and `PlaygroundSession`, a run of the reference
 interpreter that goes on piece by piece, so that the page can draw it meanwhile: every number of
@@ -60,7 +60,7 @@ class Signal:
         return float(value)
 
     def about(self) -> dict[str, object]:
-        """As the page wants it."""
+        """The signal as the page reads it."""
         return {"name": self.name, "unit": self.unit}
 
 
@@ -96,11 +96,11 @@ def _numbers(
 
 
 UNTIL_NS = 10 * 10**9
-"""Of systems that say no `until`."""
+"""How long systems run that say no `until`."""
 SAMPLES_MAX = 1500
-"""Points of a run that the page draws; every change of mode is one besides."""
+"""How many points of a run the page draws; changes of mode are added to them."""
 CLOCK_EVERY = 16
-"""Instants between two looks at the clock."""
+"""How many instants pass between two readings of the clock."""
 
 
 def check(path: str, text: str) -> str:
@@ -118,7 +118,7 @@ def check(path: str, text: str) -> str:
 
 
 def _shown(checked: CheckResult) -> dict[str, object]:
-    """The picture of the system that runs when none is named, else of the first."""
+    """The picture of the system that runs when none is named, or else of the first system."""
     symbol = checked.default_system()
     name = symbol.name if symbol is not None else next(iter(checked.systems), None)
     if name is None:
@@ -172,7 +172,7 @@ class PlaygroundSession:
         self._told = [False] * len(self._record.properties)
 
     def about(self) -> str:
-        """What is going to be drawn."""
+        """What the page is going to draw."""
         computed = [
             m.name for m in self.system.modules if m.symbol.ttf is None or m.symbol.safer is None
         ]
@@ -237,7 +237,7 @@ class PlaygroundSession:
         )
 
     def _row(self) -> list[object]:
-        """Time, modes, signals."""
+        """A row of the table of samples: time, modes, signals."""
         c = self._configuration
         values = [s.of(c) for s in self.signals]
         told = [v if math.isfinite(v) else None for v in values]
@@ -272,7 +272,7 @@ class PlaygroundSession:
 
 
 def start(path: str, text: str, system: str = "", seed: int = 1) -> PlaygroundSession | str:
-    """A session, or what stands in its way, as people read it."""
+    """A session, or the diagnostics that prevent it, as text."""
     try:
         return PlaygroundSession(path, text, system, seed)
     except SoterError as error:
@@ -280,7 +280,7 @@ def start(path: str, text: str, system: str = "", seed: int = 1) -> PlaygroundSe
 
 
 def unanswered(error: UnboundExternError) -> SoterError:
-    """Externs are somebody else's code: there is none of it in the page."""
+    """The error of a program with externs, whose code is not in the page."""
     message = f"{error}"
     note = "externs in Python and C run on your machine: `pip install`, then `soter run`"
     return SoterError((Diagnostic("X001", message, notes=(note,)),))

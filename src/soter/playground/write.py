@@ -1,8 +1,8 @@
 """Write the playground: one HTML file with script, Soter and Pyodide, which opens from a disk.
 
 Purpose: pack the rooms that run in a browser, some examples and the files of Pyodide, compressed,
-into one page whose content security policy lets no request leave. Pyodide comes out of a folder,
-out of a package file, or from npm into a folder that is gone afterwards.
+into one page whose content security policy lets no request leave. Pyodide comes from a folder, from
+a package file, or from npm through a temporary folder.
 Non-goals: what the page does (`session.py`, `assets/`); other versions than the one that was tried.
 """
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 ROOMS = ("diagnostics", "diagram", "language", "playground", "report", "semantics")
-"""What runs in the page; of `report` only what shows texts."""
+"""The rooms that run in the page; of `report` only the files that show texts."""
 ONLY = {"report": ("__init__.py", "wording.py")}
 ENDINGS = {".py", ".md", ".soter", ".toml"}
 POLICY = (
@@ -41,7 +41,7 @@ POLICY = (
     "base-uri 'none'"
 )
 CLOCK = (1980, 1, 1, 0, 0, 0)
-"""The time of files in archives: the same sources give the same page."""
+"""The time of all files in archives, so that the same sources give the same page."""
 
 
 def page(runtime: Mapping[str, bytes], examples: Mapping[str, str], links: str = "") -> str:
@@ -96,7 +96,7 @@ def _files(root: Path) -> list[Path]:
 
 
 def _lock(text: bytes) -> bytes:
-    """The lock file without packages: the page has none."""
+    """Pyodide's lock file without packages, of which the page has none."""
     lock = json.loads(text)
     return json.dumps({**lock, "packages": {}}).encode()
 
@@ -208,7 +208,7 @@ def examples_in(folder: Path) -> dict[str, str]:
 
 
 def own_examples() -> dict[str, str]:
-    """What comes with Soter: a small robot."""
+    """The example that comes with Soter, a small robot."""
     assets = resources.files("soter.playground") / "assets"
     return {
         Path(p.name).name: p.read_text(encoding="utf-8")

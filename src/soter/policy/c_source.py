@@ -1,8 +1,8 @@
 """A network as C that answers an extern node: for campaigns, packages and boards.
 
-Purpose: `c_source`: a file to bind with `c:FILE:FUNCTION`. Layers are computed in float32 as
+Purpose: `c_source` writes a file to bind with `c:FILE:FUNCTION`. Layers are computed in float32 as
 `network.py` does, sums in double, so that the answer is that of the policy's file within rounding;
-what is remembered, and frames that are stacked, lie in statics.
+memory and stacked frames are static variables.
 Non-goals: a bound on the difference (`soter_source.py` has one); graphs that are no layers.
 """
 
@@ -66,9 +66,9 @@ def c_source(
 ) -> str:
     """The text of the file.
 
-    `function`: its own name. `name`: what the C names of the node begin with (`rush_Learned`), of a
-    program with this `header`. `reads`, `writes`: topics in the order in which the policy has their
-    numbers. SoterError X014 where they are not those of the policy.
+    `function`: the name of the C function. `name`: what the C names of the node begin with
+    (`rush_Learned`); `header`: that of its program. `reads`, `writes`: topics in the order in which
+    the policy has their numbers. SoterError X014 where the policy has other numbers.
     """
     network = policy.network
     given = [place for n, t in reads for place, _ in _places(f"in->{_member(n)}", t)]
@@ -88,12 +88,12 @@ def c_source(
 
 
 def _member(name: str) -> str:
-    """A member, or one of a member: `pose`, `pose.x`."""
+    """The C name of a member, or of a member's member: `pose`, `pose.x`."""
     return ".".join(field_name(part) for part in name.split("."))
 
 
 def _statics(policy: Policy, frame: int) -> Iterator[str]:
-    """What lasts from step to step."""
+    """The static variables, which last from step to step."""
     if policy.network.inputs > frame:
         yield f"static float x0[{policy.network.inputs}];"
     for number, layer in enumerate(policy.network.layers, 1):
@@ -103,7 +103,7 @@ def _statics(policy: Policy, frame: int) -> Iterator[str]:
 
 
 def _observed(policy: Policy, given: Sequence[str]) -> list[str]:
-    """The observation: older frames move down, this one is read."""
+    """Statements that make the observation: older frames move down, a new one is read."""
     inputs, frame = policy.network.inputs, len(given)
     if not frame or inputs % frame or (policy.keys and frame != inputs):
         why = f"it takes {inputs} numbers, the node reads {frame}"
@@ -157,7 +157,7 @@ def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], li
 
 
 def _elementwise(layer: Layer, own: str) -> tuple[list[str], str]:
-    """Constants, and what becomes of a number `x`."""
+    """Constants, and the C expression of the layer's result for a number `x`."""
     if isinstance(layer, Standardised):
         parts = {"MEAN": layer.mean, "DEVIATION": layer.deviation, "LIMIT": layer.limit}
         constants = [line for n, a in parts.items() for line in _table(f"{own}_{n}", a)]
@@ -187,7 +187,7 @@ def _one_hot(layer: OneHot, here: str, at: str) -> Iterator[str]:
 
 
 def _memory(layer: Lstm, number: int, size: int, at: str) -> tuple[list[str], list[str]]:
-    """A cell: gates of what is given and of what it answered before."""
+    """The C of an LSTM: its gates are made of the input and of the answer before."""
     here, own, kept, n = f"x{number}", f"L{number}", f"kept{number}", layer.outputs
     constants = [*_table(f"{own}_W", layer.weight), *_table(f"{own}_B", layer.bias)]
     gates = [SIGMOID.replace("x", f"g{number}[{k} * {n} + i]") for k in (0, 1, 3)]
@@ -209,7 +209,7 @@ def _memory(layer: Lstm, number: int, size: int, at: str) -> tuple[list[str], li
 
 
 def _answered(policy: Policy, writes: Shapes, size: int, at: str) -> Iterator[str]:
-    """What is published, number by number."""
+    """Statements that write what is published, number by number."""
     network = policy.network
     places = [(p, k) for n, t in writes for p, k in _places(f"out->{field_name(n)}", t)]
     if len(places) != network.answers:
@@ -239,7 +239,7 @@ def _answered(policy: Policy, writes: Shapes, size: int, at: str) -> Iterator[st
 
 
 def _places(at: str, t: Type) -> Iterator[tuple[str, Type]]:
-    """Where the numbers of a value lie in C, and of what type each is."""
+    """The C expression and the type of each number of a value."""
     if isinstance(t, RecordType):
         for field, of in t.fields:
             yield from _places(f"{at}.{field_name(field)}", of)
@@ -252,7 +252,7 @@ def _places(at: str, t: Type) -> Iterator[tuple[str, Type]]:
 
 
 def _number(value: float, *, single: bool) -> str:
-    """A number to the last bit."""
+    """A number in C, exact to the last bit."""
     if not np.isfinite(value):
         return "-INFINITY" if value < 0.0 else "INFINITY"
     return f"{float(value).hex()}{'f' if single else ''}"

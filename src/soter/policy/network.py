@@ -1,6 +1,6 @@
 """A small network: its layers, and what it answers in float32.
 
-Purpose: the one form that files are read into, that is run by NumPy, bounded and written as Soter.
+Purpose: the one form that files are read into, and that is run, bounded, and written as Soter or C.
 Non-goals: files (`sb3_file.py`, `onnx_file.py`), convolutions, training.
 """
 
@@ -38,7 +38,7 @@ class Standardised:
 
 @dataclass(frozen=True)
 class OneHot:
-    """Of each number, a whole one below its size, so many of which one is 1; size 0: itself."""
+    """Each number, whole and below its `size`, as `size` numbers of which one is 1; 0: as it is."""
 
     sizes: tuple[int, ...]
 
@@ -83,10 +83,10 @@ class Activation:
 
 @dataclass(frozen=True, eq=False)
 class Lstm:
-    """Numbers that are kept from step to step in an episode, zeros at its start.
+    """An LSTM cell of n numbers, which are kept from step to step, zeros at an episode's start.
 
-    weight (4 n, inputs + n), of what is given and what was answered; bias (4 n,): of the gates
-    in, forget, new, out.
+    weight (4 n, inputs + n), for its input and its answer of the step before; bias (4 n,). Both
+    are ordered by the gates in, forget, new, out.
     """
 
     weight: Floats
@@ -119,8 +119,8 @@ Layer = Standardised | OneHot | Affine | Elementwise | Relu | Tanh | Activation 
 class Network:
     """Layers one after the other, from `inputs` numbers.
 
-    `choices`: sizes of groups of the last numbers; the answer is, of each, the index of the
-    largest number, the first of equal ones. Without any, the numbers are the answer.
+    `choices`: sizes of groups of the last numbers; the answer is the index of the largest number
+    in each, the first of equal ones. Without choices the numbers are the answer.
     """
 
     inputs: int
@@ -144,7 +144,7 @@ class Network:
         return sum(x.weight.size for x in self.layers if isinstance(x, (Affine, Lstm)))
 
     def chosen(self, last: Floats) -> list[float]:
-        """The answer, of the numbers of the last layer (outputs,)."""
+        """The answer, from the numbers of the last layer (outputs,)."""
         if not self.choices:
             numbers: list[float] = last.tolist()
             return numbers
@@ -156,11 +156,11 @@ class Network:
 class Policy:
     """What a file says of a policy.
 
-    `facts`: what was read, in words, by what it is. `assumed`: what the file does not say.
+    `facts`: what was read, as name and words. `assumed`: what is assumed as no file says it.
     `per_frame`: what is done to each frame before frames are stacked. `box`: the least and the
     largest observation, (inputs,) each, where the file says finite ones. `keys`: of observations
     by name, the names in the order in which the network takes them, and how many numbers each has.
-    `beside`: a file that was not named and was read.
+    `beside`: a file that was read though nobody named it.
     """
 
     path: str
@@ -210,7 +210,7 @@ def _bad_numbers(layer: Layer, arrays: list[Floats]) -> str:
 
 
 def problem_of(network: Network) -> str:
-    """Why layers do not fit each other or hold numbers that are none; "" where they do."""
+    """Why layers do not fit each other or have numbers that cannot be; "" where all is well."""
     size = network.inputs
     for number, layer in enumerate(network.layers, 1):
         arrays = [x for x in vars(layer).values() if isinstance(x, np.ndarray)]
@@ -239,15 +239,15 @@ class Asked(NamedTuple):
     """A network that can be asked: an observation is written, and `run` gives the last layer."""
 
     observation: Floats
-    """(inputs,)"""
+    """(inputs,), for the caller to write."""
     run: Callable[[], Floats]
-    """(outputs,); the next call overwrites it."""
+    """Gives (outputs,), which the next call overwrites."""
     reset: Callable[[], None]
-    """An episode begins."""
+    """Begins an episode: zeros all memory."""
 
 
 def answering(network: Network) -> Asked:
-    """What asks the network in float32."""
+    """The network made ready to be asked, in float32."""
     steps: list[Callable[[], object]] = []
     memory: list[Floats] = []
     before = _with_one(network.inputs)
@@ -288,7 +288,7 @@ def _with_one(size: int) -> Floats:
 
 
 def _in_place(layer: Layer, x: Floats, out: Floats) -> list[Callable[[], object]]:
-    """The steps of a layer of which each number is made of one."""
+    """The steps of a layer whose numbers each depend on one number of its input."""
     if isinstance(layer, Tanh):
         return [partial(np.tanh, x, out=out)]
     if isinstance(layer, Relu):
@@ -328,7 +328,7 @@ def _sigmoid(x: Floats) -> Floats:
 
 
 def _remember(layer: Lstm, x: Floats, kept: Floats, out: Floats) -> None:
-    """What is kept, (n,), and answered, (n,), of the step before become those of this one."""
+    """Do one step of an LSTM: its memory `kept` (n,) and answer `out` (n,) are overwritten."""
     gates = layer.weight @ np.concatenate([x, out]) + layer.bias
     enter, forget, new, leave = gates.reshape(4, -1)
     kept[:] = _sigmoid(forget) * kept + _sigmoid(enter) * np.tanh(new)
@@ -362,11 +362,11 @@ ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
     "Softplus": _softplus,
     "Softsign": lambda x: x / (np.float32(1.0) + np.abs(x)),
 }
-"""With the parameters that torch gives where nobody says others."""
+"""The activations by torch's name, with torch's default parameters."""
 
 
 def answer(network: Network, observation: Floats) -> Floats:
-    """What the last layer says in float32, (outputs,), of one observation (inputs,)."""
+    """The last layer's numbers in float32, (outputs,), for one observation (inputs,)."""
     asked = answering(network)
     asked.observation[:] = observation
     return asked.run()

@@ -1,11 +1,11 @@
 """A policy in an ONNX file: its bytes, asked through onnxruntime, and as a small network.
 
-Purpose: `onnx_content`: the bytes, with the weights that lie in files beside it put into it: a
-tensor may name a file (`external_data` of the format), as `torch.onnx.export` writes it; that is
-looked for in the folder of the ONNX file as that is named, wherever the command was started, and
-nowhere else. `read_onnx`: the file as layers: a chain of linear layers, ReLU, tanh, clips and
-operations with constants, from the one input to the answer. Whatever has not the form of a policy,
-or another operator, is X014 with its name.
+Purpose: `onnx_content` gives the bytes, and puts weights from other files into them: a tensor may
+name a file (`external_data` of the format), as `torch.onnx.export` writes it, which is looked for
+in the folder of the ONNX file, wherever the command was started, and nowhere else. `read_onnx`
+gives the file as layers: a chain of linear layers, ReLU, tanh, clips and operations with constants,
+from the one input to the answer. A graph of another form, or with another operator, is X014 with
+its name.
 Non-goals: asking onnxruntime (`onnx_session.py`), which has far more operators; what the numbers
 mean.
 """
@@ -44,20 +44,20 @@ if TYPE_CHECKING:
 
 
 LOOP = b"Loop"
-"""The name of the one operator whose turns the graph itself counts."""
+"""The name of the one operator that repeats as often as the graph itself says."""
 LOCATION = b"location"
-"""The key that names another file stands in every ONNX file that has one (`onnx.proto`)."""
+"""The key before the name of another file, in every ONNX file that names one (`onnx.proto`)."""
 
 
 class OnnxContent(NamedTuple):
-    """One file's worth of ONNX; `beside`: SHA-256 of each other file that went into it, by name."""
+    """ONNX without other files; `beside`: SHA-256 of each file that was put into it, by name."""
 
     data: bytes
     beside: dict[str, str]
 
 
 def onnx_content(path: Path) -> OnnxContent:
-    """The content of an ONNX file. SoterError X003, X014; D007 where only `onnx` can tell."""
+    """The content of an ONNX file. SoterError X003, X014; D007 where it takes `onnx` to read it."""
     data = content_of(path)
     endless = LOOP in data
     if LOCATION not in data and not endless:
@@ -102,9 +102,9 @@ def _messages(message: Any, kind: str) -> Iterator[Any]:  # noqa: ANN401
 
 
 def _put_in(path: Path, tensor: Any, files: dict[str, bytes], room: int) -> None:  # noqa: ANN401
-    """The tensor's numbers from the file that it names; `files`: those that were read so far.
+    """Put a tensor's numbers, at most `room` bytes, into it from the file that it names.
 
-    At most `room` bytes.
+    `files`: those that were read so far.
     """
     said = {entry.key: entry.value for entry in tensor.external_data}
     name = said.get("location", "")
@@ -143,7 +143,7 @@ def _beside(path: Path, tensor: str, name: str, limit: int) -> bytes:
 
 
 NAMES = ("action", "actions")
-"""Of several outputs the one that is the answer; else the first is."""
+"""Names of the output that is the answer, where there are several; else it is the first."""
 READ = (
     "Gemm, MatMul, Add, Sub, Mul, Div, Relu, Tanh, Clip, Identity, Cast, Flatten, Reshape, "
     "Expand, ArgMax"
@@ -156,7 +156,7 @@ ARITHMETIC: dict[str, Operation] = {"Add": "+", "Sub": "-", "Mul": "*", "Div": "
 
 
 class _UnreadError(Exception):
-    """The graph has what is not read here."""
+    """The graph has something that is not read here."""
 
 
 def read_onnx(path: Path) -> Policy:
@@ -243,7 +243,7 @@ def _constants(graph: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401
 
 
 def _size(given: Any) -> int:  # noqa: ANN401
-    """How many numbers an observation has."""
+    """How many numbers an observation has, by the shape of the input."""
     from onnx import TensorProto  # noqa: PLC0415 - as above
 
     tensor = given.type.tensor_type
@@ -341,7 +341,7 @@ def _clip(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: A
 
 
 def _shaped(node: Any, constants: Constants, size: int) -> list[Layer]:  # noqa: ANN401
-    """No layer: the numbers of one observation stay in one row."""
+    """No layer, for operators that only reshape and leave an observation in one row."""
     if node.op_type == "Flatten" and _attributes(node).get("axis", 1) not in (0, 1):
         raise _UnreadError("its Flatten makes several rows of one observation")
     if node.op_type == "Cast" and _attributes(node).get("to") != FLOAT:
@@ -365,7 +365,7 @@ def _require_choice(node: Any) -> None:  # noqa: ANN401
 
 
 def _maker_of(node: Any) -> Callable[[Any, Constants, int], list[Layer]]:  # noqa: ANN401
-    """What makes layers of a node."""
+    """The function that makes layers of a node."""
     name = node.op_type
     if name in ARITHMETIC:
         return _arithmetic

@@ -1,9 +1,9 @@
 """A policy in an ONNX file, asked through onnxruntime.
 
-Purpose: `OnnxSession`: one observation in, one answer out, without a copy that is not needed. What
-a file remembers goes in and out: an input that carries memory is, at each step, what an output
-was at the step before, and zeros at the start of an episode; which output belongs to which input
-is found by their names (`h_in` and `h_out`, `h0` and `hn`), or said by the program.
+Purpose: `OnnxSession` takes one observation and gives one answer, without needless copies. Memory
+goes in and out: an input that carries it gets at each step the output of the step before, and
+zeros at the start of an episode; which output belongs to which input is found by their names
+(`h_in` and `h_out`, `h0` and `hn`), or said by the program.
 Non-goals: what the operators do (`onnx_file.py` reads some of them).
 """
 
@@ -30,9 +30,9 @@ DIRECTIONS = frozenset(
     {"in", "input", "out", "output", "new", "next", "prev", "previous", "old", "initial", "ins"}
     | {"outs", "inputs", "outputs", "last"}
 )
-"""Words of a name that say which way it goes."""
+"""Words of a name that say its direction, in or out."""
 ENDS = re.compile(r"_?[0nt]$")
-"""What `h0`, `hn`, `c_0` and `c_n` end in."""
+"""The ends of names such as `h0`, `hn`, `c_0` and `c_n`."""
 NUMBERS_MAX = 1_000_000
 SAY = 'say which output is the next value of which input: "onnx:FILE:h0=hn,c0=cn"'
 
@@ -47,10 +47,10 @@ def _without_end(name: str) -> str:
 
 
 def carried(inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
-    """The output whose value each input has at the next step, as far as names and shapes say.
+    """For each input with memory, the output that it gets at the next step, by names and shapes.
 
-    They go together where one output alone has the name of the input without its direction, or
-    else without `0` and `n` at the end, and the same shape. The answer is no such output.
+    They go together where the input and one output alone have the same name without directions, or
+    else without `0` or `n` at the end, and the same shape. The answer is no such output.
     """
     found: dict[str, str] = {}
     outputs = [y for y in outputs if y.name not in NAMES]
@@ -75,7 +75,7 @@ def _alike(x: Any, y: Any) -> bool:  # noqa: ANN401 - no types
 
 
 def _said(path: Path, text: str, inputs: Sequence[Any], outputs: Sequence[Any]) -> dict[str, str]:
-    """What the program says of memory: `h0=hn,c0=cn`; X014 for names that are not there."""
+    """The pairs of memory that a program gives as `h0=hn,c0=cn`; X014 for unknown names."""
     names = [{x.name for x in inputs}, {x.name for x in outputs}]
     pairs = dict(part.split("=") for part in text.split(","))
     for before, after in pairs.items():
@@ -100,8 +100,8 @@ def _answer_of(path: Path, outputs: Sequence[Any]) -> tuple[Any, tuple[str, ...]
 class OnnxSession:
     """A loaded file: `observation` (inputs,) is written, `run()` answers (outputs,).
 
-    `memory`: what the program says of it, or "". `keys`: of several observations the names and
-    how many numbers each has, in their order. `assumed`: what the file does not say.
+    `memory`: its pairs as the program gives them, or "". `keys`: of several observations the names
+    and how many numbers each has, in order. `assumed`: what is assumed as the file does not say it.
     SoterError X003, X014; D007 without onnxruntime.
     """
 
@@ -140,7 +140,7 @@ class OnnxSession:
         self._memory = [(array, out[pairs[name]]) for name, array in kept.items()]
 
     def run(self) -> list[float]:
-        """The numbers that are answered of `observation`; whatever onnxruntime raises."""
+        """The answer to `observation`; raises whatever onnxruntime does."""
         self._session.run_with_iobinding(self._binding)
         for kept, after in self._memory:
             kept[...] = after.numpy()
@@ -148,13 +148,13 @@ class OnnxSession:
         return answer
 
     def reset(self) -> None:
-        """An episode begins."""
+        """Begin an episode: memory is zeros."""
         for kept, _ in self._memory:
             kept[...] = 0
 
 
 def _loaded(path: Path) -> tuple[Any, Callable[[npt.NDArray[Any]], Any]]:
-    """The session, and what makes a value of it that lies where an array does."""
+    """The session, and the function that makes its value in the memory of an array."""
     data = onnx_content(path).data
     runtime = _onnxruntime()
     options = runtime.SessionOptions()
@@ -173,7 +173,7 @@ def _observation(
     seen: Sequence[Any],
     output: Any,  # noqa: ANN401 - no types
 ) -> tuple[npt.NDArray[Any], dict[str, npt.NDArray[Any]]]:
-    """All numbers of observations, (inputs,), and by name the arrays that lie in them."""
+    """All numbers of observations, (inputs,), and by name the arrays that are views of them."""
     shapes = [tuple(_axis(n) for n in x.shape) for x in seen]
     for x, shape in zip(seen, shapes, strict=True):
         if x.type not in DTYPES or not shape or shape[-1] is None:
@@ -196,7 +196,7 @@ def _observation(
 
 
 def _zeros(path: Path, x: Any) -> npt.NDArray[Any]:  # noqa: ANN401
-    """What is remembered at the start of an episode."""
+    """The memory at the start of an episode, zeros in the shape of an input."""
     if x.type not in DTYPES or math.prod(_axis(n) or 1 for n in x.shape) > NUMBERS_MAX:
         raise bad_policy(path, f"what it remembers, `{x.name}`, is a {x.type} of shape {x.shape}")
     return np.zeros([_axis(n) or 1 for n in x.shape], DTYPES[x.type])
@@ -208,7 +208,7 @@ def _asked_once(
     given: dict[str, npt.NDArray[Any]],
     names: list[str],
 ) -> dict[str, npt.NDArray[Any]]:
-    """What it answers to zeros, by name."""
+    """The outputs for inputs of zeros, by name."""
     once = list(dict.fromkeys(names))
     try:
         told = session.run(once, given)

@@ -1,8 +1,8 @@
 """A pickle read as data: what it would import or call is named, and nothing is imported or called.
 
-Purpose: the opcodes that Stable-Baselines3, torch and NumPy write become plain values, and
-`Made` for everything that a pickle makes with a class or a function. Arrays are then built from
-the bytes that the pickle holds.
+Purpose: the opcodes that Stable-Baselines3, torch and NumPy write become plain values, and a
+`Made` for everything that a pickle makes with a class or a function. Arrays are built from the
+bytes that the pickle holds.
 Non-goals: opcodes of protocols 0 and 1 that none of the three writes; objects with code.
 """
 
@@ -31,7 +31,7 @@ TUPLES = {"EMPTY_TUPLE": 0, "TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
 
 
 class PickleError(ValueError):
-    """No pickle, or one that says more than is read here."""
+    """The bytes are no pickle, or have opcodes that are not read here."""
 
 
 @dataclass(frozen=True)
@@ -43,18 +43,18 @@ class Name:
 
 @dataclass
 class Made:
-    """What a pickle makes: the name of what is called, and what it is given."""
+    """Something that a pickle makes by a call: the name of what is called, and its arguments."""
 
     name: str
     arguments: tuple[Any, ...]
     state: Any = None
     items: dict[str, Any] = field(default_factory=dict)
-    """Of a mapping: its entries whose keys are texts."""
+    """The entries of a mapping, those whose keys are texts."""
 
 
 @dataclass(frozen=True)
 class Persistent:
-    """A thing that is kept beside the pickle, by what the pickle says of it."""
+    """A thing that is stored outside of the pickle, with the pickle's identifier of it."""
 
     about: Any
 
@@ -157,7 +157,7 @@ class _Machine:
             raise PickleError(f"it has the opcode {name}, which is not read here")
 
     def _marked(self) -> list[Any]:
-        """What stands above the last mark, taken off with it."""
+        """Pop the values above the last mark, and the mark."""
         at = max(i for i, x in enumerate(self.stack) if x is _Mark)
         parts = self.stack[at + 1 :]
         del self.stack[at:]
@@ -189,7 +189,7 @@ def _constant(name: str, argument: Any) -> Any:  # noqa: ANN401 - as above
 
 
 def array_of(value: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - whatever it holds
-    """The array that a pickle makes, of its shape, little-endian; PickleError: it makes none."""
+    """The array that a pickle makes, in its shape, little-endian; PickleError where it is none."""
     made = value if isinstance(value, Made) else Made("", ())
     shape: Any = ()
     order: Any = "C"

@@ -1,4 +1,4 @@
-"""What is wrong with the file of a policy, as a diagnostic.
+"""Diagnostics of what is wrong with the file of a policy.
 
 Purpose: X003, X014 and D007 with the file's name in them.
 Non-goals: where in a program the file is named; `simulate/externs/` adds that.
@@ -20,7 +20,7 @@ FILE_MAX = 256 * 2**20
 
 
 def bad_policy(path: Path | str, why: str, *helps: str) -> SoterError:
-    """X014: the file of a policy is no such file, or says what cannot be run."""
+    """X014: the file is no policy, or one that cannot be run."""
     return SoterError((Diagnostic("X014", f"the policy `{path}`: {why}", helps=helps),))
 
 

@@ -1,7 +1,7 @@
 """A learned policy in a file as the step of an extern node: `onnx:file.onnx`, `sb3:file.zip`.
 
-Purpose: numbers of what the node reads in, in declared order, numbers of what it publishes out;
-counts are compared before anything runs, and what the file does not say is put into words.
+Purpose: the numbers of what the node reads go in, in declared order, those of what it publishes
+come out; counts are compared before anything runs, and what is assumed is put into words.
 Non-goals: what a file says (`onnx_file.py`, `sb3_file.py`), processes and budgets, which are those
 of all externs in Python.
 """
@@ -51,7 +51,7 @@ NUMBERS = (FloatType, IntType, BoolType)
 class PolicyExtern(FilePolicy):
     """A policy between what a node reads and what it publishes.
 
-    `assumed`: what its files do not say. SoterError X003, X014, D007.
+    `assumed`: what is assumed as no file says it. SoterError X003, X014, D007.
     """
 
     def __init__(self, binding: BindingText, reads: Shapes, answers: Shapes) -> None:
@@ -102,7 +102,7 @@ class PolicyExtern(FilePolicy):
 
 
 def _standardised_by(path: Path, assumed: _Assumed, count: int) -> Standardised | None:
-    """By what each frame of `count` numbers is standardised."""
+    """The standardisation of each frame of `count` numbers, if there is one."""
     own = assumed.policy.per_frame if assumed.policy is not None else None
     if own is not None and own.mean.size != count:
         size = in_numbers(own.mean.size)
@@ -111,13 +111,13 @@ def _standardised_by(path: Path, assumed: _Assumed, count: int) -> Standardised 
 
 
 def _joined(given: Any) -> npt.NDArray[Any]:  # noqa: ANN401 - numbers and arrays
-    """The numbers of several values, or of one."""
+    """The numbers of one value, or of several, in one array."""
     parts = given if isinstance(given, tuple) else (given,)
     return np.concatenate([np.ravel(part) for part in parts])
 
 
 class _Assumed:
-    """What a file answers with, and what it does not say."""
+    """How a file answers, and what is assumed as it does not say it."""
 
     def __init__(self, texts: tuple[str, ...], outputs: int, policy: Policy | None) -> None:
         self.texts, self.outputs, self.policy = texts, outputs, policy
@@ -128,7 +128,7 @@ class _Assumed:
 def _asked(
     binding: BindingText, path: Path
 ) -> tuple[npt.NDArray[Any], Callable[[], list[float]], Callable[[], None], _Assumed]:
-    """Where the observation is written, what answers it, what forgets, and what is assumed."""
+    """The array for the observation, the functions that answer and forget, what is assumed."""
     if binding.kind == "onnx":
         session = OnnxSession(path, binding.remembered)
         assumed = _Assumed(session.assumed, len(session.run()), None)
@@ -146,7 +146,7 @@ def _asked(
 
 
 def by_name(path: Path, keys: Sequence[tuple[str, int]], reads: Shapes, *helps: str) -> Shapes:
-    """What is read, in the order of the names of observations; SoterError X014 without one."""
+    """What a node reads, in the order of the policy's names; SoterError X014 without one."""
     known: dict[str, tuple[str, Type]] = {name: (name, t) for name, t in reads}
     name, of = reads[0] if len(reads) == 1 else ("", None)
     if isinstance(of, RecordType):
@@ -164,7 +164,7 @@ def by_name(path: Path, keys: Sequence[tuple[str, int]], reads: Shapes, *helps: 
 
 
 def sha256_of_files(binding: BindingText) -> dict[str, str]:
-    """Of the files of a binding, with those that an ONNX file names; SoterError X003, X014."""
+    """SHA-256 of each file of a binding, and of those that an ONNX file names; X003, X014."""
     found = None
     if binding.kind == "sb3" and not binding.name:
         found = statistics_beside(Path(binding.file))
@@ -177,7 +177,7 @@ def sha256_of_files(binding: BindingText) -> dict[str, str]:
 
 
 def action_bounds(binding: BindingText) -> list[tuple[float, float]]:
-    """Least and largest of each number that a zip answers; SoterError X003, X014, D007."""
+    """The least and largest of each number that a zip's policy answers; X003, X014, D007."""
     statistics = Path(binding.name) if binding.name else None
     network = read_sb3(Path(binding.file), statistics).network
     last = network.layers[-1]
@@ -191,7 +191,7 @@ def action_bounds(binding: BindingText) -> list[tuple[float, float]]:
 
 
 def _places(path: Path, name: str, t: Type) -> Iterator[tuple[str, int]]:
-    """Where the numbers of a value lie: an attribute's path, and how many numbers it has."""
+    """The attribute paths of a value's numbers, each with how many numbers are there."""
     if isinstance(t, RecordType):
         for field, of in t.fields:
             yield from _places(path, f"{name}.{field}", of)
@@ -205,14 +205,14 @@ def _places(path: Path, name: str, t: Type) -> Iterator[tuple[str, int]]:
 
 
 def _block(t: Type) -> int:
-    """Numbers of an array of numbers, or of such arrays; 0 of all else."""
+    """How many numbers an array of numbers, or of such arrays, has; 0 for other types."""
     if isinstance(t, ArrayType):
         return t.size * (1 if isinstance(t.element, NUMBERS) else _block(t.element))
     return 0
 
 
 def _builder(path: Path, name: str, t: Type) -> Callable[[Iterator[float]], Value]:
-    """What takes the numbers of a value of the type from those that are answered."""
+    """The function that makes a value of the type from the next numbers of an answer."""
     if isinstance(t, FloatType):
         return lambda numbers: float(next(numbers))
     if isinstance(t, RecordType):

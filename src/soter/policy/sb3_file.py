@@ -1,8 +1,8 @@
 """A policy that Stable-Baselines3 or sb3-contrib saved, without torch.
 
 Purpose: `policy.zip` (`model.save`), with the statistics of a VecNormalize, becomes a `Policy`: the
-network that `predict(deterministic=True)` is, what the files say of observations and actions, and
-what they do not say. Nothing of them is unpickled.
+network that `predict(deterministic=True)` computes, what the files say of observations and actions,
+and what is assumed. Nothing of them is unpickled.
 Non-goals: images, policies of classes that the two do not have.
 """
 
@@ -63,19 +63,19 @@ class _Kind(NamedTuple):
 
     algorithms: str
     hidden: tuple[str, ...]
-    """What the names of its hidden layers begin with."""
+    """How the names of its hidden layers begin."""
     last: str
-    """Name of the last layer; "" where it is the last of the hidden ones."""
+    """The name of the last layer; "": it is the last of the hidden ones."""
     activation: Layer
-    """Where the file does not say another."""
+    """The activation, unless the file names another."""
     squashed: bool = False
-    """Whether tanh and the bounds of the actions follow, where the file does not say."""
+    """Whether tanh and the bounds of the actions follow, unless the file says otherwise."""
     values: bool = False
     """Whether it answers the value of each action."""
     pairs: bool = False
     """Whether a bit is the choice between two numbers."""
     memory: str = ""
-    """What the names of its LSTM begin with."""
+    """How the names of its LSTM begin."""
 
 
 _ACTOR_CRITIC = _Kind(
@@ -120,7 +120,7 @@ IGNORED = frozenset(
     | {"lstm_hidden_size", "n_lstm_layers", "shared_lstm", "enable_critic_lstm"}
     | {"batch_norm", "batch_norm_eps", "batch_norm_momentum", "renorm_warmup_steps"}
 )
-"""Words of `policy_kwargs` that change nothing of what is asked, or are read elsewhere."""
+"""Keys of `policy_kwargs` that do not change what is answered, or are read elsewhere."""
 MEAN_LIMIT = 2.0
 """`clip_mean` where the file does not say it."""
 NORM_EPSILON = 1e-3
@@ -195,7 +195,7 @@ def _kind(path: Path, said: Mapping[str, Any]) -> tuple[_Kind, str]:
 
 
 def _options(path: Path, said: Mapping[str, Any]) -> dict[str, Any]:
-    """The `policy_kwargs`; X014 where one of them changes what is asked and is not read."""
+    """The `policy_kwargs`; X014 where one of them changes what is answered and is not read."""
     options = decoded(path, said.get("policy_kwargs"))
     if not isinstance(options, dict):
         raise bad_policy(path, "its `policy_kwargs` are no dict")
@@ -229,7 +229,7 @@ def _number(path: Path, options: Mapping[str, Any], name: str, default: float) -
 
 
 def _layers(path: Path, kind: _Kind, options: Mapping[str, Any], weights: Tensors) -> list[Layer]:
-    """From the prepared observation to the numbers of the last linear layer."""
+    """The layers from the prepared observation to the last linear layer."""
     activation = _activation(path, kind, options)
     made: list[Layer] = [*_memory(path, kind, weights)]
     for prefix in kind.hidden:
@@ -288,7 +288,7 @@ def _linear(path: Path, name: str, weights: Tensors) -> Affine:
 
 
 def _normal(path: Path, name: str, weights: Tensors, epsilon: float) -> Iterator[Layer]:
-    """A `BatchRenorm` that is not trained."""
+    """A `BatchRenorm` as it is in use, not in training."""
     parts = _all(path, weights, [f"{name}.{k}" for k in ("ra_mean", "ra_var", "scale", "bias")])
     if any(x.ndim != 1 or x.shape != parts[0].shape for x in parts):
         raise bad_policy(path, f"its layer `{name}` normalises without a number for each")
@@ -300,7 +300,7 @@ def _normal(path: Path, name: str, weights: Tensors, epsilon: float) -> Iterator
 
 
 def _all(path: Path, weights: Tensors, names: Sequence[str]) -> list[Floats]:
-    """All of these tensors."""
+    """The tensors of these names; X014 where one is missing."""
     if missing := [name for name in names if name not in weights]:
         raise bad_policy(path, f"it has no numbers `{missing[0]}`", EXPORT)
     return [weights[name] for name in names]
@@ -330,7 +330,7 @@ def _memory(path: Path, kind: _Kind, weights: Tensors) -> Iterator[Layer]:
 def _choices(
     path: Path, kind: _Kind, actions: Made, last: Layer
 ) -> tuple[list[Layer], tuple[int, ...]]:
-    """The last layer, with what chooses behind it, and from how many numbers; () for a Box."""
+    """The last layer and those that choose after it; the sizes of the choices, () for a Box."""
     name = kind_of(actions)
     if name == "Box":
         if kind.values:
@@ -361,7 +361,7 @@ def _choices(
 
 
 def _ending(path: Path, actions: Made, *, squashed: bool) -> list[Layer]:
-    """What `predict` does to what the last linear layer says."""
+    """What `predict` does to the numbers of the last linear layer."""
     low, high = (bound.astype(np.float32) for bound in bounds(path, actions))
     if not squashed:
         return [Clipped(low, high)]

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 PART_MAX, PARTS_MAX = 64 * 2**20, 10_000
-"""Bytes of a part of the file, unpacked."""
+"""Bytes of one part of the file, unpacked, and how many parts, at most."""
 
 
 def opened(path: Path, data: bytes, otherwise: str) -> zipfile.ZipFile:
@@ -69,7 +69,7 @@ def part(path: Path, parts: zipfile.ZipFile, name: str) -> bytes:
 
 
 def settings(path: Path, parts: zipfile.ZipFile) -> dict[str, Any]:
-    """What its JSON says by name; X014 where there is none."""
+    """The settings of the policy, from its JSON, by name; X014 where there is none."""
     try:
         said = json.loads(part(path, parts, "data"))
     except (ValueError, RecursionError) as error:
@@ -80,17 +80,17 @@ def settings(path: Path, parts: zipfile.ZipFile) -> dict[str, Any]:
 
 
 def version(parts: zipfile.ZipFile) -> str:
-    """Of the library that saved it."""
+    """The version of the library that saved it."""
     try:
         with parts.open("_stable_baselines3_version") as stream:
             text = stream.read(20).decode("ascii", "replace").strip()
-    except Exception:  # noqa: BLE001 - it is missing or damaged, and only told
+    except Exception:  # noqa: BLE001 - it is missing or damaged, and only shown
         return "of an unknown version"
     return text if text.replace(".", "").isalnum() else "of an unknown version"
 
 
 def decoded(path: Path, value: object) -> Any:  # noqa: ANN401 - whatever it holds
-    """A value of `data`: as JSON has it, or as its pickle says; SoterError X014, PickleError."""
+    """A value of `data`, from JSON or from its pickle; SoterError X014, PickleError."""
     if not isinstance(value, dict) or ":serialized:" not in value:
         return value
     try:
@@ -127,7 +127,7 @@ def tensors(path: Path, data: bytes) -> dict[str, Floats]:
 
 
 def _counts(made: Made) -> bool:
-    """Whether it is a tensor of whole numbers: how often something was done, no weights."""
+    """Whether it is a tensor of whole numbers, which counts something and holds no weights."""
     storage = made.arguments[0] if made.arguments else None
     about = storage.about if isinstance(storage, Persistent) else ()
     kind = about[1] if isinstance(about, tuple) and len(about) > 1 else None
@@ -161,8 +161,8 @@ EXPORT = "export it as ONNX: `soter explain X014` has the lines"
 class Observed(NamedTuple):
     """What a policy observes.
 
-    `sizes`: of each number, how many it may be, 0 where it is taken as it is. `box`: the least
-    and the largest number, where they are finite. `keys`: name and count of those by name.
+    `sizes`: for each number, among how many it chooses, 0 where it is taken as it is. `box`: the
+    least and the largest numbers, where finite. `keys`: names of observations with their counts.
     """
 
     sizes: tuple[int, ...]
@@ -172,17 +172,17 @@ class Observed(NamedTuple):
 
     @property
     def layers(self) -> list[Layer]:
-        """What prepares it for the network."""
+        """The layers that prepare an observation for the network."""
         return [OneHot(self.sizes)] if any(self.sizes) else []
 
 
 def kind_of(space: Made) -> str:
-    """The name of its class."""
+    """The name of a space's class."""
     return space.name.rpartition(".")[2]
 
 
 def space_of(path: Path, space: object, which: str, kinds: Mapping[str, object]) -> Made:
-    """A space of one of these kinds; SoterError X014."""
+    """The space, which has to be of one of these kinds; SoterError X014."""
     if not isinstance(space, Made) or not isinstance(space.state, dict):
         raise bad_policy(path, f"it does not say its {which}")
     if kind_of(space) not in kinds:
@@ -251,7 +251,7 @@ def _by_name(path: Path, space: Made) -> Observed:
 
 
 def _together(boxes: list[tuple[Doubles, Doubles] | None]) -> tuple[Doubles, Doubles] | None:
-    """The ends of all numbers; None where some have none."""
+    """The bounds of all numbers in one; None where some have none."""
     known = [box for box in boxes if box is not None]
     if len(known) < len(boxes):
         return None
@@ -269,7 +269,7 @@ OBSERVED = {
 
 
 def bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """The least and the largest number of each, (n,), of a Box of any; SoterError X014."""
+    """The least and the largest of each number, (n,), of a Box; SoterError X014."""
     low, high = (array_of(space.state.get(k)).reshape(-1) for k in ("low", "high"))
     if low.shape != high.shape or not low.size:
         raise bad_policy(path, "the bounds of a Box are not one for each number")
@@ -277,9 +277,9 @@ def bounds(path: Path, space: Made) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]
 
 
 def sizes_of(path: Path, space: Made) -> tuple[int, ...]:
-    """How many there are to choose from, of a Discrete or a MultiDiscrete; SoterError X014.
+    """The numbers of choices of a Discrete or a MultiDiscrete, from 0 on; SoterError X014.
 
-    They begin at 0.
+    X014, too, where they begin at another number.
     """
     if kind_of(space) == "Discrete":
         sizes, starts = [whole(space, "n")], [whole(space, "start", 0)]
@@ -305,7 +305,7 @@ def bits(path: Path, space: Made) -> int:
 
 
 def whole(space: Made, which: str, default: int = -1) -> int:
-    """An int of a Discrete, which older files have as Python's and newer ones as NumPy's."""
+    """An int of a Discrete: Python's in older files, NumPy's in newer ones."""
     value = space.state.get(which, default)
     if isinstance(value, Made):
         numbers = array_of(value)
@@ -332,7 +332,7 @@ def _intervals(low: npt.NDArray[Any], high: npt.NDArray[Any]) -> Iterator[str]:
 
 
 OWN = ("{0}_vecnormalize.pkl", "{0}_vec_normalize.pkl", "{0}/vecnormalize.pkl")
-"""Where the statistics of one policy lie, by its name without `.zip`: the last is RL Zoo's."""
+"""Names of the file with the statistics of one policy, `{0}.zip`; the last is RL Zoo's."""
 OF_FOLDER = ("vecnormalize.pkl", "vec_normalize.pkl")
 CHECKPOINT = re.compile(r"(.+)_(\d+_steps)")
 """What `CheckpointCallback` calls a policy; its statistics are `NAME_vecnormalize_N_steps.pkl`."""
@@ -354,7 +354,7 @@ def statistics_beside(path: Path) -> Path | None:
 
 
 def _ways(path: Path, statistics: Path) -> tuple[str, ...]:
-    """How to say which statistics are meant."""
+    """Help lines: how to name the statistics that are meant."""
     named = statistics.name if statistics.parent == path.parent else statistics
     return (
         f'name them: "sb3:{path.name}:{named}", or `--statistics` of `soter policy`',
@@ -388,7 +388,7 @@ def normalised(policy: Policy, named: Path | None) -> Policy:
 
 
 def _before(policy: Policy, statistics: Path, facts: dict[str, str]) -> Policy:
-    """The policy behind its statistics."""
+    """The policy with a layer of its statistics in front."""
     state = _state(statistics)
     if state.get("norm_obs") is not True:
         facts["normalised"] = f"`{statistics.name}` says that observations are not (norm_obs)"
@@ -418,7 +418,7 @@ def _state(path: Path) -> dict[str, Any]:
 def _statistics(
     path: Path, state: dict[str, Any], keys: tuple[tuple[str, int], ...]
 ) -> Standardised:
-    """What it does to observations, those by name in the order of the policy."""
+    """The layer that does what it does to observations, by name in the order of the policy."""
     epsilon, limit = state.get("epsilon"), state.get("clip_obs")
     if not (isinstance(epsilon, float) and isinstance(limit, (int, float)) and limit > 0):
         raise bad_policy(path, "its `epsilon` and `clip_obs` are no positive numbers")
@@ -438,7 +438,7 @@ def _statistics(
 def _block(
     path: Path, moments: object, count: int, epsilon: float, limit: float
 ) -> tuple[Doubles, Doubles, Doubles]:
-    """Mean, deviation and limit, (n,) each, of one observation, or of one that stays as it is."""
+    """Mean, deviation and limit, (n,) each, of one observation; without moments it stays as is."""
     if moments is None:
         return np.zeros(count), np.ones(count), np.full(count, np.inf)
     if not isinstance(moments, Made) or not isinstance(moments.state, dict):

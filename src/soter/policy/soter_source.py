@@ -1,10 +1,10 @@
 """A small network as Soter, and how far its float64 answer can be from the float32 one.
 
-Purpose: `soter_source`: a file that a program imports, with constants and a function, so that what
-it answers is the same bits in interpreter and C: float64, sums in the order in which they stand,
+Purpose: `soter_source` writes a file that a program imports, with constants and a function whose
+answer is the same bits in interpreter and C: float64, sums in the order in which they stand,
 weights exactly those of the file; bounds of clips as people write them, so that what is clipped
-lies in a topic's set with the same bounds. `error_bound`: for observations in a box, a bound for
-each number that the last layer has: layer by layer the rounding of float32 in *any* order of sums,
+lies in a topic's set with the same bounds. `error_bound` gives, for observations in a box, a bound
+for each number of the last layer: layer by layer the rounding of float32 in *any* order of sums,
 fused or not, flushed to zero or not, and that of float64 in the order that is written
 (docs/externs.md, "How far from float32").
 Non-goals: what float32 would have answered; what is not float32 (half precision, quantised
@@ -13,7 +13,7 @@ apart than both their bounds.
 
 Both computations are compared with the exact one, of the weights as they stand in the file.
 Bounds are computed in float64 and every layer's is enlarged by `SLACK`, far more than what its own
-sums, all of numbers without sign, can have lost.
+sums, all of non-negative numbers, can have lost.
 """
 
 from __future__ import annotations
@@ -48,18 +48,18 @@ if TYPE_CHECKING:
 SINGLE, DOUBLE = 2.0**-24, 2.0**-53
 """Half a unit in the last place of 1."""
 SINGLE_TINY, DOUBLE_TINY = 2.0**-126, 2.0**-1022
-"""What an operation can lose below the normal numbers, where they are flushed to zero."""
+"""What an operation can lose where results below the normal numbers are flushed to zero."""
 SINGLE_LARGE = 2.0**127
 TANH_SINGLE = 2.0**-21
 """Assumed of float32's tanh, absolute: onnxruntime's is within 2^-21.88, NumPy's within 2^-23.9."""
 TANH_DOUBLE = 2.0**-51
-"""Of the prelude's tanh, absolute: two units in the last place of numbers below 1."""
+"""The absolute error of the prelude's tanh: two units in the last place of numbers below 1."""
 SLACK = 1.0 + 2.0**-30
 
 
 @dataclass(frozen=True, eq=False)
 class _Numbers:
-    """Numbers of a layer: where the exact ones lie, and how far the two computed ones are."""
+    """A layer's numbers: bounds of the exact ones, and how far from them the computed ones are."""
 
     low: Doubles
     high: Doubles
@@ -68,7 +68,7 @@ class _Numbers:
 
     @property
     def largest(self) -> Doubles:
-        """The largest size of an exact number."""
+        """The largest magnitude of each exact number."""
         return np.maximum(np.abs(self.low), np.abs(self.high))
 
 
@@ -121,7 +121,7 @@ def _passed(layer: Layer, x: _Numbers) -> _Numbers:
 
 
 def _gamma(roundings: int, unit: float) -> float:
-    """What so many roundings can do to a product, relative to it."""
+    """The relative error of a product after so many roundings, at most."""
     return roundings * unit / (1.0 - roundings * unit)
 
 
@@ -195,12 +195,12 @@ def _standardised(layer: Standardised, x: _Numbers) -> _Numbers:
 
 
 WEIGHTS_MAX = 50_000
-"""Weights of a network that is written: a step does two operations for each."""
+"""Weights of a network that is written, at most: a step does two operations for each."""
 COLUMNS = 96
 
 
 def not_written(network: Network) -> str:
-    """What a network has that is not written as Soter; "" where it has nothing of the kind."""
+    """The part of a network that cannot be written as Soter, in words; "" where there is none."""
     if any(isinstance(layer, Lstm) for layer in network.layers):
         return "memory (an LSTM)"
     if names := [layer.name for layer in network.layers if isinstance(layer, Activation)]:
@@ -213,7 +213,7 @@ def not_written(network: Network) -> str:
 def soter_source(policy: Policy, notes: Sequence[str]) -> str:
     """The text; `notes`: lines of its comment. SoterError X014 where it cannot be written.
 
-    `fun act(x: float[inputs]): float[outputs]`, or of a choice its index as an `int in [0, n-1]`.
+    It has `fun act(x: float[inputs]): float[outputs]`; a choice is an `int in [0, n-1]` instead.
     """
     network = policy.network
     ask = "ask it in its own process: `extern` in the program"
@@ -295,7 +295,7 @@ def _layer(layer: Layer, number: int, size: int, at: str) -> tuple[list[str], li
 
 
 def _finite(array: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Bounds that are none as the largest float64: no sum that is finite is beyond it."""
+    """Write infinite bounds as the largest float64, which no finite sum exceeds."""
     return np.nan_to_num(array, posinf=sys.float_info.max, neginf=-sys.float_info.max)
 
 

@@ -1,4 +1,4 @@
-"""What a run leaves behind for people: logs, a report in one HTML file, a summary.
+"""Writes what people read after a command: HTML pages, logs, tables.
 
 Purpose: plain records in (`run/record.py`), files and text out: `write_html` of `html.py`,
 `write_mcap` of `mcap_log.py`, `table` of `tables.py`.

@@ -1,8 +1,8 @@
-"""Write a file so that it is either there in full or not there at all, and what can go wrong.
+"""Writes a file so that it is either there in full or not there at all.
 
-Purpose: a full disk, a crash or an interrupt never leaves half a file, nor harms the one that stood
-there before. Of a folder that Soter fills with names of its own, no link leads elsewhere. Each
-thing that a caller may want to tell apart has a type of error.
+Purpose: a full disk, a crash or an interrupt never leaves half a file, nor harms an older one. In a
+folder that Soter fills with its own names, it follows no link that leads elsewhere. The exceptions
+of reports and logs are here, too.
 Non-goals: locking; of two writers of one path the last to finish wins. The command line turns
 errors into diagnostics.
 """
@@ -29,7 +29,7 @@ class ReportUnavailableError(ReportError):
 
 
 class LogError(Exception):
-    """A log could not be written; nothing stands at its path that did not stand there before."""
+    """A log could not be written; the file at its path, if there was one, is unchanged."""
 
 
 class LogUnavailableError(LogError):
@@ -37,12 +37,12 @@ class LogUnavailableError(LogError):
 
 
 PART = ".part"
-"""Ending of a file that is being written."""
+"""The ending of the temporary file while a file is being written."""
 
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[IO[bytes]]:
-    """Give a binary stream whose bytes stand at `path` once the block has ended without error.
+    """Gives a binary stream whose bytes stand at `path` once the block has ended without error.
 
     The bytes go to a temporary name in the same folder, are synced to the disk and renamed over
     `path`; a link is followed. Missing parent folders are made. Raises `OSError` as the system
@@ -69,9 +69,9 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
 
 
 def own_place(folder: Path, name: str) -> Path:
-    """Where a file of Soter's own lies in a folder; OSError where a link leads elsewhere from it.
+    """The path of Soter's own file `name` in a folder; OSError if it is a link out of the folder.
 
-    Whoever made the folder would choose what is written over.
+    Otherwise the maker of the folder could choose which file is overwritten.
     """
     path = folder
     for part in PurePath(name).parts:
@@ -81,7 +81,7 @@ def own_place(folder: Path, name: str) -> Path:
 
 
 def require_no_links(folder: Path) -> None:
-    """OSError where a link lies anywhere in a folder of which Soter chooses all names."""
+    """Raises OSError if there is a link anywhere in a folder whose names Soter chooses."""
     for at, folders, files in os.walk(folder):
         for name in (*folders, *files):
             _require_no_link(Path(at, name))
@@ -93,7 +93,7 @@ def _require_no_link(path: Path) -> None:
 
 
 def left_behind(folder: Path, process: int) -> list[tuple[Path, Path]]:
-    """What a process that is gone was writing into a folder, and where it was to stand."""
+    """(temporary file, its intended path) of files that an ended process was writing."""
     mark = f".{process}-"
     return [
         (part, part.with_name(part.name[1 : part.name.rindex(mark)]))
@@ -102,7 +102,7 @@ def left_behind(folder: Path, process: int) -> list[tuple[Path, Path]]:
 
 
 def unfinished(path: Path) -> list[Path]:
-    """What processes that are gone, and did not tidy up, had written of the file at `path`."""
+    """The temporary files that ended processes have left of the file at `path`."""
     target = path.resolve()
     named = re.compile(rf"\.{re.escape(target.name)}\.([0-9]+)-[0-9a-f]{{8}}{re.escape(PART)}")
     with suppress(OSError):
@@ -112,9 +112,9 @@ def unfinished(path: Path) -> list[Path]:
 
 
 def _runs(process: int) -> bool:
-    """Whether there is such a process; what cannot be asked for is believed to run."""
+    """Whether a process exists; one that the system does not tell about counts as running."""
     if os.name != "posix":
-        return True  # there, 0 is a signal that ends it
+        return True  # on this system signal 0 would end the process
     try:
         os.kill(process, 0)
     except (ProcessLookupError, OverflowError):

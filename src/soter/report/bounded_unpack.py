@@ -1,6 +1,6 @@
-"""What bz2, lz4 or zstd has packed, unpacked within bounds.
+"""Unpacks bz2, lz4 and zstd within bounds.
 
-Purpose: no chunk of a log, and not all of them together, fills the memory of who reads it.
+Purpose: keeps one chunk of a log, and all of them together, from filling the reader's memory.
 Non-goals: files of gzip (`monitor/log_files/csv_log.py`).
 """
 
@@ -14,41 +14,41 @@ if TYPE_CHECKING:
     from typing import BinaryIO
 
 CHUNK_MAX = 256 << 20
-"""Bytes of one chunk, or message, of a log."""
+"""Most bytes of one chunk, or message, of a log."""
 UNPACKED_MIN, UNPACKED_RATIO = 4 << 30, 32
-"""Bytes that all chunks unpack to: so many, or so many times the file."""
+"""All chunks may unpack to this many bytes, or to this many times the file if that is more."""
 PART = 1 << 20
 
 
 class TooLargeError(ValueError):
-    """More than any log has."""
+    """A file unpacks to more bytes than any log has."""
 
 
 class BoundedUnpacking:
-    """The chunks of one file of `size` bytes; TooLargeError, or what the packages raise."""
+    """Unpacks chunks of a file of `size` bytes; TooLargeError, or what the packages raise."""
 
     def __init__(self, size: int) -> None:
         self.left = max(UNPACKED_MIN, UNPACKED_RATIO * size)
 
     def bz2(self, packed: bytes) -> bytes:
-        """A chunk of bz2."""
+        """Unpacks a chunk of bz2."""
         return self._counted(_all_of(bz2.BZ2Decompressor(), packed))
 
     def lz4(self, packed: bytes) -> bytes:
-        """A frame of lz4."""
+        """Unpacks a frame of lz4."""
         from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415 - comes with an extra
 
         return self._counted(_all_of(LZ4FrameDecompressor(), packed))
 
     def zstd(self, packed: bytes) -> bytes:
-        """Frames of zstd."""
+        """Unpacks frames of zstd."""
         from zstandard import ZstdDecompressor  # noqa: PLC0415 - comes with an extra
 
         with ZstdDecompressor().stream_reader(packed, read_across_frames=True) as reader:
             return self._counted(_joined(lambda: reader.read(PART)))
 
     def plain(self, data: bytes) -> bytes:
-        """A chunk that is not packed."""
+        """Counts a chunk that is not packed, and returns it."""
         return self._counted(data)
 
     def _counted(self, data: bytes) -> bytes:
@@ -59,7 +59,7 @@ class BoundedUnpacking:
 
 
 def _all_of(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - two packages, one shape
-    """What one stream holds; EOFError where its end is missing."""
+    """The content of one packed stream; EOFError if its end is missing."""
     parts, rest, size = [], packed, 0
     while not unpacker.eof:
         part = unpacker.decompress(rest, max_length=PART)
@@ -86,7 +86,7 @@ def _joined(read: Callable[[], bytes]) -> bytes:
 
 
 def unpack_file(packed: BinaryIO, into: BinaryIO, size: int) -> None:
-    """A whole file of zstd; raises TooLargeError."""
+    """Unpacks a whole file of zstd into another; raises TooLargeError."""
     from zstandard import ZstdDecompressor  # noqa: PLC0415 - comes with an extra
 
     left = max(UNPACKED_MIN, UNPACKED_RATIO * size)

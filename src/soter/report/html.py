@@ -1,9 +1,9 @@
-"""Write the report: an HTML file that needs no network, and beside it one script for all of them.
+"""Writes reports: HTML files that need no network, and beside them one drawing library for all.
 
-Purpose: page, figures, style and script in one file that opens from a disk or an archive, ten years
-from now and without a network; its content security policy forbids it any. The drawing library,
-twenty times as heavy as a page, lies beside the reports of a folder once, under the name of its
-hash; where a report is to travel alone, it is put into the page (`self_contained`).
+Purpose: page, figures, style and script are one file that opens from a disk or an archive, also in
+ten years; its content security policy forbids all network access. The drawing library, twenty times
+as large as a page, lies once beside the reports of a folder, named by its hash; with
+`self_contained` it is put into the page, so that the report can be sent alone.
 Non-goals: other formats; people print it or save the figures from it.
 """
 
@@ -33,17 +33,17 @@ POLICY = (
 )
 
 BESIDE = POLICY.replace("script-src", "script-src 'self' file:")
-"""Of a page whose drawing library lies beside it."""
+"""The content security policy of a page whose drawing library lies beside it."""
 
 
 def write_html(
     page: ReportPage, path: str | os.PathLike[str], *, self_contained: bool = False
 ) -> Path:
-    """Write `page` to `path` and return it; the drawing library goes beside it, if not into it.
+    """Writes `page` to `path` and returns it; the drawing library goes beside it or into it.
 
-    The same page gives the same bytes. What is no regular file takes all. Raises
-    `ReportUnavailableError` where the extra `report` is not installed and `ReportError` where the
-    file cannot be written; a file that stood at `path` before is then untouched.
+    The same page gives the same bytes. If `path` is no regular file, the page has the library.
+    Raises `ReportUnavailableError` if the extra `report` is not installed, and `ReportError` if the
+    file cannot be written; an older file at `path` is then unchanged.
     """
     library, target = _drawing_library(), Path(path)
     if self_contained or (target.exists() and not target.is_file()):
@@ -60,7 +60,7 @@ def write_html(
 
 
 def write_replay(title: str, note: str, picture: Picture, path: str | os.PathLike[str]) -> Path:
-    """Write a page with nothing but a program on which something is replayed; as `write_html`."""
+    """Writes a page that only has a diagram with a replay; errors as `write_html`."""
     main = f'<header class="top"><h1>{escape(title)}</h1><p class="subtitle">{escape(note)}</p>'
     main += f"</header>{program_section(picture)}"
     script = f"<script>\n{asset_text('packed.js')}</script>\n{_replayed(main)}"
@@ -68,14 +68,14 @@ def write_replay(title: str, note: str, picture: Picture, path: str | os.PathLik
 
 
 def script_name(library: str) -> str:
-    """The name of a drawing library beside reports: another version is another file."""
+    """The file name of a drawing library beside reports, which has its hash."""
     return f"soter-plotly-{hashlib.sha256(library.encode()).hexdigest()[:12]}.js"
 
 
 def inline_document(page: ReportPage) -> str:
-    """Return a page that is one text and light: its drawing library is compressed in it.
+    """Returns a page as one small text, with the drawing library compressed in it.
 
-    The page unpacks it, which browsers since 2023 can. Raises `ReportUnavailableError` where the
+    The page unpacks it, which browsers since 2023 can. Raises `ReportUnavailableError` if the
     extra `report` is not installed.
     """
     library = gzip.compress(_drawing_library().encode(), mtime=0)
@@ -91,12 +91,12 @@ def inline_document(page: ReportPage) -> str:
 
 
 def write_document(title: str, main: str, path: str | os.PathLike[str]) -> Path:
-    """Write a page without drawings by script; `ReportError` as for `write_html`."""
+    """Writes a page without the drawing library; `ReportError` as for `write_html`."""
     return write_text(document(title, main), path)
 
 
 def document(title: str, main: str, asset: str = "") -> str:
-    """Return a page that needs no library; `asset.css` and `asset.js` serve it where named."""
+    """Returns a page without the drawing library, with `asset.css` and `asset.js` if named."""
     if not asset:
         return _document(title, main, "")
     script = f"<script>\n{asset_text(f'{asset}.js')}</script>\n"
@@ -104,7 +104,7 @@ def document(title: str, main: str, asset: str = "") -> str:
 
 
 def write_text(text: str, path: str | os.PathLike[str]) -> Path:
-    """Write a page that is ready to `path` and return it; `ReportError` as for `write_html`."""
+    """Writes a finished page to `path` and returns it; `ReportError` as for `write_html`."""
     target = Path(path)
     content = text.encode()
     try:
@@ -132,7 +132,7 @@ def html_document(page: ReportPage, drawing_library: str = "", beside: str = "")
 
 
 def _light(figure: Json) -> Json:
-    """A figure whose long lists of x and y are packed."""
+    """The figure with its long lists of x and y packed (`run/packed_json.py`)."""
     traces = figure["data"]
     assert isinstance(traces, list)
     data = [{k: packed(v) if k in ("x", "y") else v for k, v in trace.items()} for trace in traces]
@@ -140,7 +140,7 @@ def _light(figure: Json) -> Json:
 
 
 def _replayed(main: str) -> str:
-    """The script of the player, where the page has one."""
+    """The script of the player if the page has one, else ""."""
     if 'class="player"' not in main:
         return ""
     led = asset_text("led.js") if 'class="led"' in main else ""

@@ -1,8 +1,8 @@
-"""Write a run as an MCAP log that the stock tools read.
+"""Writes a run as an MCAP log that standard tools read.
 
-Purpose: one channel for each topic under its full dotted name, one for modes, one for the
-decisions of the DM with their reasons; JSON messages, each channel with its JSON schema; what
-was run as metadata. Time is the run's virtual time in nanoseconds, as log time and publish time.
+Purpose: the log has a channel for each topic under its full dotted name, one for modes, and one for
+decisions of the DM with their reasons; messages are JSON, each channel has a JSON schema, and the
+metadata says what was run. Log time and publish time are the run's virtual time in nanoseconds.
 Non-goals: reading logs back; `soter monitor` does that with the stock reader.
 
 Numbers: JSON has no NaN and no infinities. They are written as the strings "NaN", "Infinity"
@@ -43,9 +43,9 @@ DECISIONS_TOPIC = "soter/decisions"
 METADATA_NAME = "soter"
 END_NAME = "soter.end"
 ABNORMALLY = "abnormally: "
-"""So begins how a run ended that did not reach its end."""
+"""How the text begins that says how a run ended which did not reach its end."""
 CHUNK_BYTES = 256 * 1024
-"""What a process that dies may take with it, before compression."""
+"""Bytes of a chunk before compression: a process that dies loses at most one chunk."""
 MAGIC = b"\x89MCAP0\r\n"
 RECORD = struct.Struct("<BQ")
 METADATA, FOOTER, DATA_END = 0x0C, 0x02, 0x0F
@@ -119,7 +119,7 @@ DECISIONS_SCHEMA = {
         "done_ns": INTEGER,
     },
 }
-"""`reads`, `late_ns` and `done_ns` are left out where there is nothing to say."""
+"""The schema of decisions; `reads`, `late_ns` and `done_ns` may be absent."""
 
 
 @dataclass(frozen=True)
@@ -149,10 +149,10 @@ class ModeRecord:
 class DecisionStep:
     """A step of the DM of `module` at `time_ns`, with what it saw; the modes may be equal.
 
-    `why`: on which values, one phrase each, where this was another one than the step before;
-    `margin_s`: for how long AC surely keeps control. `reads`: of a module with `rest` what the step
-    read, topic to `value` and `age_ns` (None: nothing was ever published). `look`: against the
-    clock, how long after its release it began, and ended, ns.
+    `why`: the values that decided, one phrase each, if the decision differs from that of the step
+    before; `margin_s`: how long AC surely keeps control. `reads`: for a module with `rest`, topic
+    -> `value` and `age_ns` as read (None: never published). `look`: in real time, how long after
+    its release the step began, and ended, in ns.
     """
 
     time_ns: int
@@ -169,7 +169,7 @@ class DecisionStep:
 
 @dataclass(frozen=True)
 class LogHeader:
-    """What was run, kept as the metadata record `soter`; `more` adds entries of one's own."""
+    """What was run, kept as the metadata record `soter`; `more` has further entries."""
 
     program_sha256: str
     system: str
@@ -218,8 +218,8 @@ def write_mcap(
 class McapLog:
     """A log that grows with its run; it stands at its path once it is closed.
 
-    What was added lies in the file chunk by chunk: where the process dies, `mended` makes a log
-    of it. Raises as `write_mcap` does.
+    The file gets a chunk at a time: if the process dies, `mended` makes a log of what it wrote.
+    Raises as `write_mcap` does.
     """
 
     def __init__(
@@ -245,7 +245,7 @@ class McapLog:
         try:
             yield
         except BaseException as error:
-            with suppress(OSError):  # what could not be written cannot be on closing either
+            with suppress(OSError):  # after a failed write, closing fails as well
                 self._file.__exit__(type(error), error, error.__traceback__)
             if isinstance(error, OSError):
                 told = f"cannot write the log {self.path}: {reason(error)}"
@@ -253,9 +253,9 @@ class McapLog:
             raise
 
     def add(self, channels: Iterable[LogChannel]) -> None:
-        """Write the messages of all channels, in the order of their times, and hand them over.
+        """Writes the messages of all channels, in the order of their times, and flushes them.
 
-        ValueError where the times of a channel run back.
+        ValueError if the times of a channel run backwards.
         """
         with self.dropped_on_error():
             for time_ns, index, message in _merged([c.messages for c in channels]):
@@ -274,7 +274,7 @@ class McapLog:
             self._stream.flush()
 
     def close(self, end: Mapping[str, str] | None = None) -> Path:
-        """Finish the file, with how the run ended as metadata, and put it in its place."""
+        """Finishes the file, with how the run ended as metadata, and renames it to its path."""
         with self.dropped_on_error():
             if end is not None:
                 self._writer.add_metadata(END_NAME, dict(end))
@@ -321,9 +321,9 @@ def _begun(
 
 
 def mended(path: Path) -> bool:
-    """Make a log of one that a dead process left open: whole chunks, and an end.
+    """Makes a log of a file that a dead process left: keeps whole chunks, and adds an end.
 
-    False, and the file as it was, where it is no log. Raises `OSError`.
+    Returns False, and leaves the file as it was, if it is no log. Raises `OSError`.
     """
     with path.open("r+b") as stream:
         if stream.read(len(MAGIC)) != MAGIC:
@@ -349,7 +349,7 @@ def mended(path: Path) -> bool:
 
 
 def crc_between(stream: IO[bytes], begin: int = 0, end: int | None = None) -> int:
-    """The checksum of a part of a file, read from `begin` up to `end` or to where it ends."""
+    """The CRC-32 of a file from offset `begin` up to `end`, or to the end of the file."""
     stream.seek(begin)
     crc, left = 0, None if end is None else end - begin
     while part := stream.read(CHUNK_BYTES if left is None else min(CHUNK_BYTES, left)):

@@ -1,10 +1,10 @@
-"""Read MCAP files: all their records in order, and the logs that `soter run --log` wrote.
+"""Reads MCAP files: all their records in order, and the logs that `soter run --log` wrote.
 
-Purpose: one pass over all records, within bounds. What a file says of itself is compared with what
-stands there: checksums, sizes, ids, indexes, statistics, its end. A file that says otherwise, or
-nothing at all of its end, is refused with the place; a checksum of 0 says nothing (the format).
-`messages` and `metadata` read a log of Soter's own; what cannot be read is SoterError D006.
-Non-goals: what messages mean; a reader that jumps by the index; logs of somebody else
+Purpose: `McapRecords` reads all records in one pass, within bounds, and compares what the file says
+of itself with its content: checksums, sizes, ids, indexes, statistics, its end. It refuses a file
+that contradicts itself or has no end, with the place; a checksum of 0 is none (by the format).
+`messages` and `metadata` read a log of Soter's own; SoterError D006 if it cannot be read.
+Non-goals: what messages mean; a reader that jumps by the index; logs of other systems
 (`monitor/`).
 """
 
@@ -42,13 +42,13 @@ if TYPE_CHECKING:
 
 
 RECORD_MAX = 1 << 30
-"""Bytes of a record: of a chunk as it is packed, or of an attachment."""
+"""Most bytes of a record, as a packed chunk or an attachment is."""
 HEADER, SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX = 1, 3, 4, 5, 6, 7
 CHUNK_INDEX, ATTACHMENT, STATISTICS = 8, 9, 11
 IN_DATA = (SCHEMA, CHANNEL, MESSAGE, CHUNK, MESSAGE_INDEX, ATTACHMENT, METADATA)
 IN_SUMMARY = (SCHEMA, CHANNEL, STATISTICS, CHUNK_INDEX, 10, 13, 14)
 PRIVATE = 128
-"""Kinds from here on are somebody's own."""
+"""Record kinds from this number on are private to their writer."""
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 ENDS = "its end is missing: the recorder died, or the file was cut"
 REMEDY = (
@@ -61,7 +61,7 @@ MERGED = "put logs together with `mcap merge`, which gives ids anew, or give the
 
 
 class DamagedMcapError(ValueError):
-    """A file that contradicts itself; the text says where and how, `remedy` what to do."""
+    """A file contradicts itself; the text says where and how, `remedy` what to do."""
 
     def __init__(self, told: str, remedy: str = REMEDY) -> None:
         super().__init__(told)
@@ -69,15 +69,14 @@ class DamagedMcapError(ValueError):
 
 
 class CutMcapError(DamagedMcapError):
-    """A file whose end is missing: all messages before that were given."""
+    """The end of a file is missing; all messages before that have been yielded."""
 
 
 class McapRecords:
-    """The records of one file, which is read once.
+    """The records of one file, which can be read once.
 
-    `metadata`: what was met so far of it, by name. `private`: how many records of kinds that only
-    their writer knows were stepped over. `unchecked`: whether some message stood there that no
-    checksum covers.
+    `metadata`: records of it that were read so far, by name. `private`: how many private records
+    were skipped. `unchecked`: whether there was a message that no checksum covers.
     """
 
     def __init__(self, file: BinaryIO) -> None:
@@ -98,10 +97,10 @@ class McapRecords:
         self._loose = False
 
     def messages(self) -> Iterator[tuple[Any, Any, Any]]:
-        """Channel, its schema (None where it has none) and message.
+        """Yields channel, its schema (or None) and message.
 
-        Raises DamagedMcapError, CutMcapError where only the end is missing, mcap's InvalidMagic
-        where it is no MCAP at all, and what the package raises of a record that it cannot read.
+        Raises DamagedMcapError, CutMcapError if only the end is missing, mcap's InvalidMagic
+        if it is no MCAP at all, and what the package raises for a record that it cannot read.
         """
         magic = self.file.read(len(MAGIC))
         if magic != MAGIC:
@@ -239,7 +238,7 @@ class McapRecords:
         return channel, schema, Message(channel_id, log_time, data, publish_time, sequence)
 
     def _define(self, kind: int, body: bytes, at: int) -> None:
-        """A schema or a channel; DamagedMcapError where its id meant something else before."""
+        """Enters a schema or a channel; DamagedMcapError if its id had another meaning before."""
         record = _read("Schema" if kind == SCHEMA else "Channel", body, at)
         known = self._schemas if kind == SCHEMA else self._channels
         before = known.setdefault(record.id, record)
@@ -325,7 +324,7 @@ class McapRecords:
 
 
 class _Whole(BytesIO):
-    """Bytes of which no more is read than there are."""
+    """Bytes in memory of which reading more than there are is an error."""
 
     def read(self, size: int | None = -1) -> bytes:
         data = super().read(size)
@@ -335,7 +334,7 @@ class _Whole(BytesIO):
 
 
 def _read(name: str, body: bytes, at: int) -> Any:  # noqa: ANN401 - a record of the package
-    """A record of its bytes, all of which have to be its own."""
+    """The record `name` from `body`, all of whose bytes it has to use."""
     from mcap import records  # noqa: PLC0415 - an extra
     from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - the same
 
@@ -350,7 +349,7 @@ def _read(name: str, body: bytes, at: int) -> Any:  # noqa: ANN401 - a record of
 
 
 def _same_crc(said: int, counted: int, what: str) -> None:
-    """DamagedMcapError where a checksum is there and is another one."""
+    """Raises DamagedMcapError if the file has a checksum and it differs from the counted one."""
     if said and said != counted:
         told = f"{what} is damaged: its checksum is {said:08x}, and its bytes give {counted:08x}"
         raise DamagedMcapError(told)
@@ -363,7 +362,7 @@ def _size(file: BinaryIO) -> int:
 
 
 def require_log_package() -> None:
-    """SoterError D007 where the package that writes logs is not installed."""
+    """Raises SoterError D007 if the package for logs, `mcap`, is not installed."""
     if find_spec("mcap") is None:
         raise mistake(
             "D007",
@@ -374,7 +373,7 @@ def require_log_package() -> None:
 
 @contextmanager
 def _records(path: Path) -> Iterator[McapRecords]:
-    """The records of a log; what cannot be opened or read, or is damaged, is SoterError D006."""
+    """Gives the records of a log; SoterError D006 if it cannot be read or is damaged."""
     try:
         with opened(path) as file:
             yield McapRecords(file)
@@ -390,9 +389,9 @@ def _records(path: Path) -> Iterator[McapRecords]:
 
 
 def metadata(path: Path) -> dict[str, str]:
-    """What a log says of its run, empty where it is none of `soter run`; SoterError D006.
+    """What a log says of its run, {} if `soter run` did not write it; SoterError D006.
 
-    It stands at the beginning: the end of the file may be missing.
+    That is at the beginning, so the end of the file may be missing.
     """
     with _records(path) as records:
         for _ in _up_to_cut(records, lambda _: None):
@@ -404,11 +403,11 @@ def metadata(path: Path) -> dict[str, str]:
 def messages(
     path: Path, cut: Callable[[str], None] | None = None
 ) -> Iterator[tuple[int, str, Any]]:
-    """Time (ns), channel and message of all that is in a log, in order; SoterError D006.
+    """Yields time (ns), channel and message of a log, in order; SoterError D006.
 
-    What its checksums and counts say is compared with what stands there. `cut`: told where the end
-    of the file is missing, which is then read up to there, and where it says that the run has an
-    end of which no log was written.
+    It compares checksums and counts with the content. `cut` is called with a text if the end of the
+    file is missing, which is then read up to there, and if the file says that the end of the run
+    was not logged.
     """
     last_ns = 0
     with _records(path) as records:
@@ -439,7 +438,7 @@ def _up_to_cut(
 def damaged(error: Exception) -> str:
     """What is wrong with a log that the package `mcap` could not read, in words.
 
-    It unpacks what stands there without a look at it: a damaged file makes it raise anything.
+    The package unpacks bytes without checks, so a damaged file may make it raise any error.
     """
     from mcap.exceptions import InvalidMagic, McapError  # noqa: PLC0415 - an extra
 
@@ -449,6 +448,6 @@ def damaged(error: Exception) -> str:
 
 
 def unreadable(path: Path, why: str) -> SoterError:
-    """Of a log that cannot be read as one of `soter run --log`."""
+    """The SoterError D006 for a log that cannot be read as one of `soter run --log`."""
     helps = ("a log of somebody else, a CSV or a bag needs `--map FILE`: docs/real-logs.md",)
     return mistake("D006", f"cannot read the log `{path}`: {why}", *helps)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 R1, R2, R3, R4, R5 = 1, 2, 3, 4, 5
-"""The paper's regions, innermost last: unsafe; safe but lost; K; R(H); where AC may return."""
+"""The paper's regions, outermost first: unsafe; safe, not in K; K; R(H); where AC may return."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Trajectory:
     in_control: NDArray[np.bool_]
     title: str = ""
     leaves: bool = False
-    """It begins at the first point and leaves C at the last one: both are marked."""
+    """Whether the run leaves C, the candidate set, at its last point; both ends are marked."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class RegionFigure:
     slices: tuple[RegionSlice, ...] = ()
     shown: int = 0
     lets_ac: NDArray[np.bool_] | None = None
-    """As `regions`: where `ttf` may be false; its border is drawn."""
+    """The cells where `ttf` may be false, in the form of `regions`; their border is drawn."""
 
 
 @dataclass(frozen=True)
@@ -105,26 +105,26 @@ class ModuleProof:
     headline: str
     properties: tuple[PropertyRow, ...]
     times: tuple[tuple[str, str, str], ...]
-    """(symbol, meaning, value with unit)."""
+    """Rows (symbol, meaning, value with unit)."""
     shares: tuple[tuple[str, str], ...]
-    """Vacuity figures: (what, share)."""
+    """Vacuity figures as rows (what, share)."""
     figures: tuple[RegionFigure, ...] = ()
     counterexample: tuple[str, ...] = ()
-    """Lines that tell a refutation: from where, by what, when."""
+    """Lines about a refuting run: from where, by what, when."""
     open: tuple[tuple[str, tuple[str, ...]], ...] = ()
-    """Of every property that is not shown: (heading, where, why, what was tried, what helps)."""
+    """For every property that is not shown: a heading, and lines where, why, tried, helps."""
     switches: bool = True
-    """Whether `ttf` and P3 hold: where AC must not act, the DM has switched."""
+    """Whether `ttf` and P3 hold, so that the DM has switched where AC must not act."""
     but: str = ""
-    """Why a proof says little: AC never, or hardly ever, has control."""
+    """Why a proof says little: AC never, or hardly ever, has control; else ""."""
     leaving: tuple[RegionFigure, ...] = ()
-    """The run of the model that leaves C soonest."""
+    """Figures of the model's run that leaves C soonest."""
     leaving_text: str = ""
 
 
 @dataclass(frozen=True)
 class TakenRow:
-    """What a module takes for granted of others, and why it may; `open`: that is not proved."""
+    """What a module assumes of others, and why it may; `open`: it is not proved."""
 
     module: str
     what: str
@@ -145,21 +145,21 @@ class ProofPage:
     provenance: dict[str, str] = field(default_factory=dict)
     """Hashes, versions, commands."""
     together: str = ""
-    """Of several modules: the verdict of the conjunction."""
+    """For several modules the verdict on all of them together, else ""."""
     taken: tuple[TakenRow, ...] = ()
     not_covered: tuple[str, ...] = ()
-    """What the verdict says nothing about."""
+    """Sentences on what the verdict does not cover."""
 
 
 WIDTH, HEIGHT = 520.0, 340.0
 LEFT, RIGHT, TOP, BOTTOM = 62.0, 14.0, 10.0, 46.0
 STRIP = 70.0
-"""Height of the drawing of a group with one axis."""
+"""The height, in px, of the drawing of a group with one axis."""
 TICKS = 6
 
 
 def region_svg(figure: RegionFigure) -> str:
-    """Draw one figure."""
+    """Draws one region figure as SVG."""
     flat = not figure.y_name
     height = STRIP + TOP + BOTTOM if flat else HEIGHT
     x = _Scale(figure.x_edges, LEFT, WIDTH - RIGHT)
@@ -251,12 +251,12 @@ def _border(inside: NDArray[np.bool_] | None, x: _Scale, y: _Scale) -> str:
 
 
 def _number(value: float) -> str:
-    """A tick's text."""
+    """The text of a tick."""
     return f"{value:.6g}".replace("-", "\N{MINUS SIGN}")
 
 
 def _axis_x(x: _Scale, name: str, height: float) -> list[str]:
-    """Ticks and name below."""
+    """Draws ticks and name below the figure."""
     base = height - BOTTOM
     elements = [
         f'<text x="{x.at(t):.1f}" y="{base + 17:g}" text-anchor="middle">{_number(t)}</text>'
@@ -272,7 +272,7 @@ def _axis_x(x: _Scale, name: str, height: float) -> list[str]:
 
 
 def _axis_y(y: _Scale, name: str, height: float) -> list[str]:
-    """Ticks and name on the left."""
+    """Draws ticks and name on the left of the figure."""
     elements = [
         f'<text x="{LEFT - 8:g}" y="{y.at(t) + 4:.1f}" text-anchor="end">{_number(t)}</text>'
         f'<path class="tick" d="M{LEFT:g} {y.at(t):.1f}h-4"/>'
@@ -287,7 +287,7 @@ def _axis_y(y: _Scale, name: str, height: float) -> list[str]:
 
 
 def _trajectory(run: Trajectory, x: _Scale, y: _Scale) -> str:
-    """A run in the colours of who was in control, and dots where that changed."""
+    """Draws a run in the colours of who is in control, with dots where that changes."""
     px = np.round([x.at(float(v)) for v in run.x], 1)
     py = np.round([y.at(float(v)) for v in run.y], 1)
     changes = np.flatnonzero(np.diff(run.in_control.astype(int))) + 1
@@ -310,7 +310,7 @@ def _trajectory(run: Trajectory, x: _Scale, y: _Scale) -> str:
 
 SIGNS = {"proved": "✓", "refuted": "✕", "undecided": "?", "assumed": "•"}
 SWITCHED = "; the DM has switched to SC"
-"""Of R3 without R4, where `ttf` and P3 are proved."""
+"""Added to the legend of R3 without R4, if `ttf` and P3 are proved."""
 REGIONS = (
     ("r1", "R1", "outside the constraint C (`safe`)"),
     ("r2", "R2", "inside C, but SC cannot keep it there"),
@@ -350,7 +350,7 @@ def proof_body(page: ProofPage) -> str:
 
 
 def _of_one_region(f: RegionFigure) -> int | None:
-    """The region that a single axis lies in from end to end: nothing of it need be drawn."""
+    """The region that a figure with one axis consists of, so that it is not drawn; or None."""
     if f.y_name or f.slices or f.trajectory is not None:
         return None
     if f.lets_ac is not None and f.lets_ac.any() and not f.lets_ac.all():
@@ -360,7 +360,7 @@ def _of_one_region(f: RegionFigure) -> int | None:
 
 
 def _undrawn(figures: tuple[RegionFigure, ...]) -> list[tuple[str, str, str]]:
-    """Of each region and note: the axes that lie in it from end to end."""
+    """For each region and note, the axes along which it reaches from end to end."""
     axes: dict[tuple[int, str], list[str]] = {}
     for f in figures:
         region = _of_one_region(f)
@@ -373,12 +373,12 @@ def _undrawn(figures: tuple[RegionFigure, ...]) -> list[tuple[str, str, str]]:
 
 CURVES_MAX = 5
 APART_PX = 22.0
-"""Between labels of neighbouring periods, at least."""
+"""The least distance between labels of neighbouring periods."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """One curve: `points` are (Delta in ms, share); `sure` says where everything is proved."""
+    """A curve: `points` are (Delta in ms, share); `sure` says for which all is proved."""
 
     name: str
     points: tuple[tuple[float, float], ...]
@@ -387,9 +387,9 @@ class Line:
 
 @dataclass(frozen=True)
 class AdvicePage:
-    """What is known of one module of `program`; `table` is rows of text under `head`.
+    """The part of the page on one module of `program`; `table` is rows of text under `head`.
 
-    `says`: what the names and marks mean; `best_ms`: the longest Delta that verifies, if one does.
+    `says`: what names and marks mean; `best_ms`: the longest Delta that verifies, if one does.
     """
 
     module: str

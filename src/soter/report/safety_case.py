@@ -1,8 +1,8 @@
 """A safety case as plain data, in the words of the Goal Structuring Notation, and as StrictDoc.
 
-Purpose: `SafetyCase`: nodes by their id; which goals are supported, from the leaves up.
-`Traceability`: hazards and requirements with the properties that they lead to, and what is open
-(`OpenItem`). `ExpandedPredicate`: a predicate of a module for people who do not read the program.
+Purpose: `SafetyCase` holds nodes by id, and finds which goals are supported, from the leaves up.
+`Traceability` holds hazards and requirements with the properties they lead to, and open items.
+`ExpandedPredicate` holds a module's predicate for people who do not read the program.
 `sdoc` writes a document for trace matrices of a larger project: a requirement for every goal,
 strategy and solution, whose parent it supports; contexts and assumptions as text before them.
 Non-goals: checking a leaf, expanding predicates, following the rows of hazards (`api/assurance/`);
@@ -28,7 +28,7 @@ MEANINGS = {
 
 @dataclass(frozen=True)
 class Definition:
-    """A name of an expansion with its expression or value; `unit` where one is declared."""
+    """A name in an expansion with its expression or value; `unit` if one is declared."""
 
     name: str
     text: str
@@ -54,7 +54,7 @@ class ExpandedPredicate:
     functions: tuple[Definition, ...] = ()
 
     def to_json(self) -> dict[str, object]:
-        """As in docs/json.md."""
+        """Return the JSON object of docs/json.md."""
         return asdict(self)
 
 
@@ -94,7 +94,7 @@ class TracedItem:
 
 @dataclass(frozen=True)
 class OpenItem:
-    """What nobody has closed: of a "hazard", "requirement", "property" or "assumption"."""
+    """A "hazard", "requirement", "property" or "assumption" that is still open, and why."""
 
     kind: str
     id: str
@@ -103,7 +103,7 @@ class OpenItem:
 
 @dataclass(frozen=True)
 class Traceability:
-    """`path`, `sha256`: of the file that was given, or "". `open`: all that is open."""
+    """The traces of a case; `path`, `sha256`: of the given file, or ""; `open`: open items."""
 
     path: str = ""
     sha256: str = ""
@@ -117,7 +117,7 @@ class Traceability:
         return all(item.status == "supported" for item in self.items)
 
     def to_json(self) -> dict[str, object]:
-        """As in docs/json.md."""
+        """Return the JSON object of docs/json.md."""
         return asdict(self) | {"path": self.path or None, "sha256": self.sha256 or None}
 
 
@@ -168,14 +168,14 @@ class SafetyCase:
     predicates: tuple[ExpandedPredicate, ...] = ()
     traceability: Traceability = field(default_factory=Traceability)
     plants: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Of each plant of the system: its equations as the program writes them, by its instances."""
+    """Instances of a plant, as text -> the plant's equations as the program writes them."""
     refuted: list[str] = field(default_factory=list)
-    """What was found to be false while the case was made, as a certificate that is rejected."""
+    """What was found to be false while the case was made, such as a rejected certificate."""
 
     def add(
         self, node: CaseNode, *, under: CaseNode | None = None, beside: CaseNode | None = None
     ) -> CaseNode:
-        """Take in a node that supports `under`, or is in the context of `beside`."""
+        """Adds a node that supports `under`, or is in the context of `beside`; returns it."""
         assert all(n.id != node.id for n in self.nodes), node.id
         self.nodes.append(node)
         if under is not None:
@@ -185,14 +185,14 @@ class SafetyCase:
         return node
 
     def node(self, id_: str) -> CaseNode:
-        """A node by its id; KeyError where there is none."""
+        """The node with this id; KeyError if there is none."""
         for n in self.nodes:
             if n.id == id_:
                 return n
         raise KeyError(id_)
 
     def status(self, node: CaseNode) -> str:
-        """Supported: every solution below was checked now, and every branch ends in one."""
+        """Say "supported" if every branch below ends in a solution that was checked now."""
         if node.kind == "solution":
             return SUPPORTED if node.checked else UNDEVELOPED
         below = [self.status(self.node(i)) for i in node.supported_by]
@@ -200,12 +200,12 @@ class SafetyCase:
 
     @property
     def supported(self) -> bool:
-        """Whether the top goal is."""
+        """Whether the top goal is supported."""
         return self.status(self.nodes[0]) == SUPPORTED
 
     @property
     def goals(self) -> list[CaseNode]:
-        """All goals, as they are read."""
+        """All goals, in reading order."""
         return [n for n in self.nodes if n.kind == "goal"]
 
     def to_json(self, version: str) -> dict[str, object]:

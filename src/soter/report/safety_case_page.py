@@ -1,12 +1,12 @@
-"""The page of a safety case: verdict, argument as a picture in the GSN, every goal.
+"""Makes the page of a safety case: verdict, argument as a picture in the GSN, every goal.
 
-Purpose: one HTML file without scripts, to be handed to an assessor, in the order in which one asks:
-is it supported, by which argument, resting on what, on which evidence, what is not covered; what is
-open, hazards and requirements, predicates in full, who answers for assumptions; versions, hashes
-and flags, on every printed page. In the picture goals are boxes, strategies parallelograms,
-solutions circles, assumptions and contexts beside the goal they are of; an undeveloped goal has the
-diamond. Where a case is too wide the top goes down to the modules, and each module has a picture of
-its own.
+Purpose: one HTML file without scripts for an assessor, in the order of an assessor's questions: is
+the case supported, by which argument, assumptions and evidence, and what is not covered; what is
+open, hazards and requirements, predicates in full, owners of assumptions; versions, hashes and
+flags, on every printed page. In the picture goals are boxes, strategies parallelograms, solutions
+circles, assumptions and contexts stand beside their goal; an undeveloped goal has the diamond. If a
+case is too wide, the top picture goes down to the modules, and each module has a picture of its
+own.
 Non-goals: the case as data (`safety_case.py`).
 """
 
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 COLUMN, BOX, GAP, LINE, MARGIN = 138, 126, 44, 15, 8
 LETTERS, LINES_MAX = 17, 6
 PHONE_COLUMNS = 3
-"""What is above many columns stands over the first of them: in sight where the picture scrolls."""
+"""A node over more columns than these stands over the first one, so that a phone shows it."""
 TOGETHER_MAX = 9
-"""So many columns of goals are one picture."""
+"""Most columns of goals in one picture."""
 RADIUS, SIDE = 50, 54
 LEGEND_LINE = 24
 LEGEND = (
@@ -49,16 +49,16 @@ LEGEND = (
     ("undeveloped", "undeveloped"),
     ("diamond", "undeveloped: nothing below"),
 )
-"""What a picture may hold; its legend has what it does."""
+"""(shape, meaning) of all symbols; a picture's legend has those that it uses."""
 
 
 @dataclass
 class _Spot:
-    """A node on the picture, or several solutions in one: its place, what is below it."""
+    """A node in a picture, or several solutions in one: its place, and the spots below it."""
 
     nodes: list[CaseNode]
     x: float = 0.0
-    """The middle."""
+    """The horizontal middle, in columns."""
     y: float = 0.0
     below: list[_Spot] = field(default_factory=list)
 
@@ -68,7 +68,7 @@ class _Spot:
 
     @property
     def lines(self) -> list[str]:
-        """The text, as much of it as there is room for."""
+        """The lines of its text, cut to the room that there is."""
         plain = self.node.text.replace("`", "")
         lines = textwrap.wrap(plain, LETTERS) or [""]
         if len(lines) > LINES_MAX:
@@ -83,7 +83,7 @@ class _Spot:
 
 
 def pictures(case: SafetyCase) -> list[tuple[str, str]]:
-    """Titles (the first is empty) and SVGs: the top goal, what did not fit there, then others."""
+    """(title, SVG) pairs: the top goal ("" as title), parts that did not fit, then other goals."""
     below = {i for n in case.nodes for i in n.supported_by}
     drawings: list[tuple[str, str]] = []
     for root in (n for n in case.goals if n.id not in below):
@@ -116,7 +116,7 @@ def _spot(case: SafetyCase, node: CaseNode, ends: frozenset[str] | None) -> _Spo
 
 
 def _leaves(spot: _Spot) -> int:
-    """How many columns of goals it takes."""
+    """How many columns of goals a branch takes."""
     goals = [s for s in spot.below if s.node.kind != "solution"]
     return max(sum(_leaves(s) for s in goals), len(spot.below) - len(goals), 1)
 
@@ -296,7 +296,7 @@ def _side(root: _Spot, kind: str, ids: Sequence[str], at: int) -> Iterator[str]:
 
 
 def _parts_of(case: SafetyCase, node: CaseNode) -> tuple[str, ...]:
-    """What the legend says of a node."""
+    """The symbols of the notation that a node is drawn with: kind, status, a diamond."""
     undeveloped = node.kind == "goal" and not node.supported_by
     return node.kind, case.status(node), *(("diamond",) if undeveloped else ())
 
@@ -330,7 +330,7 @@ def _legend(drawn: Sequence[str]) -> list[str]:
 
 
 ON_EVERY_PAGE = ("Soter", "re-checker", "certificate", "C compiler")
-"""Of what a case was made with, beside its program."""
+"""Entries of `provenance` that every printed page shows, beside the program."""
 KINDS = {
     "hazard": "Hazards",
     "requirement": "Requirements",
@@ -346,7 +346,7 @@ HOW = {
 
 
 def write_case(case: SafetyCase, path: str | os.PathLike[str]) -> Path:
-    """Write the page; raises `ReportError` where that cannot be."""
+    """Writes the page; raises `ReportError` if it cannot be written."""
     return write_document(case.title, body(case), path)
 
 
@@ -392,7 +392,7 @@ def _facts(case: SafetyCase) -> dict[str, str]:
 
 
 def _open_items(case: SafetyCase) -> list[tuple[str, int, dict[tuple[str, str], list[str]]]]:
-    """Everything that nobody has closed, by what it is of; of each reason the ids."""
+    """Open items by kind: kind, their number, and reason -> ids."""
     listed = []
     for kind, title in KINDS.items():
         mine = [item for item in case.traceability.open if item.kind == kind]
@@ -417,7 +417,7 @@ def _traced(case: SafetyCase) -> list[tuple[str, list[tuple[TracedItem, list[Tra
 
 
 def _provided(case: SafetyCase, behind: Sequence[TracedProperty]) -> str:
-    """What is open although a row is supported: assumptions of the proofs, flights."""
+    """What a supported row still depends on, as text: assumptions of proofs, flights."""
     count = sum(item.kind == "assumption" for item in case.traceability.open)
     said = [f"with {count} assumption{'s' if count > 1 else ''} open"] if count else []
     if any(p.status == "not flown" for p in behind):
@@ -426,7 +426,7 @@ def _provided(case: SafetyCase, behind: Sequence[TracedProperty]) -> str:
 
 
 def _evidence(case: SafetyCase) -> list[tuple[list[CaseNode], list[CaseNode]]]:
-    """Each piece of evidence once, with everything that it supports."""
+    """The table of evidence: each piece once, with everything that it supports."""
     nodes_by_evidence: dict[tuple[str, str, str, str, bool], list[CaseNode]] = {}
     for n in case.nodes:
         if n.kind == "solution":
@@ -438,5 +438,5 @@ def _evidence(case: SafetyCase) -> list[tuple[list[CaseNode], list[CaseNode]]]:
 
 
 def _formula(text: str) -> str:
-    """As HTML in which no line ends between a sign and what it is of."""
+    """A text as HTML in which no line breaks between a sign and what it belongs to."""
     return re.sub(r"-\w", r'<span class="whole">\g<0></span>', escape(text))

@@ -2,7 +2,7 @@
 
 Purpose: the SVG of the body and of the column of times beside it. A publication is a line from
 its writer with a head at every reader; modes are bands behind the lanes of their module.
-Non-goals: style (`assets/sequence.css`), the page around it (`sequence_page`).
+Non-goals: style (`assets/sequence.css`), the page around it (`page.py`).
 
 Lengths are in pixels. Labels are set in a monospaced font, so their width is known here.
 """
@@ -38,15 +38,15 @@ BODY_PX = 1100 - GUTTER_PX
 """Width that the lanes share where they fit; more lanes make the drawing wider."""
 LANE_MIN_PX, LANE_MAX_PX = 116, 260
 FIRST_PX, LINE_PX, BELOW_PX = 22, 26, 16
-"""From the top of a row to its first line, from line to line, from the last line to the end."""
+"""From the top of a row to its first line, from line to line, from the last to its end."""
 UNDER_BOX_PX = 6
-"""More to the second line, where a box stands on the first: its label is not under the box."""
+"""Added before the second line where a box is on the first, to keep its label off the box."""
 DROPPED_PX = 12
-"""More, where a label says that a queue is full."""
+"""Added where a label says that a queue is full."""
 INSTANT_PX = 6
-"""Between two instants."""
+"""Space between two instants."""
 STRIP_PX = 20
-"""Above the first row, where the modes at the start stand."""
+"""Space above the first row, for the modes at the start."""
 BOX_PX, DOT_PX, LOST_PX, RING_PX = 22, 5, 7.5, 5
 CHAR_PX = 6.95
 """Width of a character of the labels: 11.5 px, monospaced."""
@@ -56,7 +56,7 @@ MARKS = {"default": "\N{WHITE DIAMOND}", "other": "\N{BLACK DIAMOND}"}
 
 @dataclass(frozen=True)
 class StepRow:
-    """Where one step stands: its top edge, its first line, its height."""
+    """The place of one step: its top edge, its first line, its height."""
 
     step: SequenceStep
     top: float
@@ -64,7 +64,7 @@ class StepRow:
     height: float
 
     def line_of(self, index: int) -> float:
-        """Where the step's publication of that number stands."""
+        """The y of the step's publication of that number."""
         return self.line + _below_first(self.step, index)
 
     @property
@@ -75,7 +75,7 @@ class StepRow:
 
 @dataclass(frozen=True)
 class DrawingPlan:
-    """Where everything stands. `centres`: the middle of each lane by name."""
+    """The places of all lanes and steps. `centres`: the middle of each lane, by name."""
 
     view: SequenceView
     lane_px: float
@@ -123,7 +123,7 @@ def plan(view: SequenceView) -> DrawingPlan:
 
 
 def _below_first(step: SequenceStep, index: int) -> float:
-    """From the first line of a step to another one."""
+    """The distance from the first line of a step to its line number `index`."""
     return LINE_PX * index + UNDER_BOX_PX * bool(index and _word(step)[0])
 
 
@@ -260,7 +260,7 @@ def _running_bar(x: float, top: float, end: float) -> str:
 
 
 def _row(p: DrawingPlan, row: StepRow) -> str:
-    """Draw one step: it leads to its row in the table, with or without a script."""
+    """Draw one step, as a link to its row in the table."""
     step = row.step
     kind = " violates" if step.violates else ""
     kind += "" if step.matters else " aside"
@@ -331,7 +331,7 @@ def _lane_step(p: DrawingPlan, row: StepRow, x: float) -> str:
         )
     late = late_text(step)
     if late:
-        # On the side where the first publication does not stand.
+        # on the side without the first publication
         parts.append(_late_label(p, late, x, row.line, half, step))
     return "".join(parts) + box
 
@@ -350,7 +350,7 @@ def _late_label(
 
 
 def _reader_places(p: DrawingPlan, step: SequenceStep, topic: str, x: float) -> list[float] | None:
-    """Return the lanes that get a publication, None where it reaches nobody at all."""
+    """Return the x of the lanes that get a publication; None: it reaches nobody at all."""
     if not reached(step):
         return None
     names = {reader for flow in p.view.topics if flow.name == topic for reader in flow.readers}
@@ -434,7 +434,7 @@ def _box(p: DrawingPlan, step: SequenceStep, x: float, y: float, role: str) -> t
 
 
 def _word(step: SequenceStep) -> tuple[str, str]:
-    """Return what stands in the box, and what kind of word it is."""
+    """Return the word in the box, and its kind."""
     if step.fault is not None:
         return "fault", "fault"
     if step.switch is not None:
@@ -467,7 +467,7 @@ def _cross(x: float, y: float, r: float, kind: str) -> str:
 
 
 def head_groups(lanes: Sequence[Lane]) -> list[tuple[str | None, int]]:
-    """Return the modules above the lanes, each with how many lanes in a row are its own."""
+    """Return the headings above the lanes: a module (None: none) and its adjacent lanes' number."""
     groups: list[tuple[str | None, int]] = []
     for lane in lanes:
         if groups and groups[-1][0] == lane.module:

@@ -2,7 +2,7 @@
 
 Purpose: what failed and where, in a sentence; the drawing with its legend; the same steps as a
 table, which serves readers without a script or without eyes; what it rests on.
-Non-goals: laying the drawing out (`sequence_drawing`), replaying.
+Non-goals: laying the drawing out (`drawing.py`), replaying.
 """
 
 from __future__ import annotations
@@ -99,12 +99,12 @@ def page(view: SequenceView) -> str:
 
 
 def _unbroken(text: str) -> str:
-    """As HTML, in which a number and its unit stay on one line."""
+    """Escape a text for HTML, and keep a number and its unit on one line."""
     return TIME.sub(r"\1&nbsp;\2", prose(visible(text)))
 
 
 def _short(lane: Lane) -> str:
-    """The name of a lane in its module; empty where it says no more than its role."""
+    """The name of a lane within its module; "" where it only repeats its role."""
     inside = lane.module is not None and lane.name.startswith(f"{lane.module}.")
     name = lane.name[len(lane.module or "") + 1 :] if inside else lane.name
     return "" if name.lower() == ROLES[lane.role].lower() else name

@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 Role = Literal["plant", "dm", "ac", "sc", "node", "input"]
 Mode = Literal["AC", "SC"]
 Kind = Literal["start", "step", "lost", "overrun", "effect"]
-"""What happens in a step: the start of the system (of no lane), a step of a lane, a release that
-is lost, a step that starts and whose publications come later, these taking effect."""
+"""What happens in a step: the start of the system (in no lane); a step of a lane; a release that
+is lost; a step that overruns, so that its publications come later; these publications."""
 
 
 NAMED = 12
-"""Steps that matter are named where they are no more."""
+"""Steps that matter are listed by number where they are no more than that."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,9 @@ class TopicFlow:
 
 @dataclass(frozen=True)
 class ModuleModes:
-    """The modes of one module: `(number of a step, mode from then on)`, the first from the start.
+    """The modes of one module as `(number of a step, mode from then on)`, from the start on.
 
-    A change holds from the step that made it on, which is the step of that number.
+    The step of that number is the one that changed the mode.
     """
 
     module: str
@@ -101,7 +101,7 @@ class SequenceStep:
     published, a clause each.
     `observable`: time may pass after it, so properties are checked. `violates`: the property is
     violated here. `note`: one sentence for the reader, free. `matters`: whether the violation
-    depends on it; of steps that do not, the view makes little.
+    depends on it; the others are drawn faintly.
     """
 
     number: int
@@ -179,7 +179,7 @@ def late_ns(step: SequenceStep) -> int:
 
 
 def duration_text(time_ns: int) -> str:
-    """Write a time in its largest exact unit, so that no two times look alike: `1.5 ms`."""
+    """Write a time in its largest exact unit, so that different times look different: `1.5 ms`."""
     for unit, size in (("s", 10**9), ("ms", 10**6), ("µs", 10**3)):
         if abs(time_ns) >= size:
             return f"{_exact(time_ns, size)} {unit}"
@@ -254,7 +254,7 @@ def does(step: SequenceStep) -> list[str]:
 
 
 def _kind(step: SequenceStep) -> str:
-    """The kind, of a step that overruns with how long it took."""
+    """The kind of a step; for one that overruns, also how long it took."""
     if step.lasts_ns is None:
         return KINDS[step.kind]
     if step.lasts_ns == 0:
@@ -281,10 +281,10 @@ def explanation(view: SequenceView) -> str:
 
 _NOTHING = Styled("", "plain")
 MATTERS = "•"
-"""Stands beside a step that the violation depends on, where there are others."""
+"""The mark of a step that the violation depends on, where others do not."""
 HEADERS = ("step", "time", "actor", "does", "publishes", "")
 CELL_MAX = 64
-"""Columns of a terminal that one cell takes at most; the page and the log show all of it."""
+"""Columns of a terminal that one cell takes at most; the page and the log show it whole."""
 
 
 def table_text(
@@ -295,9 +295,9 @@ def table_text(
     most: int = 0,
     width: int | None = None,
 ) -> list[str]:
-    """Return the lines to print: a table with a row a step, then why the property fails.
+    """Return the lines to print: a table with a row for each step, then why the property fails.
 
-    Of more than `most` steps (0: any number) the first and the last ones. `width`: columns of the
+    Of more than `most` steps (0: no limit) it has the first and the last. `width`: columns of the
     terminal, where they are known.
     """
     made = rows(view, cell_max=cell_max)

@@ -37,7 +37,7 @@ BLANK = ("", "-", "—")
 
 @dataclass(frozen=True)
 class Styled:
-    """A cell that is coloured where colour is on."""
+    """A cell with a tone that colours it if colour is on."""
 
     text: str
     tone: Tone

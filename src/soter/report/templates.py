@@ -35,7 +35,7 @@ ESCAPED = (PAGE, ".xml.j2")
 
 
 def filled(template: str, /, **context: object) -> str:
-    """The text of a template, which is named by its path below this package."""
+    """The filled-in text of a template, which is named by its path below `soter`."""
     return _environment().get_template(template).render(context)
 
 
@@ -66,7 +66,7 @@ def _environment() -> Environment:
 
 @dataclass(frozen=True)
 class PageSection:
-    """A heading, what is said below it, a table: rows of text under `head`."""
+    """A heading, sentences below it, and a table: rows of text under `head`."""
 
     title: str
     says: tuple[str, ...]
@@ -89,7 +89,7 @@ LONG = 50
 """Shorter lists stay as they are."""
 DIGITS_MAX = 12
 EXACT_MAX = 2**53
-"""Up to here a double holds every whole number, so one division gives the nearest double."""
+"""Up to here doubles hold every whole number, so that one division gives the nearest double."""
 
 
 def script_json(value: object) -> str:

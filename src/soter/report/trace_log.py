@@ -2,8 +2,8 @@
 
 Purpose: every step as a message of `soter/steps`, every value that reached its topic under the
 topic's name, modes and decisions as in the log of a run; the same tools read both.
-Non-goals: values richer than their texts: a topic of which every value is a number or a truth
-value is logged as such, so that viewers plot it, any other as text.
+Non-goals: structured values: a topic whose values are all numbers, or all truth values, is logged
+as such, so that viewers plot it, any other as text.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def _topic_channels(view: SequenceView) -> Iterator[LogChannel]:
 
 
 def _reading(texts: list[str]) -> tuple[JsonSchema, list[bool] | list[float] | list[str]]:
-    """Read all values of a topic in the one way that fits all of them."""
+    """Read the texts of a topic as truth values, else as numbers, else as texts."""
     if texts and all(text in TRUTH for text in texts):
         return BOOLEAN, [TRUTH[text] for text in texts]
     if texts and all(NUMERIC.fullmatch(text) for text in texts):

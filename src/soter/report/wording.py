@@ -34,7 +34,7 @@ def prose(text: str) -> str:
 
 
 def quantity(name: str, unit: str) -> str:
-    """What an axis or a panel shows: `x / m`, `speed / (m/s)`; without a unit the name alone."""
+    """The title of an axis or a panel: `x / m`, `speed / (m/s)`; without a unit the name."""
     if not unit:
         return name
     return f"{name} / ({unit})" if "/" in unit else f"{name} / {unit}"
@@ -46,7 +46,7 @@ def count_text(count: int, noun: str) -> str:
 
 
 def visible(text: str) -> str:
-    r"""Return a text on one line in which every character shows: `\x1b` for an escape."""
+    r"""Returns a text on one line in which every character is visible: `\x1b` for an escape."""
     return "".join(char if char.isprintable() else _escaped(char) for char in text)
 
 
@@ -55,9 +55,9 @@ def _escaped(char: str) -> str:
 
 
 def changed_parameters(system: System) -> dict[str, tuple[str, str]]:
-    """Value and default, as text, of every parameter that is not at its default.
+    """Parameter that is not at its default -> its value and its default, as text.
 
-    Those of an instance (`r[0].GAIN`) with what they would be without their own value.
+    For one of an instance (`r[0].GAIN`) the default is the value that it would have around it.
     """
     basic = Evaluator({})
     changes = {}
@@ -82,7 +82,7 @@ def parameter_text(t: Type, value: Value) -> str:
 
 
 def parameters_json(system: System) -> dict[str, object]:
-    """Every parameter; durations in s."""
+    """Every parameter as JSON; durations in s."""
     value_by_name = {}
     for name, value in system.params.items():
         param = system.program.param(name)

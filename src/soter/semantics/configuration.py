@@ -1,9 +1,9 @@
 """A configuration: the paper's (L, OE, ct, FN, Topics), who has control, and records beside it.
 
-Purpose: the whole state of a system is one immutable value: a rule makes a new one, so whoever
-searches keeps the old one. OE of every controller follows from the modes of the modules (dm1 and
-dm2 of the paper's DM-Step, and modules above modules); latches are moved here. Observers keep what
-each transition had to say and the sums over a run (`Record`): no rule reads any of this.
+Purpose: the whole state of a system is one immutable value: a rule makes a new one, so that a
+search keeps the old one. OE of every controller follows from the modes of the modules (dm1 and
+dm2 of the paper's DM-Step, and modules above modules); latches are moved here. Observers get what
+each transition reports, and the sums over a run (`Record`): no rule reads any of this.
 Non-goals: deciding a mode (`rules.py`), the bytes of a state (`core/layout.py`), the hidden state
 of externs, which lives with them.
 """
@@ -31,7 +31,7 @@ LOST = 0
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """(L, OE, ct, FN, Topics) and what the gate and the timing rulings need.
+    """(L, OE, ct, FN, Topics), and what the gate and the rulings on time need.
 
     Indices are those of `System.components`, `.topics` and `.modules`.
     """
@@ -107,12 +107,12 @@ class StepOutcome:
 
 
 NAN_LOOKS_MAX = 2**16 - 1
-"""Where the counter of a module ends: it has two bytes of the state."""
+"""The largest count of a module, which has two bytes of the state."""
 
 
 @dataclass(slots=True)
 class ModuleRecord:
-    """Of one module: what the last DM step saw, and sums."""
+    """One module: what the last DM step saw, and sums over the run."""
 
     mode: int
     ttf: bool = False
@@ -132,7 +132,7 @@ class ModuleRecord:
 
 @dataclass(slots=True)
 class ComponentRecord:
-    """Of one component: its step faults. `last_fault` is a `FaultKind` code, 0 for none."""
+    """One component: its step faults. `last_fault` is a `FaultKind` code, 0 for none."""
 
     faults: int = 0
     last_fault: int = 0
@@ -141,7 +141,7 @@ class ComponentRecord:
 
 @dataclass(slots=True)
 class PropertyRecord:
-    """Of one property: `active` while violated; `count` of onsets; time of the first.
+    """One property: `active` while violated; `count` of onsets; time of the first.
 
     A contract is judged when its node steps, everything else at the end of instants.
     """
@@ -152,7 +152,7 @@ class PropertyRecord:
     contract: bool = False
 
     def note(self, ct: int, *, violated: bool) -> None:
-        """Whether it is violated at `ct`."""
+        """Note whether it is violated at `ct`."""
         if violated and not self.active:
             self.count += 1
             if self.first_ns == NEVER:
@@ -179,7 +179,7 @@ class Record:
         return copy.deepcopy(self)
 
     def note(self, event: DecisionVerdict | StepOutcome, ct: int) -> None:
-        """Add what a transition at `ct` said."""
+        """Add what a transition at `ct` reports."""
         if isinstance(event, DecisionVerdict):
             self._note_verdict(event, ct)
         else:
@@ -258,7 +258,7 @@ def enabled_at_first(system: System, modes: Sequence[int]) -> tuple[bool, ...]:
 def latch_seen(
     system: System, c: Configuration, module: Module, mode: int
 ) -> tuple[Configuration, bool]:
-    """What the DM remembers after a look, and whether the latch lets AC have control.
+    """The configuration after a DM looked at its latch, and whether that lets AC have control.
 
     An acknowledgement is a press after a release, both published after the takeover; it counts
     while it is not older than the `max_age` of its topic. One that is older as it is seen is spent.
@@ -283,7 +283,7 @@ def latch_seen(
 
 
 def latch_switched(c: Configuration, module: Module, after: int) -> Configuration:
-    """A takeover latches; what gave control back is used up."""
+    """The latch after a change of mode: a takeover sets it, and the acknowledgement is spent."""
     if module.latch is None:
         return c
     if module.acknowledgement is None:

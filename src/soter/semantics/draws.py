@@ -1,4 +1,4 @@
-"""Random draws by counters, keyed by seed, stream and index, and draws that somebody chooses.
+"""Random draws by counters, keyed by seed, stream and index, and draws that a driver chooses.
 
 Purpose: no draw depends on another, so arms of an experiment and edits of a program do not shift
 each other. The arithmetic is that of docs/semantics.md, section Random draws. The adversary is the
@@ -72,7 +72,7 @@ def draw_float(seed: int, stream: str, index: int, low: float, high: float) -> f
 
 
 class Draws(Protocol):
-    """Who chooses what the environment is free to choose: by default chance (`SeededDraws`)."""
+    """Something that makes the environment's free choices: by default chance (`SeededDraws`)."""
 
     def uniform(self, stream: str, index: int, low: float, high: float) -> float:
         """A float of [low, high]."""
@@ -108,7 +108,7 @@ class SeededDraws:
 
 
 def chooser(draws: Draws, component: Component, ct: int) -> Callable[[int], int]:
-    """Who answers the `choose`s of one step at `ct`: `draws`, one index after the other."""
+    """The function that answers the `choose`s of one step at `ct` from `draws`, in order."""
     stream = f"{component.name}.choose"
     indices = count((ct - component.phase_ns) // component.period_ns * CHOICES_A_STEP)
     return lambda alternatives: draws.choice(stream, next(indices), alternatives)
@@ -160,7 +160,7 @@ Answer = Callable[[str, int], int]
 """(stream, count) -> pick, 0 <= pick < count; called in the order in which steps ask."""
 
 MANY = 2**32 - 1
-"""No question has more alternatives; those beyond are not reached."""
+"""The most alternatives of a question; those beyond are not reached."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +235,7 @@ def queued(picks: Mapping[str, Iterable[int]]) -> Answer:
 
 
 def _drawn_by_chance(system: System) -> Iterable[str]:
-    """Streams that no driver answers."""
+    """The streams that chance answers, not the driver."""
     for component in system.components:
         for d in component.disturbances:
             if d.hold_ns > 0 or component.extern:
@@ -249,7 +249,7 @@ def _drawn_by_chance(system: System) -> Iterable[str]:
 _GOLDEN = 0x9E3779B97F4A7C15
 
 CHANCE, CORNER, TURN, HOLDS, TOGETHER, MIXED = range(6)
-"""The patterns: the top byte of a seed."""
+"""The adversary's patterns, which the top byte of a seed selects."""
 
 
 def _spread(key: int, index: int) -> int:

@@ -1,7 +1,7 @@
 """A system made ready to run: every piece of its code, that of plants too, compiled once.
 
-Purpose: what the rules look things up in: per component its code, per plant its equations and what
-it drives, per topic its check, and the environment in which code sees a configuration. Every NaN is
+Purpose: the tables of the rules: per component its code, per plant its equations and what it
+drives, per topic its check, and the environment in which code sees a configuration. Every NaN is
 stored as the one canonical NaN, so that states can be compared as bytes.
 Non-goals: state; a machine never changes, so one serves any number of runs and forks. Stepping
 (`rules.py`, `interpreter.py`).
@@ -91,8 +91,8 @@ class ErrorStream:
 class PlantCode:
     """The code of a plant; `move` replaces the motion of an extern one.
 
-    `first`: the lets that a step evaluates first of all; `chosen`: those that it does not evaluate
-    again, as they choose.
+    `first`: the lets that a step evaluates first of all; `chosen`: those among them that choose,
+    and are not evaluated again.
     """
 
     component: Component
@@ -190,7 +190,7 @@ class DmCode:
 class ShieldCode:
     """The code of a module's shield: its topic, that topic's next value, what is permitted.
 
-    With `toward sc` the topic of proposals, and what each number becomes.
+    With `toward sc` also the topic of proposals, and the code that moves each number.
     """
 
     topic: int
@@ -259,7 +259,7 @@ class ExecutableSystem:
         )
 
     def _margin_ns(self, c: Configuration, index: int) -> int:
-        """How long a module surely keeps AC in control, by what its DM saw last; 0 in SC."""
+        """How long AC surely stays in control, ns, by what the module's DM saw last; 0 in SC."""
         module = self.system.modules[index]
         assert module.looked is not None, module.name
         if c.L[module.dm] != AC:
@@ -355,7 +355,7 @@ class ExecutableSystem:
 
 
 def _sources(system: System) -> tuple[int, ...]:
-    """Whose stamp says how old a topic is: of a queue, its source's. Empty without queues."""
+    """By topic, the topic whose stamp gives its age: for a queue its source. () without queues."""
     if all(t.queue_of is None for t in system.topics):
         return ()
     return tuple([t.index if t.queue_of is None else t.queue_of for t in system.topics])

@@ -33,7 +33,7 @@ MESSAGE_MAX = 200
 
 
 class Stop(BaseException):
-    """A person's Ctrl-C while an extern runs: the one thing that passes through unharmed."""
+    """Ctrl-C while an extern runs: the one exception that is not made a step fault."""
 
 
 class Converted(tuple):  # type: ignore[type-arg] # noqa: SLOT001 - a plain tuple with a name

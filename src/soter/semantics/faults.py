@@ -1,6 +1,6 @@
-"""What goes wrong in a run, as the `faults` of its system say.
+"""The faults that a run meets, as the `faults` of its system say.
 
-Purpose: whether a fault is there at a time, when a release really happens, what becomes of a
+Purpose: whether a fault is active at a time, when a release really happens, and what becomes of a
 publication (docs/semantics.md, Faults). All of it follows from seed and time alone: a run that is
 continued from a copy meets the same faults.
 Non-goals: which faults a system has (`language/elaborate/faults.py`).
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 
 FINE = 20
-"""Bits of the place between two quantiles of a lateness."""
+"""How many random bits place a lateness between two quantiles."""
 ON_TIME = 4096
-"""Every so many releases one is on time, whatever happens: so one always follows."""
+"""One in so many releases is on time, whatever happens, so that a next release always exists."""
 LEAVES = 256
 """Indices of the stream of amounts that belong to one slot, or to one step."""
 ORDERS = 64
@@ -62,7 +62,7 @@ def _drawn(fault: Fault, seed: int, slot: int) -> bool:
 
 
 def is_active(fault: Fault, seed: int, t: int, period_ns: int) -> bool:
-    """Whether it is there at t; of those that stay apart never in two slots in a row."""
+    """Whether a fault is active at t; one whose slots stay `apart` never is in two in a row."""
     slot = slot_of(fault, seed, t, period_ns)
     if not _drawn(fault, seed, slot):
         return False
@@ -70,7 +70,7 @@ def is_active(fault: Fault, seed: int, t: int, period_ns: int) -> bool:
 
 
 def _held_until(fault: Fault, seed: int, t: int, period_ns: int) -> int:
-    """When what would happen at t does, where the component is held up then; else t."""
+    """The time until which a component that is held up at t waits; else t."""
     slot = slot_of(fault, seed, t, period_ns)
     if not is_active(fault, seed, t, period_ns):
         return t
@@ -80,7 +80,7 @@ def _held_until(fault: Fault, seed: int, t: int, period_ns: int) -> int:
 
 
 def _late(fault: Fault, seed: int, stream: str, release: int) -> int:
-    """How late a release is: between two quantiles, all stretches alike."""
+    """How late a release is, ns: drawn between two quantiles, all stretches equally likely."""
     times = [int(x) for x in fault.amount]
     stretches = len(times) - 1
     place = draw_bits(seed, stream, release) % (stretches << FINE)
@@ -140,7 +140,7 @@ def overrun_ns(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int
 
 
 def begins(fault: Fault, c: Component, seed: int, until_ns: int) -> list[int]:
-    """When it began, up to a time, ns; for a lateness of every release nothing is said: []."""
+    """When a fault began, up to a time, in ns; [] for a lateness of every release."""
     if fault.on is not None or (fault.kind == "late" and fault.slot_ns == 0):
         return []
     step = max(fault.slot_ns, c.period_ns)
@@ -160,7 +160,7 @@ def disturbed(
     before: Configuration,
     out: dict[int, Value],
 ) -> dict[int, Value]:
-    """What a step publishes with these faults, topic to value; `before` it, topics had theirs."""
+    """By topic, what a step publishes with these faults; `before`: the configuration before it."""
     value_by_topic, ct, now = dict(out), before.ct, before.Topics
     for f in faults:
         if f.topic not in value_by_topic or f.topic is None:
@@ -190,7 +190,7 @@ def disturbed(
 
 
 def _leaf(f: Fault, seed: int, at: tuple[int, int, int], old: Value, bound: Bound | None) -> Value:
-    """What becomes of a leaf; `at`: the slot, ct and the leaf's number."""
+    """The value of a leaf under a fault; `at`: the slot, ct and the leaf's number."""
     if f.kind == "nan":
         return canonical(math.nan)
     slot, ct, leaf = at
@@ -221,5 +221,5 @@ def _at(value: Value, path: Sequence[int]) -> Value:
 
 
 def in_any_order(seed: int, ct: int, waiting: int) -> int:
-    """Which of so many nodes that wait at ct steps next."""
+    """The index, among `waiting` nodes at ct, of the one that steps next."""
     return draw_bits(seed, "fault.order", ct * ORDERS + waiting % ORDERS) % waiting

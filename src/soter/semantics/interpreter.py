@@ -124,7 +124,7 @@ def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Va
 def _scaled(
     machine: ExecutableSystem, component: Component, drawn: dict[Variable, Value], ct: int
 ) -> dict[Variable, Value]:
-    """The disturbances, as faults of the system make them larger or smaller."""
+    """The disturbances, scaled by the faults of the system."""
     value_by_variable = dict(drawn)
     for i, d in enumerate(component.disturbances):
         by = factor(machine.faults[component.index], component, i, machine.seed, ct)
@@ -232,14 +232,14 @@ def _set_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) ->
 
 
 def _evaluate_lets(code: PlantCode, env: Environment) -> None:
-    """All but those that chose at the beginning of the step."""
+    """Evaluate all lets except those that chose at the beginning of the step."""
     for variable, value in code.lets:
         if variable not in code.chosen:
             env.variables[variable] = value(env)
 
 
 def _choose_lets(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
-    """The lets that choose, once a step, on the states that it begins with."""
+    """Evaluate the lets that choose: once in a step, on the states that it begins with."""
     if not code.first:
         return
     _set_states(code, env, states)
@@ -380,7 +380,7 @@ class Interpreter:
         return c.FN
 
     def fire(self, c: Configuration, n: int) -> tuple[Configuration, DecisionVerdict | StepOutcome]:
-        """The step of component `n` of FN, whichever rule it takes, and what it had to say."""
+        """The step of component `n` of FN, by whichever rule it takes, and what it reports."""
         role = self.system.components[n].role
         if role == "plant":
             return plant_step(self.machine, c, n)
@@ -396,7 +396,7 @@ class Interpreter:
         return c.FN[in_any_order(self.machine.seed, c.ct, len(c.FN))]
 
     def publish(self, c: Configuration, published: Mapping[int, Value]) -> Configuration:
-        """Values reach topics and their queues, for drivers that hold publications back."""
+        """Put values on topics and their queues, for drivers that hold publications back."""
         return publish(self.system.topics, c, published)
 
     def publish_input(
@@ -404,9 +404,9 @@ class Interpreter:
     ) -> tuple[Configuration, FaultKind | None]:
         """A value from outside, measured at `time_ns`: `soter_publish` of `runtime/soter.h`.
 
-        Stamped so where the topic takes it; else nothing changes and the kind says why (`refusal`).
-        `within`: for a driver that moved time and has not ended the instant. C knows by itself; a
-        configuration with FN empty looks the same before and after.
+        The topic gets it with this stamp; if it is refused nothing changes, and the kind says why
+        (`refusal`). `within`: the driver has moved time and not ended the instant, which C knows by
+        itself, but a configuration with FN empty does not show.
         """
         refused = refusal(self.machine, c, topic, value, time_ns, within=within)
         if refused is not None:

@@ -99,14 +99,14 @@ def messages(topic: int, published: Value, bursts: Collection[int]) -> tuple[Val
 
 
 def to_ends(topic: Topic, value: Value) -> Value:
-    """What comes from outside: the float32 of an end of the topic's set is that end."""
+    """A value from outside in which the float32 of an end of the topic's set is that end."""
     if all(b is None or singles(b) == (b.low, b.high) for b in topic.bounds):
         return value
     return _at_leaves(_to_end, topic.type, iter(topic.bounds), value)
 
 
 def clipped(t: Type, bounds: Sequence[Bound | None], value: Value) -> Value:
-    """Numbers outside of a topic's set at its ends; what is no finite number stays."""
+    """A value with numbers outside of a topic's set moved to its ends; NaN and infinity stay."""
     return _at_leaves(_inside, t, iter(bounds), value)
 
 
@@ -173,7 +173,7 @@ def publish(
 
 
 def _push(queue: Topic, values: list[Value], stamps: list[int], value: Value) -> None:
-    """A value at the end of a queue; one that is full does as its policy says."""
+    """Put a value at the end of a queue; a full one does as its policy says."""
     assert isinstance(queue.type, ListType), queue.name
     waiting = values[queue.index]
     if len(waiting) < queue.type.capacity:
@@ -191,7 +191,7 @@ def must_not_lose(c: Configuration, queues: Iterable[int], span: Span) -> None:
 
 
 def forgive(c: Configuration, queues: Iterable[int]) -> Configuration:
-    """After that fault these queues start afresh."""
+    """Empty those of these queues that lost a value, after the fault of `must_not_lose`."""
     for q in queues:
         if c.stamps[q] == LOST:
             c = replace(emptied(c, (q,)), stamps=put(c.stamps, q, NEVER))
@@ -199,7 +199,7 @@ def forgive(c: Configuration, queues: Iterable[int]) -> Configuration:
 
 
 def emptied(c: Configuration, queues: Iterable[int]) -> Configuration:
-    """After a completed step of the node that reads them."""
+    """Empty the queues of a node after its completed step."""
     for q in queues:
         if c.Topics[q]:
             c = replace(c, Topics=put(c.Topics, q, ()))

@@ -100,7 +100,7 @@ def _is_violated(machine: ExecutableSystem, index: int, env: Environment) -> boo
 
 @dataclass(frozen=True, slots=True)
 class Shielded:
-    """A step of AC or SC as its shield has it.
+    """A step of AC or SC after its shield.
 
     `published`: what it publishes; `held`: the shield's topic, which is stored with that (n1);
     `proposed`: its topic of proposals, which is stored whether or not the outputs are enabled.
@@ -117,7 +117,7 @@ def shielded(
     component: Component,
     published: dict[int, Value],
 ) -> Shielded:
-    """What becomes of a step of AC or SC that would publish this; the same without a shield.
+    """What a step of AC or SC publishes after its module's shield; unchanged without one.
 
     StepFault where AC publishes a command that is not permitted, in control or not.
     """
@@ -164,7 +164,7 @@ def _moved(
     published: Mapping[int, Value],
     numbers: list[Value],
 ) -> dict[int, Value]:
-    """What is published, made of these numbers of all outputs."""
+    """The publications with these numbers, those of all outputs, put in."""
     new, rest = dict(published), iter(numbers)
     for topic in _shielding_module(machine, component).outputs:
         value = made_of(machine.system.topics[topic].type, rest)
@@ -236,7 +236,7 @@ def dm_step(
         after = AC if safer and clean and returns else SC
     if after != mode:
         c = latch_switched(c, module, after)
-    if module.looked is not None:  # what `margin` goes by
+    if module.looked is not None:  # what `margin` counts from
         looks = module.looks_left(unsafe=unsafe, safer=safer)
         c = publish(machine.system.topics, c, {module.looked: looks})
     locals_ = put(c.L, dm, after)
@@ -272,7 +272,7 @@ def ac_or_sc_step(
     runs = not c.latched[n]
     c, outcome = _node_step(machine, c, component)
     c = last(machine, c, component) if runs else c
-    if c.stamps[component.held] == c.ct:  # it took no time
+    if c.stamps[component.held] == c.ct:  # the step took no time
         c, now = take_effect(machine, c, component)
         late |= now
     return c, replace(outcome, published={**late, **outcome.published})
@@ -281,7 +281,7 @@ def ac_or_sc_step(
 def _node_step(
     machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[Configuration, StepOutcome]:
-    """One step of a node; of one that takes time what it publishes is held."""
+    """One step of a node; if it takes time, what it publishes is held."""
     n = component.index
     oe, code = c.OE[n], machine.nodes[n]
     if c.latched[n]:
@@ -389,7 +389,7 @@ def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tu
 
 
 def last(machine: ExecutableSystem, c: Configuration, component: Component) -> Configuration:
-    """A step that has begun lasts until a time that is drawn, whatever became of it."""
+    """Draw until when a step that has begun lasts, even if it faulted."""
     assert component.held is not None
     low, high = component.takes_ns or (0, 0)
     faults = machine.faults.get(component.index, ())
@@ -402,7 +402,7 @@ def last(machine: ExecutableSystem, c: Configuration, component: Component) -> C
 def hold(
     machine: ExecutableSystem, c: Configuration, component: Component, out: dict[int, Value]
 ) -> Configuration:
-    """What a step published, kept until it takes effect."""
+    """Keep what a step published until it takes effect."""
     assert component.held is not None
     value: list[Value] = list(machine.system.topics[component.held].default)
     for k, topic in enumerate(machine.nodes[component.index].outputs):
@@ -414,7 +414,7 @@ def hold(
 def take_effect(
     machine: ExecutableSystem, c: Configuration, component: Component
 ) -> tuple[Configuration, dict[int, Value]]:
-    """What is held is published, if the outputs are enabled, and what that was."""
+    """Publish what is held, if the outputs are enabled; return it, too."""
     assert component.held is not None
     value = c.Topics[component.held]
     outputs = machine.nodes[component.index].outputs
@@ -459,7 +459,7 @@ def _transition(
 def _faulted(
     machine: ExecutableSystem, c: Configuration, component: Component, fault: StepFault
 ) -> tuple[Configuration, StepOutcome]:
-    """Nothing is published and the locals stay; an AC is gated, a trusted node latched."""
+    """After a step fault nothing is published, locals stay, AC is gated, a trusted node latched."""
     n = component.index
     if fault.kind is FaultKind.CAPACITY:
         c = forgive(c, machine.nodes[n].queues)

@@ -1,9 +1,9 @@
 """The thread of the trusted part of a system: whether it keeps its calendar, response times.
 
-Purpose: who runs in the thread, from a flat system; from who is released when, in which order, how
-late and for how long, the latest start and end of every step over all executions (`timing_of`), or
-what is missing to say so; where a deadline is missed, a diagnostic with an execution that misses
-it.
+Purpose: `timing_of` a flat system says which components run in the thread, and from their releases,
+order, jitter and execution times the latest start and end of every step over all executions, or
+what is missing to say so. `report_miss` makes a diagnostic of a missed deadline, with an execution
+that misses it.
 Non-goals: measured times (`measure/`); nodes in processes of their own.
 
 The thread works in order: all that is due at an instant, in the deployed order, then what is due
@@ -13,9 +13,9 @@ release has come, at most J after t, and needs at most C of the processor. So
     end(k) = max(end(k - 1), t_k + J_k) + C_k
 
 bounds the end of step k, and is reached where every release is as late and every step as long as
-they may be: nothing gets earlier when something gets later. That one schedule is gone through, from
-time 0 over the first releases and then hyperperiod by hyperperiod until the work left over at the
-end of one is no more than at its beginning: from there on nothing is worse than what was seen.
+they may be, since no step gets earlier when another gets later. That one schedule is gone through,
+from time 0 over the first releases and then hyperperiod by hyperperiod, until the work left over at
+the end of one is no more than at its beginning: from there on nothing is worse than what was seen.
 
 A deployed system has no plants. All that is Soter code runs in one thread: decision modules, safe
 controllers, then ACs and other nodes, those that `takes` time, too. Only extern nodes run
@@ -41,18 +41,18 @@ if TYPE_CHECKING:
 
 
 RELEASES_MAX = 500_000
-"""Steps of a hyperperiod; of more, only a bound is computed."""
+"""Steps of a hyperperiod that are gone through; with more, only a bound is computed."""
 POINTS_MAX = 1_000_000
-"""Lengths of time that the bound looks at."""
+"""How many lengths of time the bound looks at, at most."""
 SHOWN = 24
-"""Steps that are kept of a schedule that misses: the last ones."""
+"""How many steps are kept of a schedule that misses a deadline: the last ones."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What the thread does at phase + k period: up to `jitter` late, for up to `wcet`; in ns.
+    """A task of the thread, released at phase + k period, up to `jitter` late; all in ns.
 
-    `deadline`: from the release, by when it has to be done.
+    `wcet`: how long it takes at most; `deadline`: by when it has to end, from its release.
     """
 
     name: str
@@ -88,15 +88,15 @@ class Miss:
 
     @property
     def step(self) -> ScheduledStep:
-        """The one that misses."""
+        """The step that misses its deadline."""
         return self.steps[-1]
 
 
 @dataclass(frozen=True)
 class WorstResponse:
-    """Of one task, over all executions, from the release: latest start, latest end, in ns.
+    """The latest start and end of one task over all executions, in ns from its release.
 
-    `at`: the release at which it ends latest.
+    `at`: the time of the release whose step ends latest.
     """
 
     start: int
@@ -106,11 +106,11 @@ class WorstResponse:
 
 @dataclass(frozen=True)
 class Analysis:
-    """`worst`: of every task, in order; with `exact` they are reached, else only not exceeded.
+    """`worst`: one for each task, in order; reached if `exact`, else only not exceeded.
 
-    `work` of `hyperperiod` ns the thread is busy where every step is as long as it may be. With a
-    `miss` the figures are those seen until then, None of who was not released yet. `worst` is empty
-    where no bound is known. Neither exact nor a miss nor within all deadlines: undecided.
+    For `work` of each `hyperperiod` ns the thread is busy if every step is as long as it may be.
+    With a `miss` the figures are those seen until then, None for tasks not yet released. `worst` is
+    () where no bound is known. Neither exact nor a miss nor within all deadlines: undecided.
     """
 
     worst: tuple[WorstResponse | None, ...]
@@ -178,11 +178,11 @@ class _Thread:
         self.since = 0
 
     def left(self, at: int) -> int:
-        """The work that is still to be done at a time."""
+        """The work, in ns, that is left at a time."""
         return max(0, self.free - at)
 
     def go(self, shift: int, releases: Iterable[tuple[int, int]]) -> None:
-        """All of these, `shift` later, or until one misses its deadline."""
+        """Do all these releases, `shift` later, or those until one misses its deadline."""
         for at, i in releases:
             task, release = self.tasks[i], at + shift
             ready = release + task.jitter
@@ -209,7 +209,7 @@ class _Thread:
 def _skip(
     thread: _Thread, tasks: Sequence[Task], window: list[tuple[int, int]], shift: int, more: int
 ) -> int:
-    """Leaves out hyperperiods in which nothing is missed yet; how long they are, in ns.
+    """Skip hyperperiods in which no deadline is missed yet; return their length in ns.
 
     In the last one, which began at the instants of `window` plus `shift`, the work that was left
     grew by all of `more`, what there is to do in it less its length. So the thread had something to
@@ -267,14 +267,14 @@ def _bounded(tasks: Sequence[Task], work: int, hyperperiod: int) -> Analysis:
 
 FITS, MISSES, UNDECIDED = "fits", "misses", "undecided"
 TOLD = 8
-"""Steps of a schedule that a diagnostic shows."""
+"""How many steps of a schedule a diagnostic shows."""
 
 
 @dataclass(frozen=True)
 class ThreadComponent:
     """A component of the thread.
 
-    `worst`: its latest start and end; of an analysis that is not exact they are bounds.
+    `worst`: its latest start and end, which are bounds where the analysis is not exact.
     """
 
     component: Component
@@ -283,17 +283,17 @@ class ThreadComponent:
 
     @property
     def slack(self) -> int | None:
-        """From its latest end to its deadline, in ns; negative where that is missed."""
+        """The time from its latest end to its deadline, in ns; negative where that is missed."""
         return None if self.worst is None else self.task.deadline - self.worst.end
 
 
 @dataclass(frozen=True)
 class Timing:
-    """What the declared execution times of a system come to.
+    """The analysis of a system with its declared execution times.
 
-    `missing`: components of the thread without a `wcet`: they were counted as if they needed no
-    time, so that a miss is one all the same, and nothing else is decided. `elsewhere`: nodes that
-    run in processes of their own. `work` of `hyperperiod` ns the thread is busy at most.
+    `missing`: components of the thread without a `wcet`. They count as if they needed no time, so
+    a miss is certain all the same, and nothing else is decided. `elsewhere`: nodes that run in
+    processes of their own. The thread is busy for at most `work` of each `hyperperiod` ns.
     """
 
     system: str
@@ -316,7 +316,7 @@ class Timing:
         return FITS
 
     def row(self, component: Component) -> ThreadComponent | None:
-        """Of a component, by its name; None where it is not in the thread."""
+        """The row of a component, by its name; None where it is not in the thread."""
         return next((r for r in self.rows if r.component.name == component.name), None)
 
 

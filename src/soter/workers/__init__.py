@@ -1,1 +1,1 @@
-"""Processes of controllers that are somebody else's code."""
+"""Child processes for controllers that are somebody else's code, and for solvers."""

@@ -1,9 +1,9 @@
 """A child process that answers questions and cannot do more, and the end of processes left behind.
 
-Purpose: fork, ask, wait no longer than patience allows; what comes back is bytes of a bounded
-length, whose meaning is the asker's business. A child that hangs, crashes, exits or floods is
-ended, and `DeadError` says how. No process that code started outlives the command: on Linux they
-come to one process here, which ends them (prctl(2), PR_SET_CHILD_SUBREAPER).
+Purpose: `Child` forks, asks, and waits for a limited time; an answer is bytes of a limited length,
+whose meaning is the caller's business. A child that hangs, crashes, exits or sends too much is
+ended, and `DeadError` says how. No process that its code started outlives the command: on Linux all
+become children of one process here, which ends them (prctl(2), PR_SET_CHILD_SUBREAPER).
 Non-goals: what is asked (`simulate/externs/extern_process.py`); being on time
 (`exchange.py`); a child that means harm: it has this process's user, and so may send
 signals.
@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 CLOSED_TO = 65_536
 PATIENCE_S = 5.0
-"""How long what is ended may take, s."""
+"""How long a process that is ended may take for that, s."""
 
 
 def let_go_on(child: int) -> None:
-    """Have a child that was stopped go on: code of an extern may send its parents signals.
+    """Let a stopped child go on: an extern's code can send stop signals to its own parents.
 
-    Where a person stops the command (Ctrl-Z), whoever would ask here stands still as well.
+    Where the user stops the command (Ctrl-Z), the caller of this is stopped as well.
     """
     if sys.platform != "win32":
         with suppress(ChildProcessError, ProcessLookupError):
@@ -47,13 +47,13 @@ def let_go_on(child: int) -> None:
 
 
 def adopt_orphans() -> None:
-    """Have what descendants of this process leave behind become its children."""
+    """Let processes that descendants of this process leave behind become its children."""
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
 
 
 def end_children() -> None:
-    """End the children of this process, and theirs, which come to it then."""
+    """End the children of this process, and theirs, which then become its own."""
     end = time.monotonic() + PATIENCE_S
     while time.monotonic() < end and (left := children_of(os.getpid())):
         for process in left:
@@ -64,7 +64,7 @@ def end_children() -> None:
 
 
 def children_of(parent: int) -> list[int]:
-    """The processes that a process has as children; proc(5)."""
+    """The children of a process, from proc(5)."""
     children = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
@@ -74,7 +74,7 @@ def children_of(parent: int) -> list[int]:
 
 
 def stay_between(parent: int) -> int:
-    """Fork, and return in the child alone: the number of this process, which never returns.
+    """Fork; return this process's number in the child alone. This process never returns.
 
     It leads a session, adopts what the child leaves behind, and ends all of it when the child has
     ended, when `parent` is gone, or on SIGTERM; then it ends as the child did.
@@ -103,7 +103,7 @@ def stay_between(parent: int) -> int:
 
 
 def _exit_code(child: int) -> int:
-    """Of a child, as `subprocess` has it; -9 where this process is to end before."""
+    """The exit code of a child, as `subprocess` has it; -9 where this process is to end first."""
     while signal.sigwait((signal.SIGTERM, signal.SIGCHLD)) == signal.SIGCHLD:
         with suppress(ChildProcessError):
             while (ended := os.waitpid(-1, os.WNOHANG))[0]:
@@ -114,11 +114,11 @@ def _exit_code(child: int) -> int:
 
 HEAD = struct.Struct("<Q")
 LONGEST = 64 * 2**20
-"""Bytes of a message; what says it is longer is not read."""
+"""Bytes of a message at most; one that announces more is not read."""
 LOOK_S = 0.5
 SLEEPY_S = 5.0
 MEMORY = 64 * 2**30
-"""Bytes that a child may map."""
+"""Bytes of memory that a child may map."""
 
 
 class DeadError(Exception):
@@ -145,7 +145,7 @@ class Child:
         self._socket = ours
 
     def ask(self, question: bytes, patience_s: float | None) -> bytes:
-        """The answer; DeadError where there is none in time, and then the child is gone."""
+        """The answer; DeadError where there is none in time, after which the child is gone."""
         end = None if patience_s is None else time.monotonic() + patience_s
         try:
             self._send(HEAD.pack(len(question)) + question, end)
@@ -159,7 +159,7 @@ class Child:
             raise DeadError(self.end("")) from None
 
     def end(self, why: str = "") -> str:
-        """End the child, if it is there; why it is gone, in words."""
+        """End the child, if it is there; return why it is gone, in words."""
         self._socket.close()
         if self.process == 0:
             return why
@@ -175,10 +175,10 @@ class Child:
         return f"its process ended by itself, with exit status {code}"
 
     def _wait(self) -> int:
-        """Its wait status; it may close its side and live on, and is killed then.
+        """Its wait status; a child that has closed its side but lives on is killed.
 
         What it has started ends with it: on Linux wherever it has moved (`stay_between`),
-        elsewhere but for what has left its session.
+        elsewhere only what is still in its session.
         """
         self._look(LOOK_S)
         self._kill()  # before it is waited for: until then the number of the group is its own
@@ -219,7 +219,7 @@ class Child:
 
 
 def _has_ended(process: int) -> bool:
-    """Whether a child has ended; it is not waited for where the system can look without."""
+    """Whether a child has ended; its status stays to be waited for where the system can do so."""
     if not hasattr(os, "waitid"):
         return False
     status = os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT)
@@ -241,7 +241,7 @@ def _ready(side: socket.socket, end: float | None, *, write: bool) -> None:
 
 
 def _live(side: socket.socket, parent: int, serve: Callable[[], Callable[[bytes], bytes]]) -> None:
-    """The whole life of a child: nothing of the parent's is open, and nothing of it goes on."""
+    """The whole life of a child, with none of the parent's files open; it never returns."""
     status = 1
     try:
         _alone(side, parent)
@@ -277,7 +277,7 @@ def _alone(side: socket.socket, parent: int) -> None:
 def end_with(parent: int) -> None:
     """Have this process killed when its parent is gone, whatever it does then.
 
-    By the system on Linux; elsewhere by a thread that looks.
+    On Linux the system does it, elsewhere a thread that looks.
     """
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):

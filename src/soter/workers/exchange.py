@@ -3,7 +3,7 @@
 Purpose: where each topic lies in a request and in an answer, and the number that tells a process
 that was built for another layout (`Exchange.number`). `Channel` is `runtime/posix/soter_channel.h`
 for a process that answers: read a request whole, write an answer with its sum, sleep in between.
-Non-goals: the driver's side, which believes nothing that comes from here.
+Non-goals: the driver's side, which trusts nothing that comes from here.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def _shown(struct: Struct) -> str:
 
 
 def _type(t: Type) -> str:
-    """A type by what its bytes mean, names of records left out."""
+    """A type as a text of what its bytes mean, without names of records."""
     if isinstance(t, RecordType):
         return "{" + " ".join(f"{n}:{_type(f)}" for n, f in t.fields) + "}"
     if isinstance(t, ArrayType):
@@ -91,7 +91,7 @@ PRIME, BASIS, MASK = 0x100000001B3, 0xCBF29CE484222325, 2**64 - 1
 FUTEX = {"x86_64": 202, "aarch64": 98, "riscv64": 98}
 FUTEX_WAIT = 0
 NAP_NS = 200_000
-"""Where there is no futex: how long to sleep between looks."""
+"""How long to sleep between looks where there is no futex."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Request:
 
 
 class LayoutError(Exception):
-    """Whoever asks was built for another layout."""
+    """The process that asks was built for another layout."""
 
 
 class Channel:
@@ -119,7 +119,7 @@ class Channel:
         self._futex = _Futex(self._asked)
 
     def ready(self) -> None:
-        """Say that requests are waited for."""
+        """Tell the driver that this side waits for requests."""
         self._write(0, 0, 0, bytes(self._sizes[1]))
 
     def next(self) -> Request:
@@ -180,7 +180,7 @@ class _Futex:
         self._call = ctypes.CDLL(None, use_errno=True).syscall
 
     def wait(self, seen: int) -> None:
-        """Until it is another, or for nothing: callers look again."""
+        """Wait until the word is not `seen`; may return early, so callers look again."""
         if self._number is None or os.name != "posix":
             ctypes.CDLL(None).usleep(NAP_NS // 1000)
             return

@@ -1,7 +1,7 @@
-"""Solvers of others, kept in order: Ctrl-C while one is at work, and HiGHS without its prints.
+"""z3 and HiGHS: Ctrl-C while z3 is at work, and HiGHS without its prints.
 
-Purpose: `answer_of` asks a solver in a thread, so that the main one hears Ctrl-C and breaks the
-question off; `ctrl_c_waits`: elsewhere it waits for the next question, or `raise_if_interrupted`. A
+Purpose: `answer_of` asks z3 in a thread, so that the main one gets Ctrl-C and interrupts the
+solver. Elsewhere `ctrl_c_waits` holds Ctrl-C back to the next question or `raise_if_interrupted`: a
 `KeyboardInterrupt` in a `__del__` or a conversion of ctypes is lost, and z3's own handler swallows
 the signal. `new_highs` makes a solver of linear programs that writes nothing to standard output.
 Non-goals: what is asked; runs (`simulate/interrupt.py`); threads other than the main one, which get
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 
 LOOK_S = 0.1
-"""How often somebody looks whether Ctrl-C was noted while the solver thinks."""
+"""Seconds between two looks whether Ctrl-C was noted, while the solver works."""
 
 _noted: list[int] = []
 
 
 def _note(number: int, _frame: FrameType | None) -> None:
-    """The second one is raised wherever it comes."""
+    """The handler: notes the first Ctrl-C, and raises the second one wherever it comes."""
     if _noted:
         _noted.clear()
         raise KeyboardInterrupt
@@ -45,7 +45,7 @@ def raise_if_interrupted() -> None:
 
 @contextmanager
 def ctrl_c_waits() -> Iterator[None]:
-    """Ctrl-C is noted inside; raised at the end at the latest. Who handles it already goes on."""
+    """Note Ctrl-C in this block, and raise it at the end at the latest; other handlers stay."""
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
@@ -60,7 +60,7 @@ def ctrl_c_waits() -> Iterator[None]:
 
 @ctrl_c_waits()
 def answer_of(solver: Any) -> Any:  # noqa: ANN401 - z3 has no types
-    """What `solver.check()` says; `KeyboardInterrupt`, soon, where Ctrl-C comes meanwhile."""
+    """The answer of `solver.check()`; `KeyboardInterrupt` soon after a Ctrl-C in the meantime."""
     raise_if_interrupted()
     if threading.current_thread() is not threading.main_thread():
         return solver.check()
@@ -86,7 +86,7 @@ def answer_of(solver: Any) -> Any:  # noqa: ANN401 - z3 has no types
 def _ask(solver: Any, answers: list[Any]) -> None:  # noqa: ANN401 - z3 has no types
     try:
         answers.append(solver.check())
-    except BaseException as error:  # noqa: BLE001 - raised again by who asked
+    except BaseException as error:  # noqa: BLE001 - the asking thread raises it again
         answers.append(error)
 
 

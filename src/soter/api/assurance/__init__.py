@@ -1,1 +1,1 @@
-"""Safety cases: what supports a claim, checked while the case is made."""
+"""Safety cases: goals, and the evidence that supports them, which is checked as a case is made."""

@@ -1,9 +1,9 @@
-"""The certificate of a safety case, and with what the case was made.
+"""Checks the certificate of a safety case, and records with which tools the case was made.
 
-Purpose: `proof_of`: a certificate of another program, system, module or parameters, or with a
-broken seal, is found before any claim is checked; only one that may support something is rechecked.
-`provenance_of`, `compiler_used`: versions, hashes, flags and the command: enough to make the case
-again, and to see on each printed page which tools and which certificate it is about.
+Purpose: `proof_of` first rejects a certificate of another program, system, module or parameters, or
+with a broken seal, and only rechecks one that may support something. `provenance_of` and
+`compiler_used` give versions, hashes, flags and the command, so that somebody can make the case
+again, and each printed page says which tools and which certificate it is about.
 Non-goals: checking claims (`soter.recheck`); goals (`safety_case.py`); the time and the machine,
 which would make equal cases differ.
 """
@@ -48,9 +48,9 @@ OTHER_MODULE = "the certificate is not about this module of this system"
 class CertifiedProof:
     """What a certificate may support.
 
-    `rejected`: why it is, or ""; `not_rechecked`: why the re-checker neither accepts nor rejects
-    it, or ""; `why`: what else keeps it from supporting anything at all.
-    `report`: of the re-checker, where it accepted it.
+    `rejected`: why it is rejected, or ""; `not_rechecked`: why the re-checker neither accepts nor
+    rejects it, or ""; `why`: what else keeps it from supporting anything at all.
+    `report`: the re-checker's, if it accepted it.
     """
 
     path: str = ""
@@ -61,12 +61,12 @@ class CertifiedProof:
     report: Report | None = None
     certificate: Certificate | None = None
     entries: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    """Of each module of the system, by its name: what the manifest has of it, a view each."""
+    """Name of a module of the system -> its entries in the manifest, one for each view."""
 
     def of(
         self, flat: System, module: Module, params: dict[str, str]
     ) -> tuple[list[RecheckedModule], str]:
-        """What was confirmed of exactly this module, in every view; or why nothing is."""
+        """What was confirmed of exactly this module, one for each view, or why nothing was."""
         if module.forced is not None:
             forced = module.forced.upper()
             return [], f"the module is forced to {forced}: its switch does not switch"
@@ -99,7 +99,7 @@ def proof_of(
 ) -> CertifiedProof:
     """What a certificate says of a system; SoterError D006, D007 and D009 as `recheck`.
 
-    `tell` is told at once why a certificate does not fit, before anything else takes time.
+    `tell` is called at once with why a certificate does not fit, before anything takes time.
     """
     if cert is None:
         return CertifiedProof(why="no certificate was given (--cert DIR)")
@@ -121,7 +121,7 @@ def proof_of(
 
 
 def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedProof:
-    """Seal, hashes and what the manifest says that it is about: all that takes no time."""
+    """Compares seal, hashes and the manifest's subject with the system, which takes no time."""
     from soter.certificate.folder import (  # noqa: PLC0415 - needs NumPy
         NotACertificateError,
         program_of,
@@ -159,7 +159,7 @@ def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedP
 
 
 def _parameters(checked: Any, system: str, overrides: dict[str, Any]) -> dict[str, str]:  # noqa: ANN401
-    """The values in that system, by the certificate; none where it has errors with them."""
+    """Parameter -> value in the certificate's system; {"": ""}, which fits none, after errors."""
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
 
     try:
@@ -169,7 +169,7 @@ def _parameters(checked: Any, system: str, overrides: dict[str, Any]) -> dict[st
 
 
 def _entries(certificate: Certificate, flat: System) -> dict[str, list[dict[str, Any]]]:
-    """What the manifest has of the modules that switch, by their names."""
+    """Name of a module that is not forced -> its entries in the manifest."""
     given = certificate.manifest.get("modules")
     entries_by_module: dict[str, list[dict[str, Any]]] = {}
     switching = {m.name for m in flat.modules if m.forced is None}
@@ -182,7 +182,7 @@ def _entries(certificate: Certificate, flat: System) -> dict[str, list[dict[str,
 
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a file; SoterError D006 where it cannot be read."""
+    """SHA-256 of a file; SoterError D006 if it cannot be read."""
     try:
         digest = hashlib.sha256()
         with opened(path, pipes=False) as file:
@@ -195,13 +195,13 @@ def file_hash(path: Path) -> str:
 
 
 RECHECKER = ("certificate", "language")
-"""The rooms that a re-check rests on: its own, and the front end that it shares."""
+"""The packages that a re-check rests on: its own, and the front end that it shares."""
 UNUSED = "none: no decision module was compiled for this case"
 
 
 @cache
 def rechecker_sha256() -> str:
-    """A hash of the files of the re-checker."""
+    """SHA-256 over the files of the re-checker."""
     told = hashlib.sha256()
     for room in RECHECKER:
         for path in files_below(SOTER / room, "*.py", "*.soter"):
@@ -217,7 +217,7 @@ def compiler_used() -> str:
 
 
 def provenance_of(proof: CertifiedProof, command: str) -> dict[str, str]:
-    """What made the case, by the names that a page has for it; the compiler is entered later."""
+    """Name on the page -> value: tools and files behind the case; the compiler is added later."""
     certificate = f"SHA-256 {proof.sha256}" if proof.sha256 else ""
     why = f"rejected: {proof.rejected}" if proof.rejected else proof.why
     why = f"not re-checked: {proof.not_rechecked}" if proof.not_rechecked else why
@@ -232,7 +232,7 @@ def provenance_of(proof: CertifiedProof, command: str) -> dict[str, str]:
 
 
 def command_line(path: str, options: Mapping[str, object], params: Mapping[str, object]) -> str:
-    """`soter assure` with these options: None and False are left out, True has no value."""
+    """The command line `soter assure ...` with these options, without those None or False."""
     words = ["soter", "assure", path]
     for name, value in params.items():
         words += ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]

@@ -1,8 +1,8 @@
-"""Tests and flights of a safety case: evidence beside the proof.
+"""Tests and flights of a safety case, as evidence beside the proof.
 
-Purpose: `Evidence`: what was given is read, and its hashes compared, before anything that takes
-long; then tests are explored and flights of a campaign flown again, with the same program, system,
-parameters and seeds, and their digests compared. A goal is supported by what was done now.
+Purpose: `Evidence` reads the given files and compares their hashes before anything that takes long;
+then it explores tests and flies flights of a campaign again, with the same program, system,
+parameters and seeds, and compares their digests. Only what it did itself now supports a goal.
 Non-goals: the certificate (`safety_case.py`), campaigns (`campaigning.py`); flights with externs,
 whose code nothing names.
 """
@@ -34,32 +34,32 @@ if TYPE_CHECKING:
 
 
 class AssuredProgram(Protocol):
-    """What a case needs of `soter.api.Program`, which imports this room."""
+    """What a case needs of `soter.api.Program`, which this package cannot import."""
 
     path: str
 
     def flat(self, system: str | None = None, params: Mapping[str, object] | None = None) -> System:
-        """A system, fresh each time."""
+        """A new flat system with computed predicates."""
 
     def declared(
         self, system: str | None = None, params: Mapping[str, object] | None = None
     ) -> System:
-        """The same as it is declared."""
+        """A new flat system as it is declared."""
 
     def explore(self, *, params: Mapping[str, object] | None, output: None) -> ExploreReport:
-        """Every test, explored now."""
+        """Explores every test now."""
 
 
 OTHER_REPORT = "the report is about another program: the hashes differ"
 FLIGHTS_MAX = 2**32
-"""Bytes of the table of a campaign."""
+"""Most bytes of a campaign's table of flights."""
 NUMBERS = 2**31
-"""Flights have lower numbers."""
+"""Numbers of flights are below this."""
 
 
 @dataclass(frozen=True)
 class ReplayedFlights:
-    """`why`: what is missing; "": every flight that was flown again is the one on the disk."""
+    """Flights flown again; `why`: what is missing, or "" if each equals the recorded one."""
 
     goal: str
     text: str
@@ -69,7 +69,7 @@ class ReplayedFlights:
 
 @dataclass(frozen=True)
 class FlightFolder:
-    """The folder of a campaign: what was flown, and a row a flight; `file` holds the rows."""
+    """A campaign's folder as read: what was flown, and a row for each flight, from `file`."""
 
     file: Path
     sha256: str
@@ -84,7 +84,7 @@ def replay_flights(
     given: FlightFolder,
     most: int,
 ) -> ReplayedFlights:
-    """Fly up to `most` flights again: those that violate as recorded first, then evenly."""
+    """Flies up to `most` flights again: first those recorded as violating, then some evenly."""
     about, rows = given.about, given.rows
     total = f"{len(rows):,} flights of {about['until_ns'] / 1e9:g} s as recorded, "
     total += f"{sum(int(r['violations']) for r in rows)} violations"
@@ -135,7 +135,7 @@ def _as_recorded(
 
 
 def _not_flown(flat: System, about: dict[str, Any]) -> str:
-    """Why nothing is flown again; "": it is."""
+    """Why no flight can be flown again; "" if they can."""
     if about["program_sha256"] != flat.program.sha256 or about["system"] != flat.name:
         return "the campaign is of another program or system: hashes differ"
     if about["arm"] or about["lateness"] or about["horizon_ns"]:
@@ -146,7 +146,7 @@ def _not_flown(flat: System, about: dict[str, Any]) -> str:
 
 
 def _chosen(rows: list[dict[str, str]], most: int) -> list[dict[str, str]]:
-    """So many rows at most, each flight once."""
+    """At most `most` rows: first those of violations, then some evenly; each flight once."""
     if most <= 0:
         return []
     each = list({int(r["number"]): r for r in rows}.values())
@@ -157,7 +157,7 @@ def _chosen(rows: list[dict[str, str]], most: int) -> list[dict[str, str]]:
 
 
 def read_flights(folder: Path) -> FlightFolder:
-    """What was flown, and a row a flight; SoterError D006."""
+    """Reads a campaign's folder; SoterError D006 if it is none or cannot be read."""
     file = folder / "flights.csv"
     try:
         about = json.loads(read_json_text(folder / "campaign.json"))
@@ -182,7 +182,7 @@ def read_flights(folder: Path) -> FlightFolder:
 
 
 def _wrong(about: dict[str, Any], rows: list[dict[str, str]]) -> str:
-    """What is not as it should be; ValueError, KeyError, TypeError as well."""
+    """What is wrong with a campaign's files, or ""; also ValueError, KeyError or TypeError."""
     from soter.campaign.store import SCHEMA  # noqa: PLC0415 - then only
 
     if other := other_format(about["schema"], SCHEMA):
@@ -199,7 +199,7 @@ def _wrong(about: dict[str, Any], rows: list[dict[str, str]]) -> str:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What was given beside a certificate; `told`: test -> what a report says of it."""
+    """The files given beside a certificate; `told`: test -> what its report says of it."""
 
     program: AssuredProgram
     flat: System
@@ -218,7 +218,7 @@ class Evidence:
         campaign: str | Path | None,
         tell: Tell,
     ) -> Evidence:
-        """Read it, and tell at once what does not fit; SoterError D005, D006 for what is none."""
+        """Reads the files, and tells at once what does not fit; SoterError D005, D006."""
         report = None if test_report is None else Path(test_report)
         read = Evidence(
             program,
@@ -236,7 +236,7 @@ class Evidence:
         return read
 
     def tests(self, case: SafetyCase, refuted: list[str], *, explored: bool) -> None:
-        """A goal a test: supported where it was explored now, and is clean."""
+        """Adds a goal for each test: supported if it was explored now and is clean."""
         own = [n for n in self.flat.program.tests if "." not in n] if explored else []
         names = list(dict.fromkeys([*self.told, *own]))
         if not names:
@@ -280,7 +280,7 @@ class Evidence:
         case.add(leaf, under=child)
 
     def campaign(self, case: SafetyCase, refuted: list[str], most: int) -> None:
-        """What was flown again: the seeds of the campaign, and the digests that it wrote down."""
+        """Adds a goal for the campaign: flights are flown again and compared with the digests."""
         if self.flights is None:
             return
         phase("flying again")
@@ -298,7 +298,7 @@ def _of(report: ExploreReport, name: str) -> TestResult | None:
 
 
 def _why_not(result: TestResult, report: ExploreReport) -> str:
-    """Why a test that was explored now supports nothing; "": every execution is clean."""
+    """Why a test that was explored now supports nothing; "" if every execution is clean."""
     if result.verdict != "exhausted":
         return f"explored just now: {result.verdict}" + f", {result.why}" * bool(result.why)
     for name, tests in result.contracts.items():
@@ -316,7 +316,7 @@ def _as_told(told: dict[str, Any] | None, sha256: str) -> str:
 
 
 def _told(path: Path) -> dict[str, dict[str, Any]]:
-    """Test -> what a document of `soter test --json` says; SoterError D005, D006."""
+    """Test -> its entry in a document of `soter test --json`; SoterError D005, D006."""
     try:
         document = json.loads(read_json_text(path))
         sha256, tests = document["program_sha256"], document["tests"]

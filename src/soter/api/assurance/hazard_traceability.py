@@ -1,11 +1,11 @@
-"""From hazards over requirements to properties, and what is not covered.
+"""Traces hazards through requirements to properties, and finds what is not covered.
 
-Purpose: `read_hazards`: hazards, requirements, and who answers for assumptions, from a CSV file
-that people keep: its rows, or every line that is not as it should be (D021). `Tracing`: these rows
-against the properties of a system, before anything that takes long, and against the finished case:
-its goals, and its assumptions with who answers for them.
-Non-goals: the goals themselves; StrictDoc's documents: their only reader is that whole tool, whose
-export to a spreadsheet this reads.
+Purpose: `read_hazards` reads a CSV file that people keep, with hazards, requirements, and owners of
+assumptions, and reports every wrong line (D021). `Tracing` compares these rows with the properties
+of a system, before anything that takes long, and later with the finished case: its goals, and its
+assumptions, to which it adds their owners.
+Non-goals: the goals themselves; StrictDoc's own documents: only that tool reads them, but this file
+reads the spreadsheet that it exports.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ FOREIGN = {
     "requirement": ("owner", "validation", "evidence"),
     "assumption": ("text", "traces_to"),
 }
-"""Cells that a row of a kind has to have, and those that it has to leave empty."""
+"""Kind of a row -> cells that must be empty in it."""
 ROWS_MAX = 100_000
 
 
 @dataclass(frozen=True)
 class HazardRow:
-    """A row; `traces_to`: ids of requirements and names of properties. `span`: all of its text.
+    """A row; `traces_to`: ids of requirements and names of properties; `span`: its whole text.
 
-    The id of an assumption is its key, as `case.json` has it.
+    The id of an assumption is its key, as in `case.json`.
     """
 
     kind: str
@@ -78,7 +78,7 @@ class HazardFile:
 
 
 def read_hazards(path: Path) -> HazardFile:
-    """Read a file; SoterError D006 where it cannot be read, D021 for what stands in it."""
+    """Reads a file; SoterError D006 if it cannot be read, D021 for wrong lines."""
     try:
         raw = read_bytes(path)
     except OSError as error:
@@ -123,7 +123,7 @@ def _rows(source: Source, diagnostics: Diagnostics) -> Iterator[HazardRow]:
 
 
 def _records(source: Source, diagnostics: Diagnostics) -> Iterator[tuple[list[str], Span]]:
-    """Each record with its place; one that is no CSV is the last."""
+    """Yields each record with its place; stops, with a report, at one that is no CSV."""
     lines = list(StringIO(source.text, newline=""))
     ends = [0]
     for line in lines:
@@ -144,12 +144,12 @@ def _records(source: Source, diagnostics: Diagnostics) -> Iterator[tuple[list[st
 
 
 def _trimmed(span: Span) -> Span:
-    """Without the end of its last line."""
+    """The span without the line break at its end."""
     return Span(span.source, span.start, span.start + len(span.text.rstrip("\r\n")))
 
 
 def _is_head(names: list[str], span: Span, diagnostics: Diagnostics) -> bool:
-    """Whether the first line has the columns that it may and has to have, each once."""
+    """Whether the first line names all needed columns, no unknown ones, and each once."""
     before = diagnostics.error_count
     if len(names) == 1 and {";", "\t"} & set(names[0]):
         diagnostics.error(CODE, "columns are separated by commas", span)
@@ -183,7 +183,7 @@ def _row(cells: dict[str, str], span: Span) -> HazardRow:
 
 
 def _is_sound(row: HazardRow, diagnostics: Diagnostics) -> bool:
-    """Whether a row is one of a kind, with an id, and says what its kind says."""
+    """Whether a row has a known kind, an id, and the cells of its kind; reports D021 if not."""
     before = diagnostics.error_count
     if row.kind not in KINDS:
         helps = did_you_mean(row.kind, KINDS) or (f"kinds are {', '.join(KINDS)}",)
@@ -205,7 +205,7 @@ def _is_sound(row: HazardRow, diagnostics: Diagnostics) -> bool:
 
 
 SAFE, RETURNS, LAW = "safe", "P2b", "failsafe"
-"""What may be traced to of each module, after its name and a dot."""
+"""Properties of a module that a row may trace to, as `module.safe`."""
 FLIGHTS = "G3"
 ANSWERS = (
     ("owner", "no owner"),
@@ -216,21 +216,21 @@ ANSWERS = (
 
 @dataclass(frozen=True)
 class Tracing:
-    """A file, if one was given, that fits a system; `how`: of each property."""
+    """A file of rows that fits a system, if one was given; `how`: property -> how it is shown."""
 
     file: HazardFile | None
     how: dict[str, str]
 
     @staticmethod
     def read(path: Path | None, flat: System) -> Tracing:
-        """Read a file; SoterError D006, and D021 where a row names what is not there."""
+        """Reads a file; SoterError D006, and D021 if a row names what the system does not have."""
         tracing = Tracing(None if path is None else read_hazards(path), _properties(flat))
         if tracing.file is not None:
             _follow(tracing.file.rows, tracing.how)
         return tracing
 
     def enter(self, case: SafetyCase) -> None:
-        """Enter into a finished case who answers for assumptions, what is traced, and what is open.
+        """Adds to a finished case the owners of assumptions, the traces, and what is open.
 
         SoterError D021 for a row about an assumption that the case does not have.
         """
@@ -265,7 +265,7 @@ class Tracing:
 
 
 def _properties(flat: System) -> dict[str, str]:
-    """What a row may name, each with how it is shown."""
+    """Property that a row may name -> how it is shown."""
     names = [f"{m.name}.{what}" for what in (SAFE, RETURNS, LAW) for m in flat.modules]
     how = dict.fromkeys(names, "proof")
     how |= {n: "exploration" for n in flat.program.tests if "." not in n}
@@ -274,7 +274,7 @@ def _properties(flat: System) -> dict[str, str]:
 
 
 def _follow(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
-    """SoterError D021 where a row leads to nothing, to a hazard, or round in a circle."""
+    """Raises SoterError D021 if a row traces to nothing, to a hazard, or in a circle."""
     diagnostics = Diagnostics()
     by_id = {r.id: r for r in rows if r.kind != "assumption"}
     requirements = {r.id: r for r in by_id.values() if r.kind == "requirement"}
@@ -308,7 +308,7 @@ def _no_circle(by_id: Mapping[str, HazardRow], diagnostics: Diagnostics) -> None
 
 
 def _reached(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
-    """Of each row the properties that it leads to, each once, after what it traces to."""
+    """Id of a row -> the properties that it traces to, directly or not, each once."""
     by_id = {r.id: r for r in rows}
     reached: dict[str, list[str]] = {}
     graph = {r.id: [t for t in r.traces_to if t in by_id] for r in rows}
@@ -321,7 +321,7 @@ def _reached(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
 def _items(
     rows: Sequence[HazardRow], reached: dict[str, list[str]], status: dict[str, str]
 ) -> Iterator[TracedItem]:
-    """Each row, supported where all its properties and all its requirements are."""
+    """Yields each row; it is supported if all its properties and requirements are."""
     by_id = {r.id: r for r in rows}
     words: dict[str, str] = {}
     for id_, names in reached.items():
@@ -357,7 +357,7 @@ def _unasked(properties: Sequence[TracedProperty]) -> Iterator[OpenItem]:
 
 
 def _answered(assumptions: Sequence[CaseNode], rows: Sequence[HazardRow]) -> Iterator[OpenItem]:
-    """Enter the answers; rows about what is not in the case: SoterError D021, or open."""
+    """Adds owners to assumptions; a row without its assumption is SoterError D021, or open."""
     known = {n.key for n in assumptions}
     groups = {_is_of_test(key) for key in known}
     diagnostics = Diagnostics()

@@ -1,8 +1,8 @@
-"""What `safe`, `ttf` and `safer` of a module say, with their functions inlined.
+"""Expands `safe`, `ttf` and `safer` of a module: their functions are inlined.
 
-Purpose: `expanded`: arithmetic over topics and named constants, for somebody who judges the
-predicate and does not read the program. Its text is an expression of Soter and has the value of the
-predicate; what is no expression (a loop, an assignment, an extern) stays a call, with its text.
+Purpose: `expanded` gives arithmetic over topics and named constants to a reader who judges the
+predicate and does not read the program. Its text is an expression of Soter with the same value; a
+function that is no expression (a loop, an assignment, an extern) stays a call, with its text.
 Non-goals: where it faults: a part that has a name stands outside the condition that it is under.
 """
 
@@ -34,29 +34,29 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type, Value
 
 CONDITIONAL, UNARY, ATOM = 0, 6, 7
-"""How tightly what is no binary operator binds, among `PRECEDENCE`."""
+"""How tightly expressions without a binary operator bind, on the scale of `PRECEDENCE`."""
 LONG, SHORT = 44, 16
-"""Letters of a call's text that gets a name, and of an argument's that is read several times."""
+"""From this length on a call's text gets a name, and so does an argument read several times."""
 VALUE_MAX = 2000
-"""Letters of a constant; a longer one, a table, is told by its beginning."""
+"""Most characters of a constant's text; of a longer one, a table, only the beginning is shown."""
 PLAIN = re.compile(r"-?[A-Za-z_0-9.\[\]]+")
 
 
 @dataclass(frozen=True)
 class _Text:
-    """An expression as text, how tightly it binds, and the fields of a record written out."""
+    """An expression as text, how tightly it binds, and for a record the texts of its fields."""
 
     text: str
     binds: int = ATOM
     parts: dict[str, _Text] = field(default_factory=dict)
 
     def within(self, least: int) -> str:
-        """It, in brackets where it binds less tightly than this."""
+        """The text, in parentheses if it binds less tightly than `least`."""
         return self.text if self.binds >= least else f"({self.text})"
 
 
 def expanded(system: System, module: Module) -> Iterator[ExpandedPredicate]:
-    """`safe`, `ttf` and `safer` of a module, each by itself."""
+    """Yields `safe`, `ttf` and `safer` of a module, each expanded by itself."""
     symbol = module.symbol
     for name, predicate in (("safe", symbol.safe), ("ttf", symbol.ttf), ("safer", symbol.safer)):
         if predicate is None:
@@ -78,20 +78,20 @@ def expanded(system: System, module: Module) -> Iterator[ExpandedPredicate]:
 
 @dataclass
 class _Expansion:
-    """One predicate; names are given once in it."""
+    """Expands one predicate; each name stands for one text in it."""
 
     system: System
     module: Module
     where: list[Definition] = field(default_factory=list)
     constants: dict[str, Definition] = field(default_factory=dict)
-    """By the name in the program."""
+    """Name in the program -> constant or parameter."""
     read: dict[str, Definition] = field(default_factory=dict)
-    """Topics and fields of them."""
+    """Name -> topic, or field of one, that the predicate reads."""
     functions: dict[str, Definition] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
 
     def whole(self, predicate: typed.TypedExpr) -> str:
-        """The predicate."""
+        """The text of the whole predicate."""
         topics = {
             self.topic(n.topic): n.type
             for n in nodes([predicate])
@@ -113,7 +113,7 @@ class _Expansion:
     # ------------------------------------------------------------ names
 
     def define(self, base: str, value: _Text) -> _Text:
-        """A name for a text, of a record for its fields; the same text has one name."""
+        """Gives a text a name, for a record each field; equal texts have one name."""
         if value.parts:
             parts = {
                 name: self.define(f"{base}_{name}", part) if _long(part) else part
@@ -128,7 +128,7 @@ class _Expansion:
         return _Text(name)
 
     def free(self, base: str) -> str:
-        """That name, or with the first number that makes it another one."""
+        """The name `base`, or with the first number behind it that is free."""
         name, number = base, 1
         while name in self.taken:
             number += 1
@@ -137,7 +137,7 @@ class _Expansion:
         return name
 
     def constant(self, name: str, t: Type, value: Value) -> _Text:
-        """A named constant or parameter of the program."""
+        """Notes a named constant or parameter of the program; its name as text."""
         known = self.constants.get(name)
         if known is None:
             text = _value(t, value)
@@ -148,7 +148,7 @@ class _Expansion:
         return _Text(known.name)
 
     def topic(self, symbol: typed.TopicSymbol) -> str:
-        """A topic by its name in the system."""
+        """The name of a topic in the system."""
         index = self.module.scope.topics.get(symbol)
         return symbol.name if index is None else self.system.topics[index].name
 
@@ -180,7 +180,7 @@ class _Expansion:
         return _Text(self.atom(e, env))
 
     def operation(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> _Text:
-        """Operators, with the brackets that their order wants, and those that readers want."""
+        """The text of an operation, with needed parentheses and some that help readers."""
         if isinstance(e, typed.TypedUnary):
             operand = self.expr(e.operand, env)
             within = operand.within(ATOM if operand.text.startswith(("-", "!")) else UNARY)
@@ -201,14 +201,14 @@ class _Expansion:
         return _Text(f"{first} {e.op} {right.within(beside)}", binds)
 
     def field_of(self, e: typed.TypedField, env: dict[typed.Variable, _Text]) -> _Text:
-        """A field; of what was written out the very part."""
+        """The text of a field; for a record that was written out just that part."""
         target = self.expr(e.target, env)
         assert isinstance(e.target.type, RecordType)
         name = e.target.type.fields[e.index][0]
         return target.parts.get(name) or _Text(f"{target.within(ATOM)}.{name}")
 
     def aggregate(self, e: typed.Aggregate, env: dict[typed.Variable, _Text]) -> _Text:
-        """A record, array or list that is written out."""
+        """The text of a record, array or list literal."""
         given = [self.expr(x, env) for x in e.elements]
         fields = getattr(e.type, "fields", None)
         if fields is None:
@@ -218,7 +218,7 @@ class _Expansion:
         return _record({name: by_field[i] for i, (name, _) in enumerate(fields)})
 
     def atom(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> str:
-        """What needs no brackets."""
+        """The text of an expression that never needs parentheses."""
         match e:
             case typed.TopicRead():
                 return self.topic(e.topic)
@@ -239,7 +239,7 @@ class _Expansion:
     # ------------------------------------------------------------ functions
 
     def call(self, e: typed.TypedCall, env: dict[typed.Variable, _Text]) -> _Text:
-        """What a function computes, or the call where that is no expression."""
+        """The text of what a function computes, or of the call if its body is no expression."""
         fun = e.fun
         given = [self.expr(x, env) for x in e.arguments]
         short = fun.name.rpartition(".")[2]
@@ -256,9 +256,9 @@ class _Expansion:
         return result
 
     def keep(self, fun: typed.FunSymbol) -> str:
-        """What a function that stays a call is called; its text is kept, and of those it calls.
+        """The name of a function that stays a call; keeps its text, and of those that it calls.
 
-        What another name of this expansion is called in that text stands behind it.
+        A name that differs in this expansion is explained behind the text.
         """
         short = fun.name.rpartition(".")[2]
         if fun.prelude:
@@ -279,7 +279,7 @@ class _Expansion:
         return name
 
     def body(self, body: Sequence[typed.TypedStmt], env: dict[typed.Variable, _Text]) -> _Text:
-        """What a body that is an expression returns."""
+        """The text of what a body returns, if it is an expression (`_is_expression`)."""
         first, rest = body[0], body[1:]
         if isinstance(first, typed.TypedReturn):
             return self.expr(first.value, env)
@@ -298,7 +298,7 @@ class _Expansion:
 
 
 def _is_expression(body: Sequence[typed.TypedStmt]) -> bool:
-    """Whether a body is lets, choices whose arms return, and what it returns."""
+    """Whether a body consists of `let`s, `if`s whose arms return, and a `return`."""
     for i, s in enumerate(body):
         if isinstance(s, typed.TypedReturn):
             return True
@@ -324,7 +324,7 @@ def _record(parts: dict[str, _Text]) -> _Text:
 
 
 def _read(text: str, topics: dict[str, Type]) -> dict[str, Definition]:
-    """The topics and fields of topics that a text names, with their types and units."""
+    """The topics and fields of topics in a text -> their types and units."""
     read = {}
     for name, t in topics.items():
         for path in re.findall(rf"(?<![\w.]){re.escape(name)}((?:\.\w+)*)(?![\w:])", text):
@@ -340,7 +340,7 @@ def _unit(t: Type) -> str:
 
 
 def _value(t: Type, value: Value) -> str:
-    """A constant as a program would say it; what is no scalar as JSON."""
+    """A constant as source text if it is a scalar, else as JSON."""
     if isinstance(t, EnumType):
         return f"{t.name.rpartition('.')[2]}.{t.members[value]}"
     if isinstance(t, DurationType):
@@ -351,14 +351,14 @@ def _value(t: Type, value: Value) -> str:
 
 
 def _source(fun: typed.FunSymbol) -> str:
-    """A function as the program says it, from its name on; of an extern its first line."""
+    """The source of a function from its name on; for an extern its first line."""
     text = fun.span.source.text[fun.span.start :]
     end = text.find(";") if fun.body is None else _closing(text)
     return text[: end + 1]
 
 
 def _closing(text: str) -> int:
-    """Where the first bracket `{` of a body is closed; comments and texts have no say."""
+    """Where the first `{` of a text is closed; braces in comments and strings do not count."""
     depth = 0
     for token in re.finditer(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\])*"|[{}]', text, re.DOTALL):
         depth += {"{": 1, "}": -1}.get(token[0], 0)

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 
 UNTRIED = (typed.AgeRead, typed.ModeRead)
-"""What the check gives no values to."""
+"""Expressions for which the check of the DM tries no values."""
 
 
 def compiled_as_proved(
@@ -59,7 +59,7 @@ def compiled_as_proved(
 ) -> tuple[str, str, bool]:
     """What was tried, why that is not enough ("": it is), and whether the C differs.
 
-    `flat`: as it is declared; `entries`: what the certificate has of the module, a view each.
+    `flat`: the system as declared; `entries`: the certificate's for the module, one for each view.
     """
     from soter.verify.deploy.dm_check import check_problem  # noqa: PLC0415 - compiles
     from soter.verify.problem.extract import extract  # noqa: PLC0415 - needs NumPy
@@ -87,9 +87,9 @@ def compiled_as_proved(
 def _tables(
     problem: Problem, entries: Sequence[dict[str, Any]], certificate: Certificate
 ) -> list[GroupTable]:
-    """The tables of the DM that the certificate has, which the re-checker compared with its sets.
+    """The DM's tables in the certificate, which the re-checker compared with its sets.
 
-    None where one of them is no table of cells, or there is no such view.
+    None if one of them is no table of cells, or there is no such view.
     """
     import numpy as np  # noqa: PLC0415 - only then
 
@@ -123,7 +123,7 @@ PROPERTIES = {
     "safer": "the switch gives control back only where recovery stays possible",
     "start": "every initial state is one from which recovery is possible",
 }
-"""What safety needs (Theorem 3.1 of the paper; docs/proof.md), as an assurance argument says it."""
+"""Property that safety needs (Theorem 3.1 of the paper; docs/proof.md) -> its text as a goal."""
 NO_LAW = (
     "no fail-safe law is declared: that the plant stays safe once the trusted part has stopped "
     "(`failsafe` of `soter verify`) is assumed"
@@ -140,7 +140,7 @@ RETURNS, LAWS, COMPILED = "G4", "G5", "G6"
 
 @dataclass(frozen=True)
 class _ConfirmedModule:
-    """A module, and what was confirmed of it."""
+    """A module, and what the re-checker confirmed of it."""
 
     number: int
     module: Module
@@ -148,7 +148,7 @@ class _ConfirmedModule:
     why: str
 
     def missing(self, claim: str) -> str:
-        """Why a claim is not confirmed; "": it is, in every view."""
+        """Why a claim is not confirmed; "" if it is, in every view."""
         if self.reports and all(claim in m.confirmed for m in self.reports):
             return ""
         said = dict.fromkeys(m.claims.get(claim, "not claimed") for m in self.reports)
@@ -156,9 +156,9 @@ class _ConfirmedModule:
 
 
 def argue(case: SafetyCase, flat: System, proof: CertifiedProof, refuted: list[str]) -> CaseNode:
-    """Enter all goals about the certificate; gives the top goal.
+    """Adds all goals about the certificate to the case, and returns the top goal.
 
-    `refuted` is added to: a rejected certificate, a compiled decision module that differs.
+    It adds to `refuted` a rejected certificate, and a compiled DM that differs.
     """
     if proof.rejected:
         refuted.append(f"the certificate is rejected: {proof.rejected}")
@@ -189,7 +189,7 @@ def _beside(
     used: Sequence[RecheckedModule],
     rest: Sequence[RecheckAssumption],
 ) -> None:
-    """Enter what the confirmed claims assume, what is empty of them, and the `rest` not covered."""
+    """Adds what the confirmed claims assume, which are vacuous, and the `rest` not covered."""
     said = {a.text: a.key for m in used for a in m.assumptions}
     for k, (text, key) in enumerate(said.items(), 1):
         case.add(CaseNode(f"A{k}", "assumption", text, key=key), beside=top)
@@ -200,7 +200,7 @@ def _beside(
 
 
 def _vacuous(used: Sequence[RecheckedModule]) -> list[str]:
-    """Of which modules next to nothing is proved, or nobody looked."""
+    """Sentences on modules proved of next to no states, or whose AC was not examined."""
     unseen = "it was not looked at whether AC ever has control"
     return [f"{m.name}: {m.vacuous}" for m in used if m.vacuous] + [
         f"{m.name}: {unseen} ({m.unseen})" for m in used if m.unseen
@@ -208,7 +208,7 @@ def _vacuous(used: Sequence[RecheckedModule]) -> list[str]:
 
 
 def _top(flat: System) -> str:
-    """For as long as DM, SC and gate run: of what comes after them a law is a goal of its own."""
+    """The top goal's text: safe while DM, SC and gate run; a law after that is another goal."""
     kept = " and ".join(f"`{_safe(m)}`{_whilst(flat, m)}" for m in _claiming(flat)) or "nothing"
     return (
         f"System {flat.name} keeps {kept} for as long as its trusted part runs, in every run that "
@@ -217,12 +217,12 @@ def _top(flat: System) -> str:
 
 
 def _claiming(flat: System) -> list[Module]:
-    """Modules but for those that are there for comfort alone."""
+    """The modules on which safety rests: all but those that claim nothing."""
     return [m for m in flat.modules if not claims_nothing(flat, m)]
 
 
 def _whilst(flat: System, m: Module) -> str:
-    """Of a module below others: when it keeps that."""
+    """The condition under which a module below others keeps its `safe`, as text; else ""."""
     names = " and ".join(x.name for x in modules_above(flat, m.index))
     return f" while {names} is in AC" if names else ""
 
@@ -238,7 +238,7 @@ def _module(
     each: _ConfirmedModule,
     proof: CertifiedProof,
 ) -> None:
-    """The properties that safety needs, of one module."""
+    """Adds, for one module, the properties that safety needs."""
     module, id_ = each.module, f"G1.{each.number}"
     ac = flat.components[module.ac].name if module.over is None else flat.modules[module.over].name
     sc = flat.components[module.sc].name
@@ -254,7 +254,7 @@ def _module(
 
 
 def _leaf(case: SafetyCase, goal: CaseNode, id_: str, why: str, proof: CertifiedProof) -> None:
-    """What the certificate supports; `why`: it does not."""
+    """Adds evidence from the certificate for a goal, or `why` there is none."""
     leaf = CaseNode(id_, "solution", "no evidence" if why else RECHECKED, checked=not why, why=why)
     if not why:
         leaf.path, leaf.sha256 = proof.path, proof.sha256
@@ -264,7 +264,7 @@ def _leaf(case: SafetyCase, goal: CaseNode, id_: str, why: str, proof: Certified
 def _returns(
     case: SafetyCase, top: CaseNode, shown: list[_ConfirmedModule], proof: CertifiedProof
 ) -> None:
-    """P2b of every module of which the program asks it."""
+    """Adds the goal of P2b for every module of which the program asks it."""
     asked = [each for each in shown if not each.module.symbol.stays]
     for each in shown:
         if each not in asked:
@@ -287,7 +287,7 @@ def _returns(
 def _laws(
     case: SafetyCase, flat: System, shown: list[_ConfirmedModule], proof: CertifiedProof
 ) -> None:
-    """That a fail-safe law takes over where the trusted part has stopped, of every module."""
+    """Adds the goal that a fail-safe law takes over once the trusted part has stopped."""
     if not shown:
         return
     text = f"System {flat.name} keeps it, too, once its trusted part has stopped"
@@ -311,7 +311,7 @@ def _compiled(
     proof: CertifiedProof,
     refuted: list[str],
 ) -> bool:
-    """That the C of each decision module switches as the argument takes it to: tried now."""
+    """Adds the goal that the C of each DM switches as the argument assumes; tries it now."""
     from soter.api.assurance.certificate_check import compiler_used  # noqa: PLC0415 - compiles
 
     if not shown:
@@ -342,7 +342,7 @@ FLOWN_AGAIN = 20
 
 @dataclass(frozen=True)
 class Assurance:
-    """A case and its files.
+    """A safety case and the files that were written.
 
     `refuted`: a certificate that is rejected, a compiled decision module that differs, a test or a
     flight that violates a property. `not_rechecked`: why the re-checker neither accepts nor rejects
@@ -356,12 +356,12 @@ class Assurance:
 
     @property
     def lawful(self) -> bool:
-        """Whether a fail-safe law is supported, of every module."""
+        """Whether a fail-safe law is supported for every module."""
         return any(g.id == LAWS and self.case.status(g) == SUPPORTED for g in self.case.goals)
 
     @property
     def returns(self) -> bool:
-        """Whether P2b is supported, wherever the program asks for it."""
+        """Whether P2b is supported for every module of which the program asks it."""
         return all(self.case.status(g) == SUPPORTED for g in self.case.goals if g.id == RETURNS)
 
 
@@ -380,13 +380,13 @@ def assure(
     progress: Progress | None = None,
     tell: Tell = lambda _: None,
 ) -> Assurance:
-    """Make the case and write it to the folder `output`.
+    """Makes the case and writes it to the folder `output`.
 
-    `tests`: explore them now; `flights`: so many of a campaign are flown again; `hazards`: a CSV
-    file of hazards, requirements and who answers for assumptions (docs/assure.md); `tell` is told
-    first what does not fit the program. SoterError D009 where there is no certificate, D005 for a
-    report that is none, D021 for hazards that are none, D006 where something cannot be read or
-    written, D007 without `prove`, and as of `Program.flat`.
+    `tests`: explore them now; `flights`: how many of a campaign to fly again; `hazards`: a CSV file
+    of hazards, requirements and owners of assumptions (docs/assure.md); `tell` is called first with
+    what does not fit the program. SoterError D009 if there is no certificate, D005 for a wrong
+    report, D021 for wrong hazards, D006 if something cannot be read or written, D007 without the
+    extra `prove`, and as `Program.flat`.
     """
     require_flint()
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
@@ -438,7 +438,7 @@ def assure(
 
 
 def _plants(flat: System) -> dict[str, tuple[str, ...]]:
-    """The equations of each plant as they are written, by its instances."""
+    """Instance of a plant -> its equations as they are written."""
     names: dict[PlantSymbol, list[str]] = {}
     for c in flat.components:
         if c.plant is not None:
@@ -450,7 +450,7 @@ def _plants(flat: System) -> dict[str, tuple[str, ...]]:
 
 
 def _equations(plant: PlantSymbol) -> tuple[str, ...]:
-    """Of an extern plant: none."""
+    """The source texts of a plant's equations; () for an extern plant."""
     told = [("let", v, e) for v, e in plant.lets]
     told += [("der", v, e) for v, e in plant.der.items()]
     told += [("next", v, e) for v, e in plant.next.items()]
@@ -461,7 +461,7 @@ def _equations(plant: PlantSymbol) -> tuple[str, ...]:
 
 
 def _written(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
-    """The three files; SoterError D006 where one cannot be written."""
+    """Writes the three files and returns their paths; SoterError D006 if one cannot be written."""
     from soter.report.html import write_text  # noqa: PLC0415 - only then
     from soter.report.safety_case import sdoc  # noqa: PLC0415 - only then
     from soter.report.safety_case_page import write_case  # noqa: PLC0415 - only then

@@ -1,1 +1,1 @@
-"""What a command prints with: the console, progress, outcomes and crashes."""
+"""What commands share: their command line, console, progress, outcomes and crash reports."""

@@ -1,12 +1,11 @@
-"""A command in a process of its own, where code runs that is nobody's in particular.
+"""Runs a command that calls externs in a child process, so that a crash in them is no verdict.
 
-Purpose: a command that runs externs ends with the exit code that a parent saw, in which no extern
-runs. The child does the command and leaves its words and exit code in a file without a name
-(`ResultPipe` of `console.py`); the parent passes signals on, waits, and tells what it finds there.
-Where it finds nothing that is X011, never success, however the child ended. What externs have
-started ends with the run, and the child with its parent.
-Non-goals: isolation. Externs run in the child with all its rights: one that means to may find the
-file, write a verdict of its own, or change the engine's memory. That takes `workers/`.
+Purpose: the child runs the command, and leaves its output and exit code in a file without a name
+(`ResultPipe` of `console.py`); the parent, in which no extern runs, passes signals on, waits, and
+prints what it finds there. Where it finds nothing it says X011, never success, however the child
+ended. Processes that externs started end with the run, and the child with its parent.
+Non-goals: isolation (`workers/`). An extern has all rights of the child: one that wants to harm may
+find the file, write a verdict of its own, or change the engine's memory.
 """
 
 from __future__ import annotations
@@ -33,17 +32,17 @@ if TYPE_CHECKING:
     Rescue = Callable[[int], tuple[str, ...]]
 
 PATIENCE_S = 5
-"""How long a child that was told to end may take, s: it may be in C that hears nothing."""
+"""Seconds until a child that was told to end is killed: its C code may ignore the signal."""
 AGAIN_S = 1.0
-"""A second signal that comes later than this is a person's who will not wait."""
+"""A second signal after more seconds than these kills the child: a person will not wait."""
 
 
 def in_child_process(console: Console, rescue: Rescue) -> None:
-    """Go on in a child, where this process is a command of its own; the parent does not come back.
+    """Forks if this process is the command itself; only the child returns from here.
 
-    It raises `Elsewhere` with the child's verdict; without one `SoterError` X011, or
-    `KeyboardInterrupt` where the child had been told to end. `rescue(pid)` then saves what files
-    the child was about to write, and says so, a sentence each.
+    The parent raises `ChildResult` with the child's result; without one `SoterError` X011, or
+    `KeyboardInterrupt` if the child had been told to end. Before these two `rescue(pid)` saves
+    files that the child was writing, and returns a sentence for each.
     """
     if not console.own_process or not hasattr(os, "fork"):
         return
@@ -77,7 +76,7 @@ def in_child_process(console: Console, rescue: Rescue) -> None:
 
 
 def _wait(child: int, signals: set[signal.Signals]) -> tuple[int, bool]:
-    """The child's wait status, and whether a signal had told it to end."""
+    """Waits for the child; its wait status, and whether a signal had told it to end."""
     told_s: float | None = None
     while True:
         number, passed_on = _next(signals)
@@ -98,7 +97,7 @@ def _wait(child: int, signals: set[signal.Signals]) -> tuple[int, bool]:
 
 
 def _next(signals: set[signal.Signals]) -> tuple[int, bool]:
-    """The next signal; whether the terminal gave it to the child, too."""
+    """Waits for a signal; its number, and whether the terminal sent it to the child, too."""
     if sys.platform == "linux":
         info = signal.sigwaitinfo(signals)
         return info.si_signo, info.si_code > 0
@@ -119,15 +118,15 @@ def _without_verdict(status: int, saved: tuple[str, ...]) -> Diagnostic:
 
 
 THREADS_S = 1.0
-"""How long the threads that externs leave behind may take to end."""
+"""Seconds that threads which externs left behind have to end."""
 
 
 HIGH = 200
-"""Descriptors that an extern closes or writes to by mistake are lower."""
+"""The result's file gets at least this descriptor: an extern misuses lower ones by mistake."""
 
 
 class ResultPipe:
-    """Where a child leaves its result. `mark` and a hash tell it from what is there by accident."""
+    """The file in which a child leaves its result; a mark and a hash show that it is whole."""
 
     def __init__(self) -> None:
         self._file = _nameless()
@@ -135,11 +134,11 @@ class ResultPipe:
         self._process = 0
 
     def begin(self) -> None:
-        """This is the process that may leave one."""
+        """Notes that this process, the child, may leave a result."""
         self._process = os.getpid()
 
     def leave(self, text: str, exit_code: int) -> NoReturn:
-        """Leave a result and end the process; a copy of it that an extern made only ends."""
+        """Leaves a result and ends the process; in a fork that an extern made it only ends."""
         if os.getpid() != self._process:
             os._exit(1)
         body = bytes([exit_code]) + text.encode("utf-8", "surrogateescape")
@@ -148,12 +147,12 @@ class ResultPipe:
         with suppress(OSError):
             while at < len(whole):
                 at += os.pwrite(self._file, whole[at:], at)
-        with suppress(OSError):  # an extern may have stopped who is to tell it
+        with suppress(OSError):  # an extern may have stopped the parent, which prints the result
             os.kill(os.getppid(), signal.SIGCONT)
         _end(exit_code)
 
     def found(self) -> ChildResult | None:
-        """What was left; None where nothing whole was."""
+        """The result that the child left; None if there is no whole one."""
         size = os.fstat(self._file).st_size
         whole = bytearray()
         while len(whole) < size and (part := os.pread(self._file, size - len(whole), len(whole))):
@@ -168,7 +167,7 @@ class ResultPipe:
 
 
 def _nameless() -> int:
-    """A file without a name that no program started by an extern inherits."""
+    """The descriptor of a new file without a name; programs started later do not inherit it."""
     if sys.platform == "linux":
         made = os.memfd_create("soter verdict")
     else:
@@ -186,7 +185,7 @@ def _nameless() -> int:
 
 
 def _end(exit_code: int) -> NoReturn:
-    """End, whatever externs have left running: what they asked for at the end is done first."""
+    """Ends the process after `atexit` functions, whatever threads externs have left running."""
     import atexit  # noqa: PLC0415 - only here
 
     until_s = time.monotonic() + THREADS_S

@@ -1,12 +1,12 @@
-"""What continuous integration reads: SARIF, JUnit's XML, workflow commands of GitHub Actions.
+"""Writes findings for continuous integration: SARIF, JUnit's XML, commands of GitHub Actions.
 
-Purpose: `sarif`: one run with a result for everything that is wrong or open, and a rule for every
-code with its page of `soter explain`; what is proved or clean is no result, as viewers show each as
-an alert. `junit`: one `testsuite` a file, one `testcase` a finding: what is wrong is a failure,
-what is open an error, warnings stand in `system-out`; a file in which nothing was found is a case
-that passes. `document_of_tests`: the same for `soter test`: a violated test is a failure, a bound
-that was reached an error, what was not started is skipped. `github`: a line `::error
-file=...,line=...::message` for all that is wrong or open.
+Purpose: `sarif`: one run with a result for each finding that is wrong or open, and a rule for every
+code with its page of `soter explain`; a proved or clean one is no result, as viewers show each as
+an alert. `junit`: one `testsuite` a file, one `testcase` a finding: a wrong one is a failure, an
+open one an error, warnings stand in `system-out`; a file without findings is a case that passes.
+`document_of_tests`: the same for `soter test`: a violated test is a failure, a bound that was
+reached an error, a test that was not started is skipped. `github`: a line `::error
+file=...,line=...::message` for each finding that is wrong or open.
 Non-goals: other versions; fixes; attributes that only some readers know; traces, whose files are
 named.
 Source: OASIS Standard "Static Analysis Results Interchange Format (SARIF) Version 2.1.0"; GitHub's
@@ -72,7 +72,7 @@ LEVELS = {"fail": "error", "open": "error", "warning": "warning"}
 
 
 def written(format_: str, command: str, outcome: CommandOutcome) -> str:
-    """The outcome as text; `github` has none where all is well."""
+    """The outcome in one of the formats, as text; "" for `github` where all is well."""
     findings = [*of_diagnostics(outcome.diagnostics), *outcome.found]
     if format_ == "sarif":
         return sarif(command, findings, outcome.exit)
@@ -82,7 +82,7 @@ def written(format_: str, command: str, outcome: CommandOutcome) -> str:
 
 
 def sarif(command: str, findings: Sequence[CiFinding], exit_code: int) -> str:
-    """The document, as text."""
+    """The SARIF document, as text."""
     shown = [f for f in findings if f.kind != "pass"]
     rules = sorted({f.rule for f in shown})
     run = {
@@ -135,7 +135,7 @@ def _uri(name: str) -> str:
 
 
 def junit(command: str, files: Sequence[str], findings: Sequence[CiFinding]) -> str:
-    """The document, as text. Findings in no file count for the first one."""
+    """JUnit's XML, as text; findings in no file count for the first file."""
     by_file: dict[str, list[CiFinding]] = {name: [] for name in files or ("soter",)}
     first = next(iter(by_file))
     for f in findings:
@@ -188,7 +188,7 @@ WORDS = {"fail": "error", "open": "error", "warning": "warning"}
 
 
 def github(findings: Sequence[CiFinding]) -> str:
-    """The commands, a line each; nothing where all is well."""
+    """The commands of GitHub Actions, a line each; "" where all is well."""
     return "\n".join(_command(f) for f in findings if f.kind != "pass")
 
 
@@ -214,7 +214,7 @@ def _property(text: str) -> str:
 
 
 def document_of_tests(report: ExploreReport) -> str:
-    """The XML of a report, as text."""
+    """JUnit's XML of the tests of a report, as text."""
     of = {v: [t for t in report.tests if t.verdict == v] for v in (VIOLATED, BOUND)}
     seconds = sum(t.seconds + t.minimise_s for t in report.tests)
     figures = {
@@ -233,7 +233,7 @@ def document_of_tests(report: ExploreReport) -> str:
 
 
 def document_of_problems(file: str, problems: Iterable[Diagnostic]) -> str:
-    """The XML where no test was explored: an error for every diagnostic that is one."""
+    """JUnit's XML where no test was explored: an error for every diagnostic that is one."""
     errors = [d for d in problems if d.severity is Severity.ERROR]
     count = len(errors)
     figures = {"tests": count, "failures": 0, "errors": count, "skipped": 0}
@@ -248,19 +248,19 @@ def document_of_problems(file: str, problems: Iterable[Diagnostic]) -> str:
 
 
 def _suite(file: str, figures: dict[str, int], seconds: float) -> tuple[ET.Element, ET.Element]:
-    """The root and its one suite."""
+    """A new root element, and its one suite."""
     counted = {k: str(v) for k, v in figures.items()} | {"time": f"{seconds:.3f}"}
     suites = ET.Element("testsuites", {"name": "soter test", **counted})
     return suites, ET.SubElement(suites, "testsuite", {"name": clean(file), **counted})
 
 
 def write_problems(file: str, problems: Iterable[Diagnostic], path: str | Path) -> Path:
-    """Write why no test was explored; `ReportError` where that cannot be."""
+    """Writes why no test was explored, and returns the path; `ReportError` if it cannot."""
     return write_text(document_of_problems(file, problems), path)
 
 
 def write(report: ExploreReport, path: str | Path) -> Path:
-    """Write it; `ReportError` where that cannot be."""
+    """Writes the XML of a report, and returns the path; `ReportError` if it cannot."""
     return write_text(document_of_tests(report), path)
 
 

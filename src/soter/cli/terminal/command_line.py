@@ -37,25 +37,25 @@ if TYPE_CHECKING:
 
 Pairs: TypeAlias = tuple[tuple[str, str], ...]
 Kind = Literal["pass", "fail", "open", "warning"]
-"""`fail`: wrong, as is shown; `open`: nothing is shown either way, which is no success either."""
+"""`fail`: shown to be wrong; `open`: nothing is shown either way, which is no success."""
 
 
 @dataclass(frozen=True)
 class CiFinding:
-    """One finding. `rule`: a code that `soter explain` knows; `name`: what it is about."""
+    """A finding. `rule`: a diagnostic's code, a property or a command; `name`: its subject."""
 
     kind: Kind
     rule: str
     name: str
     text: str
     span: Span | None = None
-    """Where it stands; None: in no file."""
+    """Where the finding stands in a program; None: in no file."""
     details: tuple[str, ...] = ()
     seconds: float = 0.0
 
 
 def of_diagnostics(items: Iterable[Diagnostic]) -> list[CiFinding]:
-    """A finding for every diagnostic."""
+    """A finding for every diagnostic: `fail` for an error, `warning` for any other."""
     return [
         CiFinding(
             "fail" if d.severity is Severity.ERROR else "warning",
@@ -82,7 +82,7 @@ def place(span: Span | None) -> tuple[str, int, int, int, int] | None:
 
 
 SCHEMA = 1
-"""Version of the documents; a field that goes or changes its meaning raises it."""
+"""Version of the JSON documents; it rises when a field goes or changes its meaning."""
 
 FINE = 0
 DIAGNOSTICS = 1
@@ -90,7 +90,7 @@ USAGE = 2
 VIOLATED = 3
 UNDECIDED = 4
 NOT_RECHECKED = 5
-"""A certificate of which nothing was found to be false, and that is beyond the re-checker."""
+"""Nothing in a certificate was found to be false, but the re-checker cannot check all of it."""
 INTERNAL = 70
 """A defect of soter itself (EX_SOFTWARE of sysexits.h)."""
 INTERRUPTED = 130
@@ -110,13 +110,13 @@ class CommandOutcome:
 
     @property
     def files(self) -> list[str]:
-        """The programs that it is about."""
+        """The paths of the programs that the command was about."""
         several = self.fields.get("files")
         entries = several if isinstance(several, list) else [self.fields]
         return [str(e["file"]) for e in entries if isinstance(e, dict) and "file" in e]
 
     def document(self, command: str | None) -> dict[str, object]:
-        """The JSON document."""
+        """The JSON document of the outcome, as a dict."""
         from soter.diagnostics.render import to_json  # noqa: PLC0415 - only with --json
 
         return {
@@ -130,7 +130,7 @@ class CommandOutcome:
 
 
 class UsageError(Exception):
-    """A command line that cannot be understood; `usage`: how it is written, if not as in help."""
+    """A wrong command line; `usage`: the right form, if it is not that of the command's help."""
 
     def __init__(self, message: str, usage: str = "") -> None:
         super().__init__(message)
@@ -138,7 +138,7 @@ class UsageError(Exception):
 
 
 def exit_of_kinds(kinds: Iterable[Kind]) -> int:
-    """The exit code of findings: the one rule of every command that JUnit tells of, too."""
+    """The exit code of findings, by the one rule of all commands that give verdicts."""
     found = set(kinds)
     return VIOLATED if "fail" in found else UNDECIDED if "open" in found else FINE
 
@@ -152,7 +152,7 @@ def exit_of(diagnostics: Iterable[Diagnostic]) -> int:
 
 
 def failed(error: SoterError) -> CommandOutcome:
-    """What comes of a command that could not be done."""
+    """The outcome of a command that ended with this error."""
     return CommandOutcome(exit_of(error.diagnostics) or DIAGNOSTICS, error.diagnostics)
 
 
@@ -165,13 +165,13 @@ in the folder of a campaign: campaign.json (what is flown), flights.csv (a row a
 arm-NAME/ (the same of an arm), campaign.lock (who is flying), and where asked for report.html and
 flights.parquet
 """
-"""What lies in folders that several commands take, for their help."""
+"""Help text: which files lie in the folders that several commands read or write."""
 
 
 SYSTEM = ("--system S", None, "by default the only one, or the `default`")
 SET: tuple[str, tuple[()], str] = ("", (), "what --set and --bind give")
 MODULE = ("--module M", None, "only this module; by default all")
-"""Options of several commands."""
+"""Options that several commands share: the first arguments of `option`."""
 SETTINGS = (
     (
         "--set",
@@ -186,7 +186,7 @@ SETTINGS = (
         "what answers extern X: python:file.py:name, c:file.c:name, onnx:a.onnx, sb3:a.zip",
     ),
 )
-"""What a record with a field `params` takes; they are `args.params` and `args.bindings`."""
+"""The options of a record with a field `params`: flag, metavar, name in `args`, help."""
 
 
 class HelpWantedError(Exception):
@@ -194,18 +194,18 @@ class HelpWantedError(Exception):
 
 
 class Command(Protocol):
-    """What a command's file offers; `EXAMPLES`: lines for the end of its help."""
+    """The module of a command; `EXAMPLES`: lines for the end of its help."""
 
     EXAMPLES: str
     Options: type
-    """A record of what its line takes (`options_of`); the docstring says what the command does."""
+    """The record of its options (`options_of`); its docstring is the description in the help."""
 
     def run(self, args: argparse.Namespace, console: Console) -> CommandOutcome:
-        """Do it. What `loaded` found, and what an error is about, are added to what it gives."""
+        """Runs the command; `main.py` adds to its outcome the diagnostics of the program."""
 
 
 class CommandParser(argparse.ArgumentParser):
-    """One command's parser."""
+    """The parser of one command's line, made from the command's `Options`."""
 
     def __init__(self, name: str, command: Command) -> None:
         super().__init__(
@@ -229,11 +229,11 @@ class CommandParser(argparse.ArgumentParser):
         self._about = {n: o.told for n, o in options.items() if o.told and not o.dashed}
 
     def subject(self, args: argparse.Namespace) -> dict[str, object]:
-        """What a document says that it is about, however the command ends."""
+        """Fields of the document that say what the command was about, however it ends."""
         return {told: getattr(args, name) for name, told in self._about.items()}
 
     def _add(self, name: str, known: Option) -> None:
-        """What a command line takes for a field of a record."""
+        """Adds the option or the positional argument for one field of the record."""
         *flags, metavar = known.flags.split()
         kind, needed = known.kind.text, known.given is ...
         how: dict[str, Any] = {
@@ -274,12 +274,12 @@ class CommandParser(argparse.ArgumentParser):
             )
 
     def error(self, message: str) -> NoReturn:
-        """A wrong command line: raises UsageError."""
+        """Raises UsageError with argparse's message."""
         raise UsageError(message, self.usage_line)
 
     @property
     def usage_line(self) -> str:
-        """How it is written."""
+        """The form of the command's line, in one line."""
         return self.format_usage().removeprefix("usage: ").strip()
 
 
@@ -289,18 +289,18 @@ class _Help(argparse.Action):
 
 
 def file_option(flags: str = "FILE", words: str = "the program", told: str = "file") -> Any:  # noqa: ANN401 - a field
-    """What a command is about, by its place; `told`: as the document says it."""
+    """The positional argument that a command is about; `told`: its field in the document."""
     return option(flags, ..., words, told=told, keyword=False)
 
 
 def report_option(what: str, ending: str, flags: str = "--report") -> Any:  # noqa: ANN401 - a field
-    """`what` --report writes; `ending`: of its file where no path is given."""
+    """The option --report; `what` it writes; `ending`: of the file's name without a path."""
     words = f"write {what}: one HTML page (.soter/...{ending})"
     return option(f"{flags} [PATH]", None, words, keyword=False)
 
 
 def report_path(report: str, of: str, ending: str) -> Path:
-    """Where --report writes; `of`: the file or folder that it is about."""
+    """Where --report writes: the path given, else one in `.soter/` named after `of`."""
     stem = Path(of).resolve().name.removesuffix(".soter").removesuffix(".trace.json")
     return Path(report or Path(".soter") / f"{stem}{ending}")
 
@@ -311,12 +311,12 @@ FORMAT = (
     None,
     "for CI, on standard output (docs/commands.md)",
 )
-"""The option of those that print one."""
+"""The option of commands that print a format for continuous integration."""
 WITH_FORMAT = ("check", "verify", "test", "monitor")
 
 
 def format_of(name: str | None, options: Sequence[str]) -> str | None:
-    """The format that a command line asks for; None for none, or a wrong one."""
+    """The format that a command line asks for; None if it asks for none, or a wrong one."""
     if name not in WITH_FORMAT:
         return None
     asked = [b for a, b in pairwise(options) if a == "--format"]
@@ -325,7 +325,7 @@ def format_of(name: str | None, options: Sequence[str]) -> str | None:
 
 
 def given(args: argparse.Namespace, record: type) -> dict[str, Any]:
-    """The keywords of a record that a command line has."""
+    """The arguments that are keywords of `record`, as a dict for the method in Python."""
     options = options_of(record, keyword=True)
     values = {name: getattr(args, name) for name in options if name in args}
     return values | ({"params": dict(args.params)} if "params" in options else {})
@@ -339,9 +339,9 @@ def _pair(text: str) -> tuple[str, str]:
 
 
 def whole(text: str) -> int:
-    """A whole number in plain digits: Python reads `1_000` and digits of any script, too.
+    """A whole number in plain digits; ArgumentTypeError for any other text.
 
-    ArgumentTypeError for any other text.
+    `int` alone would read `1_000` and digits of any script, too.
     """
     if not re.fullmatch("[+-]?[0-9]{1,20}", text):
         raise argparse.ArgumentTypeError(f"`{text}` is no whole number")
@@ -376,13 +376,13 @@ def seed(text: str) -> int:
 
 
 TIMES = ", such as 90 (seconds) or 10min"
-"""How times are written."""
+"""Help text: how a time is written."""
 READERS = {"whole": whole, "seed": seed, "bound": at_least_one, "seconds": seconds}
-"""What reads the text of a kind of value."""
+"""`Kind.text` -> the function that reads the text of such a value."""
 
 
 def opened(args: argparse.Namespace, console: Console) -> Program:
-    """The program of `args.file`; its warnings are told with whatever comes of the command."""
+    """Loads `args.file`; if it is correct, its warnings are told with the outcome."""
     from soter.api import load  # noqa: PLC0415 - commands about the tool itself open none
 
     with LineOfProgress(console) as line:
@@ -392,16 +392,16 @@ def opened(args: argparse.Namespace, console: Console) -> Program:
 
 
 def bound(program: Program, args: argparse.Namespace) -> Program:
-    """The same with `args.bindings`; `SoterError` where it is none."""
+    """Binds externs as `args.bindings` says; `SoterError` if one cannot be. Returns `program`."""
     for name, target in args.bindings:
         program.bind(name, target)
     return program
 
 
 def warned_of_files(program: Program, console: Console) -> Program:
-    """The same program; what is wrong with files of its externs (W007, W037) is told at once.
+    """Tells at once what is wrong with files of externs (W007, W037). Returns `program`.
 
-    It is for what does not ask them itself: a proof, or a package that leaves them out.
+    It is for commands that do not call externs: a proof, or a package that leaves them out.
     """
     warnings = program.check().warnings if program.externs else ()
     missing = tuple(w for w in warnings if w.code in ("W007", "W037"))
@@ -412,16 +412,16 @@ def warned_of_files(program: Program, console: Console) -> Program:
 
 
 def loaded(args: argparse.Namespace, console: Console) -> Program:
-    """The program that the arguments name, with their bindings."""
+    """Loads the program that the arguments name, and binds its externs; `SoterError`."""
     return bound(opened(args, console), args)
 
 
 STDIN = "<stdin>"
-"""What it is called; imports are read from the current folder."""
+"""The path of a program from standard input; its imports are read from the current folder."""
 
 
 def standard_input() -> str:
-    """The whole of it, 4 MiB at most; SoterError D005 where it is larger or not UTF-8."""
+    """All of standard input; SoterError D005 if it is over MAX_FILE_BYTES or not UTF-8."""
     from soter.language.load.loader import MAX_FILE_BYTES  # noqa: PLC0415 - for `-`
 
     stream = sys.stdin

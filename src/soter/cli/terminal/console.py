@@ -74,19 +74,19 @@ PLAIN = {
     "\u00a0": " ",
     "\u2713": "ok",
 }
-"""What is written for what is not there; everything else becomes `?` where it cannot be written."""
+"""Character -> plain text that stands for it; any other that cannot be written becomes `?`."""
 _TABLE = str.maketrans(PLAIN)
 PLAIN_ERRORS = "soter.plain"
 TERMS = re.compile(r"(dumb|unknown|ansi|cons25|vt(52|1\d\d|2\d\d))(-.*)?")
 
 
 def plainly(text: str) -> str:
-    """A text in plain characters, as far as they are known; the rest stays."""
+    """The text with plain characters for those of PLAIN; the rest stays."""
     return text.translate(_TABLE)
 
 
 def _encoded(error: UnicodeError) -> tuple[str, int]:
-    """What an encoding does not have, in characters that it has."""
+    """Codec error handler: plain text for characters that an encoding does not have."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     missing = error.object[error.start : error.end]
@@ -97,7 +97,7 @@ codecs.register_error(PLAIN_ERRORS, _encoded)
 
 
 def rounded(x: float) -> str:
-    """A rate: `1.4 M`, `23 k`, `840`."""
+    """A rate with three digits and a unit: `1.4 M`, `23 k`, `840`."""
     for unit, factor in (("G", 1e9), ("M", 1e6), ("k", 1e3)):
         if x >= 0.9995 * factor:
             return f"{x / factor:.3g} {unit}"
@@ -105,7 +105,7 @@ def rounded(x: float) -> str:
 
 
 def size(count: int) -> str:
-    """A size: `9.6 MB`."""
+    """A number of bytes in units of 1024: `9.6 MB`."""
     for unit, factor in (("GB", 2**30), ("MB", 2**20), ("kB", 2**10)):
         if count >= 0.9995 * factor:
             return f"{count / factor:.{3 if count < 999.5 * factor else 4}g} {unit}"
@@ -113,7 +113,7 @@ def size(count: int) -> str:
 
 
 def decimal(count: int) -> str:
-    """A size on a disk, in units of 1000: `481 MB`."""
+    """A number of bytes on a disk in units of 1000: `481 MB`."""
     for unit, factor in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
         if count >= 0.9995 * factor:
             return f"{count / factor:.3g} {unit}"
@@ -121,7 +121,7 @@ def decimal(count: int) -> str:
 
 
 class ChildResult(Exception):  # noqa: N818 - no error: the command was done, in the child
-    """The verdict of a child: what it had to say on standard output, and its exit code."""
+    """The result of a child: what it would have written to standard output, and its exit code."""
 
     def __init__(self, text: str, exit_code: int) -> None:
         super().__init__(exit_code)
@@ -133,11 +133,12 @@ STYLES = {"bold": "1", "muted": "2", "red": "1;31", "green": "1;32", "yellow": "
 
 
 class Console:
-    """The two streams of one command. A context: leaving it puts `sys.stdout` back."""
+    """The two output streams of one command; a context that restores `sys.stdout` at its end."""
 
     def __init__(self, *, json: bool, own_process: bool = False) -> None:
         self.json = json
         self.own_process = own_process
+        """Whether this process is the command, not another program that calls `main`."""
         """Whether this process is the command, and not somebody's who calls `main`."""
         self.of_program: tuple[Diagnostic, ...] = ()
         """What was found in the program that the command is about, to be told however it ends."""
@@ -148,7 +149,7 @@ class Console:
         self._shown_on = self.out
         self._plain_out = self._plain_err = False
         self.output_error: OSError | None = None
-        """Why standard output took no more; a closed pipe is no error."""
+        """Why standard output took no more; `main` does not report a closed pipe as an error."""
         self._saved: IO[str] | None = None
         self._guarded_fd = False
 
@@ -177,11 +178,11 @@ class Console:
             self._unguard()
 
     def during(self, context: AbstractContextManager[None]) -> None:
-        """Enter a context that lasts as long as the command."""
+        """Enters a context that lasts as long as the command."""
         self._during.enter_context(context)
 
     def listen(self) -> None:
-        """From here to the end Ctrl-C, SIGTERM and SIGHUP keep what was reached."""
+        """From now on Ctrl-C, SIGTERM and SIGHUP only ask to stop, so that results are kept."""
         from soter.simulate.interrupt import (  # noqa: PLC0415 - NumPy
             ANY_END,
             StopRequest,
@@ -193,13 +194,13 @@ class Console:
     # ------------------------------------------------------------ a child that prints nothing
 
     def leave_to(self, leave: Callable[[str, int], NoReturn]) -> None:
-        """Keep from now on what would be printed: the parent prints it (`child_process.py`)."""
+        """Keeps from now on what would be printed: the parent prints it (`child_process.py`)."""
         self._leave = leave
         self.out = io.StringIO()
-        self._plain_out = False  # the parent sees to it
+        self._plain_out = False  # the parent writes plain characters where they are needed
 
     def hand_over(self, exit_code: int) -> None:
-        """Give the parent of this process what is printed, and end; nothing without a parent."""
+        """In a child: leaves the output for the parent and ends; otherwise does nothing."""
         if self._leave is not None:
             assert isinstance(self.out, io.StringIO)
             _flush_c()
@@ -208,47 +209,47 @@ class Console:
     # ------------------------------------------------------------ writing
 
     def say(self, text: str = "") -> None:
-        """A result, for people: nothing with `--json`."""
+        """Writes a line of the result, for people; nothing with `--json`."""
         if not self.json:
             self.write(text + "\n")
 
     def document(self, text: str) -> None:
-        """The JSON document."""
+        """Writes the document: JSON, or a format of continuous integration."""
         self.write(text + "\n")
 
     def note(self, text: str) -> None:
-        """Something beside the result."""
+        """Writes a line that is not of the result to standard error."""
         if self.err is not None:
             with suppress(OSError, ValueError):
                 self.err.write((plainly(text) if self._plain_err else text) + "\n")
                 self.err.flush()
 
     def diagnostics(self, items: tuple[Diagnostic, ...]) -> None:
-        """Diagnostics, for people."""
+        """Writes diagnostics to standard error, for people; nothing with `--json`."""
         if items and not self.json:
-            from soter.diagnostics.render import render_all  # noqa: PLC0415 - only then
+            from soter.diagnostics.render import render_all  # noqa: PLC0415 - only for diagnostics
 
             self.note(render_all(items, color=self.color_err))
 
     def paint(self, style: str, text: str) -> str:
-        """`text` in colour where standard output shows it; as it is in a style nobody knows."""
+        """`text` in a style of STYLES if standard output shows colours; else as it is."""
         return painted(style, text) if self.color_out else text
 
     @property
     def width(self) -> int | None:
-        """Columns of the terminal, or of $COLUMNS; None where nobody's columns are known."""
+        """Columns of the terminal, or of $COLUMNS; None if neither is known."""
         if not os.environ.get("COLUMNS", "").isdigit() and not is_terminal(self._shown_on):
             return None
         return max(shutil.get_terminal_size((80, 24)).columns, 20)
 
     def table(self, headers: Sequence[str], rows: Iterable[Sequence[Entry]]) -> str:
-        """A table, in colour and no wider than the terminal where it can be."""
+        """The text of a table, in colour, and no wider than the terminal if possible."""
         from soter.report.tables import table  # noqa: PLC0415 - needs NumPy
 
         return table(headers, rows, color=self.color_out, width=self.width)
 
     def flush(self) -> None:
-        """Hand over what is buffered; the outcome stands in `output_error`."""
+        """Flushes standard output; `output_error` has the error, if there is one."""
         if self.out is not None and self.output_error is None:
             try:
                 self.out.flush()
@@ -265,7 +266,7 @@ class Console:
             self._lost(error)
 
     def _lost(self, error: OSError | ValueError) -> None:
-        """Standard output takes no more: keep Python from complaining at its end."""
+        """Notes that standard output takes no more, and keeps Python from complaining at exit."""
         self.output_error = error if isinstance(error, OSError) else OSError(str(error))
         with suppress(OSError, ValueError, AttributeError):
             null = os.open(os.devnull, os.O_WRONLY)
@@ -275,7 +276,7 @@ class Console:
     # ------------------------------------------------------------ one document, whatever happens
 
     def _guard(self) -> None:
-        """Send everything else that is written to standard output to standard error."""
+        """Sends to standard error whatever else is written to standard output."""
         self._saved = self.out
         if _descriptor(self.out) == 1:
             with suppress(OSError):
@@ -304,13 +305,13 @@ class Console:
 
 
 def painted(style: str, text: str) -> str:
-    """`text` in colour; as it is in a style nobody knows."""
+    """`text` in a style of STYLES; as it is for any other style."""
     known = STYLES.get(style)
     return f"\x1b[{known}m{text}\x1b[0m" if known and text else text
 
 
 def colorful(stream: IO[str] | None) -> bool:
-    """Whether a person sees colours there: see https://no-color.org and FORCE_COLOR."""
+    """Whether a stream shows colours: a terminal, unless NO_COLOR or FORCE_COLOR decide."""
     if os.environ.get("NO_COLOR"):
         return False
     if os.environ.get("FORCE_COLOR"):
@@ -319,12 +320,12 @@ def colorful(stream: IO[str] | None) -> bool:
 
 
 def plain_terminal(stream: IO[str] | None) -> bool:
-    """Whether a person looks at the stream by a terminal that draws no boxes."""
+    """Whether the stream is a terminal that draws no boxes."""
     return is_terminal(stream) and TERMS.fullmatch(os.environ.get("TERM", "")) is not None
 
 
 def is_terminal(stream: IO[str] | None) -> bool:
-    """Whether a person looks at the stream."""
+    """Whether the stream is a terminal."""
     try:
         return stream is not None and stream.isatty()
     except ValueError:
@@ -339,8 +340,8 @@ def _descriptor(stream: IO[str] | None) -> int | None:
 
 
 def _flush_c() -> None:
-    """Hand over what an extern's C has printed but not written yet."""
-    if "ctypes" in sys.modules:  # what runs C has loaded it
+    """Flushes what the C code of externs has printed."""
+    if "ctypes" in sys.modules:  # code that runs C has loaded it
         sys.modules["ctypes"].CDLL(None).fflush(None)
 
 
@@ -352,15 +353,15 @@ CLEAR = "\r\x1b[K"
 
 
 def clipped(text: str) -> str:
-    """What fits on one line: a longer one could not be taken back."""
+    """The text cut to one line of the terminal: a longer one could not be cleared."""
     most = max(shutil.get_terminal_size((80, 24)).columns - 1, 20)
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 class LineOfProgress:
-    """Called with a text that says how far it is; a context, which clears the line when left.
+    """A context that gives a function to call with a text for how far the command is.
 
-    Off a terminal a thread writes the last text at fixed intervals, whether or not it is another.
+    Without a terminal a thread writes the last text at fixed intervals, changed or not.
     """
 
     def __init__(self, console: Console) -> None:
@@ -390,13 +391,13 @@ class LineOfProgress:
             self._logging.start()
 
     def _log(self) -> None:
-        """Write a line again and again until the context is left."""
+        """Writes a line to the log at fixed intervals until the context is left."""
         while not self._left.wait(EVERY_S_OF_A_LOG):
             spent = f"soter: {time.perf_counter() - self._began:.0f} s"
             self._write("  ".join(x for x in (spent, self._so_far()) if x) + "\n")
 
     def _so_far(self) -> str:
-        """How far it is, for a log."""
+        """The text for how far the command is."""
         return self._text
 
     def _show(self, text: str) -> None:
@@ -405,7 +406,7 @@ class LineOfProgress:
             self._write(CLEAR + clipped(text))
 
     def _is_time(self) -> bool:
-        """Whether to write now, on a terminal."""
+        """Whether to rewrite the line now; False where there is no terminal."""
         now = time.perf_counter()
         if self._logging is not None or now < self._next:
             return False
@@ -421,15 +422,15 @@ class LineOfProgress:
 
 
 class ProgressBar(LineOfProgress):
-    """Called with the share that is done: a bar, what is being done and for how long, what is left.
+    """A context that gives a function to call with the share done: bar, phase and time left.
 
-    A share is shown where it says something: not before the first one, and not once all is done
-    that is counted. It never falls, unless a phase that begins anew has another name; what is left
-    never rises: where it turns out to be more than was said nothing is said of it.
+    The share is shown from the first one above 0 until it is 1. It never falls, unless a phase
+    with another name begins anew. The time left never rises: while the estimate is above the last
+    one shown, no time is shown.
     """
 
     def __init__(self, console: Console, *, timed: bool = True) -> None:
-        """`timed`: equal shares take about as long; else nothing follows of what is left."""
+        """`timed`: equal shares take equal times; otherwise no time left is shown."""
         super().__init__(console)
         self._timed = timed
         self._phase = ""
@@ -481,12 +482,12 @@ class ProgressBar(LineOfProgress):
     def _so_far(self) -> str:
         share = f"{self._furthest:4.0%}" if 0.0 < self._furthest < 1.0 else ""
         since = f"{time.perf_counter() - self._phase_began:.0f} s"
-        in_a_log = "" if self._logging is not None else since  # whose lines begin with the time
+        in_a_log = "" if self._logging is not None else since  # lines of a log have it in front
         doing = f"{self._phase}, {since}" if self._phase else in_a_log
         return "  ".join(p for p in (share, self._remaining(), doing) if p).strip()
 
     def _remaining(self) -> str:
-        """How long it may still take, reckoned when the last share was told."""
+        """The time left as text, estimated from the last share; "" if nothing can be said."""
         share, now = self._furthest, time.perf_counter()
         if not (self._timed and 0.001 < share < 1.0):
             return ""

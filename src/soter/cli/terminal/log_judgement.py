@@ -1,6 +1,6 @@
-"""What each module says to a log of somebody else, for people and as JSON.
+"""Prints how each module judges a log of another system, for people and as JSON.
 
-Purpose: when it would have switched, how near it came, what is missing, what is taken for granted.
+Purpose: tells when it would have switched, how near it came to that, what is missing and assumed.
 Non-goals: the judgement (`monitor/`), the command (`cli/monitor.py`).
 """
 
@@ -50,7 +50,7 @@ BOUNDS_HEAD = ("least distance", "at", "comparison")
 
 
 def undecided(m: ModuleOfLog) -> Diagnostic:
-    """D017, as a warning: other modules are decided."""
+    """The warning D017 for a module that the log does not decide; others may be decided."""
     notes = tuple(f"missing: {name}" for name in m.missing)
     message = f"the log does not decide module `{m.module}`"
     return Diagnostic("D017", message, notes=notes, severity=Severity.WARNING)
@@ -60,7 +60,7 @@ def undecided(m: ModuleOfLog) -> Diagnostic:
 
 
 def lines(j: LogJudgement, console: Console) -> Iterator[str]:
-    """The judgement as text."""
+    """Yields the judgement as text for the terminal."""
     yield f"{_judged_on(j)}\n"
     for m in j.modules:
         yield f"{m.module}: {verdict_of(m)}\n"
@@ -75,7 +75,7 @@ def lines(j: LogJudgement, console: Console) -> Iterator[str]:
 
 
 def sections(j: LogJudgement) -> Iterator[PageSection]:
-    """The same for a page."""
+    """Yields the judgement as sections of a page."""
     yield PageSection("What was judged", (_judged_on(j), DISTANCES), PAGE_HEAD, tuple(_rows(j)))
     for m in j.modules:
         yield from _module_sections(m)
@@ -89,7 +89,7 @@ def sections(j: LogJudgement) -> Iterator[PageSection]:
 
 
 def _module_sections(m: ModuleOfLog) -> Iterator[PageSection]:
-    """One module: what came of it, when control changed, how near each comparison came."""
+    """Sections of a module: its outcome, changes of control, how near each comparison came."""
     yield PageSection(m.module, tuple(text.strip() for text in _outcome(m)))
     if not m.decided:
         return
@@ -130,17 +130,17 @@ def _first_switch(m: ModuleOfLog) -> str:
 
 
 def share(x: float) -> str:
-    """A share; what is not all of it is never shown as 100 %, and what is something never as 0."""
+    """A share in percent; only 1 is shown as 100 %, and only 0 as 0."""
     return f"{min(max(x, 0.001), 0.999) if 0.0 < x < 1.0 else x:.1%}"
 
 
 def of_the_log(x: float) -> str:
-    """What a headline adds where a part was judged only."""
+    """The words that a headline adds if only this share of the log was judged."""
     return f" in {share(x)} of the log" if x < 1.0 else ""
 
 
 def verdict_of(m: ModuleOfLog) -> str:
-    """What came of a module, in a line."""
+    """The verdict on a module, in a line."""
     parts = [f"none of {m.asked:,} reads lay outside `safe`"]
     if m.outside:
         parts = [f"{m.outside:,} of {m.asked:,} reads lay outside `safe`"]
@@ -162,7 +162,7 @@ def verdict_of(m: ModuleOfLog) -> str:
 
 
 def unheard(m: ModuleOfLog) -> tuple[str, ...]:
-    """What follows where the log has not what lets AC have control."""
+    """A sentence for what follows if the log lacks the topics that let AC have control."""
     if not m.unheard:
         return ()
     told = f"the log does not give {', '.join(m.unheard)}: for its DM nobody ever gave control back"
@@ -170,7 +170,7 @@ def unheard(m: ModuleOfLog) -> tuple[str, ...]:
 
 
 def _outcome(m: ModuleOfLog) -> Iterator[str]:
-    """What came of all steps of a DM, or why nobody knows."""
+    """Lines about all steps of a DM, or what the log lacks to decide."""
     if not m.decided:
         yield "  undecided; the log does not give"
         for name in m.missing:
@@ -215,7 +215,7 @@ def _of_module(m: ModuleOfLog) -> Iterator[str]:
 
 
 def lost_of(j: LogJudgement) -> Iterator[str]:
-    """Samples that were not used, stamps of another clock, and what faulted."""
+    """Lines for samples that were not used, components that faulted, and damage of the file."""
     for text in j.lost:
         yield f"\n{text}"
     for name, (count, first) in j.refused.items():
@@ -239,7 +239,7 @@ def _of_log(j: LogJudgement) -> Iterator[str]:
 
 
 def _errors(d: DerivedValue) -> tuple[str, ...]:
-    """Of nothing that could be measured there is none, which is not 0."""
+    """The errors of a derived value as text; "none" if none could be measured, which is not 0."""
     return ("none",) * len(ERRORS_SHARES) if d.error is None else tuple(f"{e:.2g}" for e in d.error)
 
 
@@ -266,7 +266,7 @@ class LostSamples:
 
 @dataclass(frozen=True)
 class LeftOutSamples(LostSamples):
-    """The same of samples that were left out, and of each reason for it."""
+    """Samples that were left out, as in `LostSamples`, with their number for each reason."""
 
     reasons: tuple[LostSamples, ...]
 

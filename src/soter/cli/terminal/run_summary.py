@@ -1,8 +1,8 @@
 """The summary of a run, for a person at a terminal.
 
-Purpose: verdict first; then what went wrong, who was in control when, and what all of it rests
-on; of a run in real time how late it was, what was missed, how workers fared, who took over and
-why.
+Purpose: prints the verdict first, then what went wrong, who was in control when, and what the
+verdict rests on; for a run in real time also how late it was, which releases were missed, how
+workers fared, and who took over and why.
 Non-goals: figures for programs (`simulate/run_fields.py`); finding those of real time
 (`runtime/posix/soter_posix_report.c`).
 """
@@ -35,7 +35,7 @@ WIDTH = 34
 
 
 def timing_lines(timing: Timing) -> list[str]:
-    """Lines for the summary, from the driver's report (docs/json.md)."""
+    """Lines on a run in real time, from the driver's report (docs/json.md)."""
     return [
         *_head(timing),
         *_histograms(timing),
@@ -115,11 +115,11 @@ TIMELINE_MAX = 72
 TIMELINE_MIN = 20
 DECISIONS_MAX = 40
 COLUMNS_A_TAKEOVER = 3
-"""Every takeover is drawn, so with more of them a bar would show nothing else."""
+"""Columns that a timeline needs for each takeover; with fewer it is not drawn."""
 
 
 def summary(run: Run, path: str, console: Console, *, why: bool = False) -> str:
-    """All of it; with `why` each change of mode, and on which values."""
+    """The whole summary as text; with `why` also each change of mode and its values."""
     sections = [
         [_headline(run, path, console), *_params(run, console), *_verdict(run, console)],
         list(_violations(run, console)),
@@ -146,7 +146,7 @@ def _headline(run: Run, path: str, console: Console) -> str:
 
 
 def _params(run: Run, console: Console) -> Iterator[str]:
-    """What is not at its default."""
+    """A line with the parameters that do not have their default values."""
     changes = changed_parameters(run.system)
     if changes:
         texts = [
@@ -181,7 +181,7 @@ def _verdict(run: Run, console: Console) -> list[str]:
 
 
 def _reservations(run: Run, console: Console) -> Iterator[str]:
-    """What the verdict does not say of what flew."""
+    """Lines for what limits the verdict: unshown modules, lateness, externs without answers."""
     for m in run.system.modules:
         if m.unshown:
             what = f"`{m.name}` flew by what is not shown of its rest: {m.unshown}"
@@ -208,7 +208,7 @@ def _violations(run: Run, console: Console) -> Iterator[str]:
 
 
 def _faults(run: Run, console: Console) -> Iterator[str]:
-    """Step faults, with what an extern had to say."""
+    """Lines for step faults of each component, with the message of an extern."""
     faults = component_faults(run)
     if not faults:
         return
@@ -226,7 +226,7 @@ def _faults(run: Run, console: Console) -> Iterator[str]:
 
 
 def _on_purpose(run: Run, console: Console) -> list[str]:
-    """What the `faults` of the system did in this run."""
+    """A table of what the `faults` of the system did in this run."""
     rows: dict[tuple[str, int], tuple[str, ...]] = {}
     until_ns = round(run.reached_s * 1e9)
     for f in run.system.faults:
@@ -261,7 +261,7 @@ def _modules(run: Run, console: Console) -> list[str]:
 
 
 def _decisions(run: Run, console: Console) -> Iterator[str]:
-    """Every change of mode, up to `DECISIONS_MAX`, with what decided."""
+    """Lines for each change of mode, up to `DECISIONS_MAX`, with its reason."""
     decisions = run.decisions
     arrow = "->" if console.ascii_only else "→"
     if decisions:
@@ -293,7 +293,7 @@ def _timelines(run: Run, console: Console) -> Iterator[str]:
 
 
 def _modes(run: Run, module: int) -> tuple[np.ndarray, np.ndarray]:
-    """Times in s of every change, with start and end; whether AC is in control from then on."""
+    """Times in s of start, every change and end; whether AC is in control from each on."""
     forced_ac = run.system.modules[module].forced == "ac"
     own = [(c.time_ns / 1e9, c.to == "AC") for c in run.changes if c.module == module]
     points = [(0.0, forced_ac), *own]

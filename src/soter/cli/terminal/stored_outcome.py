@@ -1,14 +1,14 @@
-"""The outcome of a command, told again as long as nothing has changed that it rests on.
+"""Stores the outcome of a command, and tells it again while nothing that it rests on has changed.
 
-Purpose: `Printout` is what a command prints before anybody knows how wide and how coloured it is
-shown; `store_outcome` keeps that and the document in the cache, and `stored_outcome` finds them for
-the same words about files of the same bytes, by the same Soter, compiler, Python and packages.
-Non-goals: which outcomes may be told again: that is the command's to know.
+Purpose: `Printout` is the output of a command before its width and colours are known;
+`store_outcome` keeps it and the JSON document in the cache, and `stored_outcome` finds them for the
+same options and files of the same bytes, with the same Soter, compiler, Python and packages.
+Non-goals: which outcomes may be told again: the command decides that.
 
-What is looked up costs no reading of the program as one: of each program a small file lists the
-files that it was made of, and an outcome is stored under the hashes of their contents as they were
-when the program was read. A file of the list that is another one by now gives another hash; one
-that would have to be added to the list needs a change in a file that is on it.
+A look-up does not parse the program: for each program a small file lists the files that it was made
+of, and an outcome is stored under the hashes of their contents as they were when the program was
+read. A change in a listed file gives another hash; and no file can join the program without a
+change in a listed one.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ if TYPE_CHECKING:
 NAME = "proof-outcome"
 FILE = "outcome.json"
 PACKAGES = ("cffi", "highspy", "numpy", "z3-solver")
-"""What of others' a result may depend on."""
+"""Installed packages whose version a result may depend on."""
 LIST_MAX = 1024 * 1024
 PAINT = re.compile(r"\x1b\[[0-9;]*m")
 
 
 @dataclass(eq=False)
 class Printout:
-    """Texts and tables in the order in which they are shown; `parts` are what JSON can hold.
+    """Texts and tables in the order in which they are shown, in a form that JSON can hold.
 
     A part is a text, coloured, or `[headers, rows]` of a table, whose cells are texts or
     `{"text", "tone"}`.
@@ -56,21 +56,21 @@ class Printout:
     parts: list[Any] = field(default_factory=list)
 
     def say(self, text: str = "") -> None:
-        """A line, or several."""
+        """Adds a line, or several."""
         self.parts.append(text)
 
     def table(self, headers: Sequence[str], rows: Iterable[Sequence[str | Styled]]) -> None:
-        """A table."""
+        """Adds a table."""
         cells = [[c if isinstance(c, str) else asdict(c) for c in row] for row in rows]
         self.parts.append([list(headers), cells])
 
     @staticmethod
     def paint(style: str, text: str) -> str:
-        """`text` in colour, which is taken off where nobody sees it."""
+        """`text` in colour; `show` removes colours where the console has none."""
         return painted(style, text)
 
     def show(self, console: Console) -> None:
-        """Say all of it."""
+        """Prints all parts, unless the console is for JSON."""
         for part in self.parts if not console.json else ():
             if isinstance(part, str):
                 console.say(part if console.color_out else PAINT.sub("", part))
@@ -83,7 +83,7 @@ class Printout:
 
 @dataclass(frozen=True)
 class StoredOutcome:
-    """What was printed, the fields of the document, and the exit code.
+    """The output, the fields of the document and the exit code of a command.
 
     `warned`: the program has warnings, which are not stored.
     """
@@ -95,7 +95,7 @@ class StoredOutcome:
 
 
 def stored_outcome(file: str, words: Sequence[str]) -> StoredOutcome | None:
-    """What was stored of the program in `file` for these words; None where anything is another."""
+    """The outcome stored for the program in `file` and these words; None if anything differs."""
     try:
         contents = {path: _sha256(path) for path in _listed(file)}
         entry = find_cached(NAME, _content(file, words, contents), (FILE,)) if contents else None
@@ -111,10 +111,10 @@ def stored_outcome(file: str, words: Sequence[str]) -> StoredOutcome | None:
 def store_outcome(
     file: str, words: Sequence[str], contents: Mapping[Path, str], outcome: StoredOutcome
 ) -> None:
-    """Keep an outcome; a cache that refuses is left.
+    """Stores an outcome; an error of the cache is ignored.
 
-    `words`: all that the command was asked. `contents`: SHA-256 of every file that the program in
-    `file` was made of, as it was read, by its path.
+    `words`: the command and its options. `contents`: path -> SHA-256 of every file that the program
+    in `file` was made of, as it was when it was read.
     """
     absolute = {_absolute(path): sha256 for path, sha256 in contents.items()}
     told = {"exit": outcome.exit, "fields": outcome.fields, "warned": outcome.warned}
@@ -127,11 +127,11 @@ def store_outcome(
         store(NAME, _content(file, words, absolute), (FILE,), make)
         _list(file, list(absolute))
     except (OSError, SoterError):
-        return  # it is computed again: that is no lie
+        return  # the next command computes it again
 
 
 def _content(file: str, words: Sequence[str], contents: Mapping[str, str]) -> str:
-    """A hash of all that an outcome rests on."""
+    """A hash over everything that an outcome rests on."""
     compiler = find()
     made_by = [soter_sha256(), compiler.identity, *compiler.flags, sys.version, platform.platform()]
     made_by += [f"{name} {_version(name)}" for name in PACKAGES]
@@ -147,12 +147,12 @@ def _version(package: str) -> str:
 
 
 def _absolute(path: str | Path) -> str:
-    """As the system reads it, links and `..` in it: what they lead to may change."""
+    """The absolute path, with its links and `..`: what they lead to may change."""
     return str(Path(path).absolute())
 
 
 def _sha256(path: str) -> str:
-    """Of a plain file; OSError for anything else, which may be another one in every reading."""
+    """SHA-256 of a plain file; OSError for anything else, as each reading may differ."""
     if not stat.S_ISREG(os.stat(path).st_mode):  # noqa: PTH116 - follows links on purpose
         raise OSError(f"{path} is no plain file")
     return hashlib.sha256(Path(path).read_bytes()).hexdigest()
@@ -162,12 +162,12 @@ def _sha256(path: str) -> str:
 
 
 def _list_of(file: str) -> Path:
-    """Beside the cache's entries, which are folders: nobody who makes room there removes it."""
+    """The path of the list of a program's files; clearing the cache removes only folders."""
     return cache_dir() / "verdicts" / f"{digest([_absolute(file)])[:32]}.files"
 
 
 def _listed(file: str) -> list[str]:
-    """The files that a program was made of when its outcome was stored last."""
+    """The files that the program was made of when its last outcome was stored; [] if unknown."""
     path = _list_of(file)
     status = path.stat()
     if not is_ours(status) or status.st_size > LIST_MAX:

@@ -1,1 +1,1 @@
-"""Commands about the tool itself: its layout, its cache, what shells know of it."""
+"""Commands about the tool itself, its texts and pictures: they neither run nor prove anything."""

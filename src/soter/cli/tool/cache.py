@@ -1,6 +1,6 @@
-"""`soter cache`: what compiled programs and computed sets take on the disk.
+"""`soter cache`: tells how much of the disk compiled programs and computed sets take.
 
-Purpose: show it, clear it, say how large it may grow.
+Purpose: shows the cache, clears it, or sets how large it may grow.
 Non-goals: what is kept, and for how long (`native/cache.py`).
 """
 
@@ -51,7 +51,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Show, clear, or set the limit; UsageError for a size where none is meant."""
+    """Shows the cache, clears it or sets its limit; UsageError for a size too many or missing."""
     if (args.size is None) != (args.action != "limit"):
         wants = "takes a SIZE, such as 500MB" if args.size is None else "takes no SIZE"
         raise UsageError(f"`soter cache {args.action}` {wants}")

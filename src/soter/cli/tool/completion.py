@@ -1,6 +1,6 @@
-"""`soter completion SHELL`: what bash, zsh and fish complete, read off the parsers.
+"""`soter completion SHELL`: prints a script by which bash, zsh or fish complete command lines.
 
-Purpose: a script for a shell: commands, their options, the words that an option takes, files.
+Purpose: reads commands, options, the words that an option takes, and places of files off parsers.
 Non-goals: names inside of a program (systems, tests): a shell would check it at every key.
 """
 
@@ -25,12 +25,12 @@ EXAMPLES = """\
   soter completion fish > ~/.config/fish/completions/soter.fish
 """
 FILES = re.compile(r"FILE|DIR|PATH|LOG|TRACE")
-"""What an option or a place on the command line is called that takes a path."""
+"""Matches the metavar of an option or argument that takes a path."""
 
 
 @dataclass(frozen=True)
 class Option:
-    """`names`: as they are written; `values`: the words it takes, none where it takes any."""
+    """An option. `names`: as they are written; `values`: its possible words, () for any."""
 
     names: tuple[str, ...]
     about: str
@@ -41,7 +41,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Words:
-    """What one command takes: options, words in the first place, paths there."""
+    """What one command takes: options, the words of its first argument, and if it takes paths."""
 
     name: str
     about: str
@@ -58,7 +58,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Print it."""
+    """Prints the script for the shell."""
     from soter.cli.main import COMMANDS, parser_of  # noqa: PLC0415 - it imports this file by name
 
     words = [
@@ -177,7 +177,7 @@ def _zsh_option(option: Option) -> Iterator[str]:
 
 
 def _plain(text: str) -> str:
-    """What may stand in a description: none of the marks that zsh reads."""
+    """A description without the characters that have a meaning in zsh."""
     return re.sub(r"[\[\]:\\]", " ", text)
 
 

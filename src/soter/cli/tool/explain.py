@@ -1,6 +1,6 @@
 """`soter explain CODE`: the page of a diagnostic code.
 
-Purpose: the rule, a wrong program and a right one, on a terminal; all codes without argument.
+Purpose: prints a page (the rule, a wrong program, a right one); without argument all codes.
 Non-goals: the pages (`diagnostics/pages`).
 """
 
@@ -37,7 +37,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Explain."""
+    """Prints the page of the code, or the list of codes; a diagnostic for an unknown code."""
     if args.code is None:
         return _list(console)
     code = named(args.code)
@@ -64,7 +64,7 @@ def _unknown(code: str) -> CommandOutcome:
 
 
 def _shown(page: str, console: Console) -> str:
-    """Markdown as it is; on a terminal with headings and code set off."""
+    """The page's Markdown; with colours for headings and code where the console has some."""
     if not console.color_out:
         return page.rstrip()
     lines, in_code = [], False

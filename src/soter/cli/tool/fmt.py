@@ -1,6 +1,6 @@
-"""`soter fmt FILE...`: one layout for all programs.
+"""`soter fmt FILE...`: gives all programs one layout.
 
-Purpose: rewrite files in place, each whole or not at all; `--check` and `--diff` only look.
+Purpose: rewrites files in place, each whole or not at all; `--check` and `--diff` only look.
 Non-goals: the layout (`language/syntax/printer.py`).
 """
 
@@ -50,7 +50,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Lay out every file; mistakes in one do not keep the others from it."""
+    """Lays out every file, whatever is wrong with the others."""
     problems: list[Diagnostic] = []
     changed: list[str] = []
     texts: dict[str, str] = {}
@@ -104,7 +104,7 @@ def _say(
 
 
 def _replace(path: Path, text: str) -> None:
-    """Write a file whole or not at all, keeping its permissions."""
+    """Writes a file whole or not at all, with its old permissions; SoterError D006."""
     try:
         mode = stat.S_IMODE(path.stat().st_mode)
         _require_leave(path, mode)
@@ -117,7 +117,7 @@ def _replace(path: Path, text: str) -> None:
 
 
 def _require_leave(path: Path, mode: int) -> None:
-    """D006 for a file that says it is not to be written, which a rename would not ask."""
+    """Raises D006 for a read-only file, which `atomic_write`'s rename would replace."""
     if mode & 0o222 and os.access(path, os.W_OK):
         return
     again = shlex.quote(str(path))

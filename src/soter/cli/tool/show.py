@@ -1,7 +1,7 @@
-"""`soter show FILE`: the diagram of a system, and a log replayed on it.
+"""`soter show FILE`: draws a system, and replays a log on the diagram.
 
-Purpose: nodes, topics, modules and plants with their periods as an SVG, in a file or on standard
-output; with `--log` a page on which the log moves.
+Purpose: writes nodes, topics, modules and plants with their periods as an SVG to a file or to
+standard output; with `--log` a page that animates the log.
 Non-goals: time lines (`soter run --report`).
 """
 
@@ -48,7 +48,7 @@ class Options:
 
 
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
-    """Show."""
+    """Draws the system, and writes the SVG or the page."""
     program = opened(args, console)
     shown = program.diagram(args.system, dict(args.params))
     ending = "svg" if args.log is None else "html"

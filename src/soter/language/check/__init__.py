@@ -1,1 +1,1 @@
-"""From trees to the checked program."""
+"""Checks the syntax trees of a program: names, types, constants, and every declaration."""

@@ -1,6 +1,6 @@
-"""Check calls: declared functions, built-in operations, `mode(M)`, `age(t)`.
+"""Checks calls: declared functions, built-in operations, `mode(M)`, `age(t)`.
 
-Purpose: what may be called with what, and what it gives.
+Purpose: decides what may be called with which arguments, and the type of the result.
 Non-goals: the operations themselves (`arithmetic.py`), bodies of functions
 (`language/check/declarations.py`).
 """
@@ -60,10 +60,10 @@ ARITY = {"min": 2, "max": 2, "dot": 2, "saturate": 2}
 
 
 class CallChecker(FieldChecker):
-    """The part of the expression checker that knows calls."""
+    """The part of the expression checker for calls."""
 
     def call(self, expr: tree.CallExpr, context: Context, expected: Type | None) -> typed.TypedExpr:
-        """`callee(arguments)`."""
+        """Checks `callee(arguments)`."""
         callee = expr.callee
         if isinstance(callee, tree.NameExpr):
             name = callee.name.text
@@ -91,7 +91,7 @@ class CallChecker(FieldChecker):
     def _declared_called(
         self, entry: Entry, name: str, expr: tree.CallExpr, context: Context
     ) -> typed.TypedExpr:
-        """A call of what a file declares; T004 unless it is a function."""
+        """Checks a call of a declared name; reports T004 unless it is a function."""
         if entry.kind == "type":
             return self._type_called(entry, expr)
         if entry.kind != "function":
@@ -104,7 +104,7 @@ class CallChecker(FieldChecker):
     def _no_name_called(
         self, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """T004 for a call of what is neither a name nor one behind an import."""
+        """Reports T004 for a call of an expression that is no name, nor one of an import."""
         callee = expr.callee
         names = flat_names(callee)
         if isinstance(callee, tree.ErrorExpr):
@@ -123,7 +123,7 @@ class CallChecker(FieldChecker):
         return self._failed(expr, context)
 
     def _failed(self, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
-        """An error that was reported; the arguments may have errors of their own."""
+        """An ERROR expression, after checking the arguments for errors of their own."""
         for argument in expr.arguments:
             self.check(argument, context)
         return error_expr(expr.span)
@@ -131,7 +131,7 @@ class CallChecker(FieldChecker):
     def _of_a_library(
         self, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """N006 for `np.clip(...)` and `random.uniform(...)`."""
+        """Reports N006 for `np.clip(...)`, `random.uniform(...)` and the like."""
         callee = expr.callee
         assert isinstance(callee, tree.FieldExpr)
         helps = self._meant(callee.field.text, callee.span, expr, context, expected)
@@ -147,7 +147,7 @@ class CallChecker(FieldChecker):
     def _meant(
         self, name: str, span: Span, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> tuple[Help, ...]:
-        """What an unknown function was meant to be; `span` is what would be replaced."""
+        """Helps with what an unknown function was meant to be; `span` is the text to replace."""
         helps = (
             call_hints.of_chance(name, expr, context)
             or call_hints.of_another_language(name, expr)
@@ -159,7 +159,7 @@ class CallChecker(FieldChecker):
         return helps
 
     def _near(self, name: str, context: Context) -> tuple[Help, ...]:
-        """The function of a similar name that takes another number of arguments."""
+        """Help with a function of a similar name that takes another number of arguments."""
         public = (n for n in (*context.scope.entries, *self.names.prelude) if n[0] != "_")
         near = likely(name, [n for n in public if self._takes(n, context) is not None])
         entry = context.scope.entries.get(near or "") or self.names.prelude.get(near or "")
@@ -169,7 +169,7 @@ class CallChecker(FieldChecker):
         return (f"there is `{near}({parameters})`",)
 
     def _takes(self, name: str, context: Context) -> int | None:
-        """How many arguments the function of a name takes; None where there is none."""
+        """How many arguments the function of this name takes; None if there is none."""
         if name in TAKES:
             return ARITY.get(name, 1)
         entry = context.scope.entries.get(name) or self.names.prelude.get(name)
@@ -179,7 +179,7 @@ class CallChecker(FieldChecker):
     def _no_function(
         self, what: str, name: str, expr: tree.CallExpr, context: Context
     ) -> typed.TypedExpr:
-        """T004, with what can be done with a value or a type of that name."""
+        """Reports T004, with helps for a value or a type of that name."""
         callee = expr.callee
         last = name.rpartition(".")[2]
         helps: tuple[Help, ...] = ()
@@ -203,7 +203,7 @@ class CallChecker(FieldChecker):
         return self._failed(expr, context)
 
     def _type_called(self, entry: Entry, expr: tree.CallExpr) -> typed.TypedExpr:
-        """T004 for `Vec2(1.0, 2.0)`; its arguments are looked at where they stand in a literal."""
+        """Reports T004 for `Vec2(1.0, 2.0)`, with the literal as help."""
         symbol = self.shared.resolve(entry, expr.callee.span)
         self.diagnostics.error(
             "T004",
@@ -214,7 +214,7 @@ class CallChecker(FieldChecker):
         return error_expr(expr.span)
 
     def _of_value(self, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
-        """The value alone, or an element of it; nothing where it is none at this place."""
+        """Helps with the value alone, or an element of it; () if the name is no value here."""
         with self.diagnostics.trial() as sound:
             value = self.container(expr.callee, context)
         return call_hints.of_a_value(value, expr) if sound() and not is_error(value) else ()
@@ -282,7 +282,7 @@ class CallChecker(FieldChecker):
     def _unknown_function(
         self, name: tree.Name, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> None:
-        """N001, with the functions that take as many arguments."""
+        """Reports N001, with similar functions that take as many arguments."""
         fits = [
             n
             for n in (*TAKES, *context.scope.entries, *self.names.prelude)
@@ -404,7 +404,7 @@ class CallChecker(FieldChecker):
     def _declared_module(
         self, names: Sequence[tree.Name], argument: tree.SyntaxExpr, context: Context, asked: str
     ) -> typed.ModuleSymbol | None:
-        """The module that a file declares under these names; None after a report."""
+        """The module that these names mean; None after a report."""
         ref = tree.Ref(names[0] if len(names) > 1 else None, names[-1], argument.span)
         entry = self.names.find_ref(context.scope, ref)
         if entry is None:
@@ -417,7 +417,7 @@ class CallChecker(FieldChecker):
         return None
 
     def _no_module(self, asked: str, span: Span, what: str, helps: tuple[Help, ...] = ()) -> None:
-        """T002 where `mode` or `margin` is asked of something else."""
+        """Reports T002 for `mode` or `margin` of something that is no module."""
         self.diagnostics.error(
             "T002", f"`{asked}` takes a module", span, f"this is {what}", helps=helps
         )
@@ -437,7 +437,7 @@ _CONVERSIONS: dict[str, tuple[Type, tuple[type[Type], ...]]] = {
 
 
 def _result(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
-    """Result type of a builtin, None when it does not apply; may convert literals in place."""
+    """The result type of a builtin, None if it does not apply; may convert literals in place."""
     first = arguments[0].type
     if name in {"sqrt", "floor"}:
         as_float = float_literal(arguments[0])
@@ -457,7 +457,7 @@ def _result(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
 
 
 def _saturated(arguments: list[typed.TypedExpr]) -> Type | None:
-    """What `saturate` gives, None where it does not apply; may convert its bound in place."""
+    """The result type of `saturate`, None if it does not apply; may convert its bound in place."""
     first = arguments[0].type
     bound = float_literal(arguments[1]) or arguments[1]
     if isinstance(bound.type, FloatType) and (is_vector(first) or isinstance(first, FloatType)):
@@ -473,6 +473,6 @@ def _is_below(module: typed.ModuleSymbol, names: Sequence[tree.Name]) -> bool:
 
 
 def _hint(name: str, expected: Type | None) -> Type | None:
-    """What the arguments of a function may be expected to be."""
+    """The type to expect of a builtin's arguments, as a hint for literals."""
     keeps = isinstance(expected, FloatType) and name in {"abs", "min", "max"}
     return FLOAT if keeps or name in {"sqrt", "floor"} else None

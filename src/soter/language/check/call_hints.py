@@ -1,9 +1,8 @@
-"""What a call was meant to be, where nothing of that name can be called.
+"""Guesses what a call was meant to be if nothing of that name can be called.
 
-Purpose: helps for values called as functions (`time()`, `rays(1)`), types (`Vec2(1.0, 2.0)`),
-methods (`v.norm()`), chance (`randint(0, 1)`), literals (`zeros(3)`) and names that are nearly
-right. Every edit has been compared with the types at hand: what would be an error again is not
-proposed.
+Purpose: makes helps for values called as functions (`time()`, `rays(1)`), types (`Vec2(1.0, 2.0)`),
+methods (`v.norm()`), chance (`randint(0, 1)`), literals (`zeros(3)`) and nearly right names. It
+compares every edit with the types at this place, and offers none that would be an error again.
 Non-goals: reporting (`language/check/call.py`); words that only another language has
 (`unknown_names.py`).
 """
@@ -37,7 +36,7 @@ ELEMENTS_MAX = 16
 def of_a_value(
     value: typed.TypedExpr, expr: tree.CallExpr, what: str = "it is"
 ) -> tuple[Help, ...]:
-    """For `rays(1)` and `speed()`: brackets, or the name alone."""
+    """Helps for `rays(1)` and `speed()`: brackets, or the name alone."""
     text = expr.callee.span.text
     if isinstance(value.type, (ArrayType, ListType)) and len(expr.arguments) == 1:
         index = expr.arguments[0]
@@ -51,7 +50,7 @@ def of_a_value(
 
 
 def of_a_type(of: Type, expr: tree.CallExpr) -> tuple[Help, ...]:
-    """For `Vec2(1.0, 2.0)`, `Report(lamp=lamp)` and `Gear(1)`."""
+    """Helps for `Vec2(1.0, 2.0)`, `Report(lamp=lamp)` and `Gear(1)`: a literal or a member."""
     if isinstance(of, EnumType):
         return (f"name the case: `{expr.callee.span.text}.{of.members[0]}`",)
     if not isinstance(of, RecordType):
@@ -70,7 +69,7 @@ def of_a_type(of: Type, expr: tree.CallExpr) -> tuple[Help, ...]:
 def _fields_given(
     arguments: Sequence[tree.SyntaxExpr], names: Sequence[str]
 ) -> dict[str, str] | None:
-    """The text of each field that is given, by its name or its place; None if they are too few."""
+    """Field -> text of its argument, matched by name or by place; None if they do not match."""
     values = [_named(a, names) for a in arguments]
     if len(values) != len(names) or None in values:
         return None
@@ -79,7 +78,7 @@ def _fields_given(
 
 
 def _named(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[str, str] | None:
-    """`lamp=x`, which is read as a comparison, as a field and its value; ("", x) for `x` alone."""
+    """Field and value of an argument `lamp=x`, parsed as a comparison; ("", x) for `x` alone."""
     if not isinstance(argument, tree.BinaryExpr) or argument.op != "==":
         return "", argument.span.text
     name = argument.left
@@ -89,7 +88,7 @@ def _named(argument: tree.SyntaxExpr, names: Sequence[str]) -> tuple[str, str] |
 
 
 def of_chance(name: str, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
-    """For `randint(0, 1)`, `np.random.uniform(-a, a)`."""
+    """Helps for `randint(0, 1)`, `np.random.uniform(-a, a)`: a choice or a disturbance."""
     if name not in RANDOM:
         return ()
     bounds = [a.span.text for a in expr.arguments[:2]] if len(expr.arguments) == 2 else []
@@ -116,7 +115,7 @@ def _is_int(e: tree.SyntaxExpr) -> bool:
 
 
 def of_a_literal(name: str, expr: tree.CallExpr, expected: Type | None) -> tuple[Help, ...]:
-    """For `zeros(3)` and `np.array([1.0, 2.0])`."""
+    """Helps for `zeros(3)` and `np.array([1.0, 2.0])`: a literal."""
     arguments = expr.arguments
     if name in WRAPPED and len(arguments) == 1:
         return (replace(expr.span, arguments[0].span.text),)
@@ -132,7 +131,7 @@ def of_a_literal(name: str, expr: tree.CallExpr, expected: Type | None) -> tuple
 
 
 def filled(of: Type, value: str) -> str:
-    """A literal of a type of floats, each of them `value`; "" where there is none."""
+    """A literal of a type made of floats, each of them `value`; "" for other types."""
     if isinstance(of, FloatType):
         return value
     if isinstance(of, ArrayType) and of.size <= ELEMENTS_MAX:
@@ -146,13 +145,13 @@ def filled(of: Type, value: str) -> str:
 
 
 def as_function(name: str, expr: tree.CallExpr, target: Span) -> tuple[Help, ...]:
-    """`norm(v)` for `v.norm()`."""
+    """Help that writes a method as a function: `norm(v)` for `v.norm()`."""
     arguments = [target.text, *(a.span.text for a in expr.arguments)]
     return (replace(expr.span, f"{name}({', '.join(arguments)})"),)
 
 
 def of_another_language(name: str, expr: tree.CallExpr) -> tuple[Help, ...]:
-    """For `round(x)`, `ceil(x)`, `sum(xs)`."""
+    """Helps for functions of other languages: `round(x)`, `ceil(x)`, `sum(xs)`."""
     if name in ("mod", "fmod", "rem") and len(expr.arguments) == 2:
         a, b = (x.span.text for x in expr.arguments)
         return (replace(expr.span, f"({a}) % {b}"),)
@@ -174,11 +173,11 @@ ITSELF = frozenset(
     ["iter", "iter_mut", "into_iter", "cloned", "clone", "copy", "to_vec", "items", "values",
      "tolist", "as_slice", "data", "begin"]
 )  # fmt: skip
-"""Methods that give what they are called on."""
+"""Methods of other languages that return the value they are called on."""
 
 
 def nested(name: str, expr: tree.CallExpr) -> Help:
-    """`max(a, max(b, c))` for `max(a, b, c)`."""
+    """Help that nests a call with too many arguments: `max(a, max(b, c))`."""
     *rest, whole = [a.span.text for a in expr.arguments]
     for text in reversed(rest):
         whole = f"{name}({text}, {whole})"

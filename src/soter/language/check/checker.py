@@ -1,6 +1,6 @@
-"""The checker: from loaded files to a checked `Program`.
+"""The checker: makes a checked program of the loaded files.
 
-Purpose: resolve every declaration once and on demand, then every body; all errors in one pass.
+Purpose: resolves every declaration once and on demand, then checks every body, in one pass.
 Non-goals: numbers of a particular system (`elaborator.py`), the paper's P1 (`wellformed.py`).
 """
 
@@ -26,7 +26,7 @@ NAMES_IN_CYCLE = 8
 
 
 class Checker:
-    """One checking run over one loaded program; what its parts may ask of it is `Shared`."""
+    """One checking run over one loaded program; its parts see it as `Shared`."""
 
     def __init__(self, loaded: LoadedProgram, diagnostics: Diagnostics) -> None:
         self.loaded = loaded
@@ -59,7 +59,7 @@ class Checker:
     # ------------------------------------------------------------ the whole
 
     def run(self) -> typed.TypedProgram:
-        """Check everything; the program is only meaningful without errors."""
+        """Checks everything; the program that it returns is only meaningful without errors."""
         for prelude in self.loaded.prelude:
             self.names.add_prelude(prelude)
         main = self.names.add_program(self.loaded.main)
@@ -101,19 +101,19 @@ class Checker:
         return self.mark() == mark
 
     def later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
-        """Check a body once every signature is known; systems see what is inside the others."""
+        """Notes a body to be checked once every signature is known; systems come last."""
         late = isinstance(symbol, (typed.SystemSymbol, typed.TestSymbol))
         (self._late_bodies if late else self._bodies).append((symbol, decl, scope))
 
     # ------------------------------------------------------------ damage
 
     def mark(self) -> tuple[int, int]:
-        """Grows when something goes wrong, or turns out to have gone wrong, in what is at hand."""
+        """Counts of errors and of losses; they grow if the declaration being checked is damaged."""
         errors, losses = self._absorbed
         return self.diagnostics.error_count - errors, self.names.losses - losses
 
     def absorb(self, mark: tuple[int, int]) -> None:
-        """What went wrong since `mark` concerns another declaration than the one at hand."""
+        """Does not count errors and losses since `mark`: they belong to another declaration."""
         now = self.mark()
         self._absorbed[0] += now[0] - mark[0]
         self._absorbed[1] += now[1] - mark[1]
@@ -121,7 +121,7 @@ class Checker:
     # ------------------------------------------------------------ resolution on demand
 
     def resolve(self, entry: Entry, span: Span, *, use: bool = True) -> object:
-        """The symbol of a declaration; cycles are T012; None after an error."""
+        """The symbol of a declaration, resolved if need be; None after an error (T012: cycle)."""
         if use:
             entry.used = True
         if entry.state == "resolving":
@@ -151,7 +151,7 @@ class Checker:
         entry.state = "done"
 
     def _report_cycle(self, circle: list[Entry], span: Span) -> None:
-        """T012: each entry of the circle needs the next, the last one the first (at `span`)."""
+        """Reports T012: each entry of the circle needs the next, the last the first (at `span`)."""
         entry = circle[0]
         names = [e.decl.name.text for e in (*circle, entry)]
         names[0:1] = [f"{names[0]}` needs `{names[1]}"]
@@ -216,7 +216,7 @@ def _register(program: typed.TypedProgram, entry: Entry) -> None:
 
 
 def check(loaded: LoadedProgram, diagnostics: Diagnostics) -> typed.TypedProgram:
-    """Check a loaded program; errors go into `diagnostics`."""
+    """Checks a loaded program; errors go into `diagnostics`."""
     return Checker(loaded, diagnostics).run()
 
 

@@ -35,24 +35,25 @@ if TYPE_CHECKING:
     )
     from soter.language.model.types import Type, Value
 
+    # entries that need each other in turn, and where the last one needs the first
     Circle = tuple[list[Entry], Span]
+    # checks the body of a function, and returns whether it has no errors
     CheckBody = Callable[[FunSymbol, tree.FunDecl, FileScope], bool]
     Because = tuple[Span, str]
 
-    # entries that need each other in turn, and where the last needs the first
 
 SHORT = 50
-"""A program of so few declarations cannot have a long chain."""
+"""A program with at most this many declarations cannot have a long chain."""
 
 CHAINING = {"type", "constant", "parameter", "function", "system"}
-"""Declarations that can need one of their own kind."""
+"""Kinds of declarations that can need one of the same kind."""
 
 
 def in_order_of_need(entries: list[Entry], names: Names) -> tuple[list[Entry], list[Circle]]:
-    """The entries, each after the ones it mentions, and the circles that stand in the way.
+    """The entries, each after those that it mentions, and the circles that prevent this.
 
-    Functions may mention names that are locals of theirs, so circles through them are left to
-    the checker.
+    A function may mention its own locals by such a name, so the checker reports circles through
+    functions.
     """
     if len(entries) <= SHORT:
         return entries, []
@@ -87,7 +88,7 @@ def in_order_of_need(entries: list[Entry], names: Names) -> tuple[list[Entry], l
 
 
 def _needs(entry: Entry, names: Names) -> Iterator[tuple[Entry, Span]]:
-    """Entries that a declaration mentions and that could lead to a long chain, and where."""
+    """Yields entries that a declaration mentions and that may lead to a long chain, with place."""
     if entry.kind not in CHAINING:
         return
     for qualifier, name, span in mentioned(entry.decl):
@@ -106,7 +107,7 @@ def _needs(entry: Entry, names: Names) -> Iterator[tuple[Entry, Span]]:
 
 
 def mentioned(root: object) -> Iterator[tuple[str | None, str, Span]]:
-    """`(qualifier, name, place)` of all names below a piece of syntax that may be declared."""
+    """Yields `(qualifier, name, place)` of all names in a piece of syntax that may be declared."""
     todo = [root]
     while todo:
         node = todo.pop()
@@ -122,7 +123,6 @@ def mentioned(root: object) -> Iterator[tuple[str | None, str, Span]]:
             fields = node.__dataclass_fields__
             todo.extend(getattr(node, f) for f in reversed(fields) if not f.endswith("span"))
 
-    # checks the body of a function; whether it is without errors
 
 
 MAX_CALLS_SHOWN = 4
@@ -147,15 +147,15 @@ class CallGraph:
     # ------------------------------------------------------------ bodies
 
     def add(self, fun: FunSymbol, decl: tree.FunDecl, scope: FileScope) -> None:
-        """Remember a body for later; bodies of the prelude are only checked when called."""
+        """Notes a body to be checked later; bodies of the prelude are only checked if called."""
         (self._lazy if scope.loaded.prelude else self._unchecked)[fun] = (decl, scope)
 
     def mark_invalid(self, fun: FunSymbol) -> None:
-        """A function whose declaration has an error: constants cannot be made with it."""
+        """Notes that a function's declaration has an error, so that no constant may call it."""
         self._broken.add(fun)
 
     def call(self, fun: FunSymbol, span: Span) -> None:
-        """A call was met; the callee's body is needed too."""
+        """Notes a call in the current body; the callee's body will be checked, too."""
         if self.current is not None:
             self._calls.setdefault(self.current, []).append((fun, span))
         lazy = self._lazy.pop(fun, None)
@@ -163,12 +163,12 @@ class CallGraph:
             self._unchecked[fun] = lazy
 
     def param(self, param: ParamSymbol, span: Span) -> None:
-        """A parameter of the program was read."""
+        """Notes that the current body reads a parameter of the program."""
         if self.current is not None:
             self._params.setdefault(self.current, (param, span))
 
     def check_body(self, fun: FunSymbol) -> None:
-        """Check a function's body now if that was not done yet."""
+        """Checks a function's body now if that was not done yet."""
         waiting = self._unchecked.pop(fun, None)
         if waiting is None:
             return
@@ -178,7 +178,7 @@ class CallGraph:
         self.current = outer
 
     def check_bodies(self) -> bool:
-        """Check every body still waiting; whether there was one."""
+        """Checks every body that is still waiting; returns whether there was one."""
         some = bool(self._unchecked)
         while self._unchecked:
             self.check_body(next(iter(self._unchecked)))
@@ -187,7 +187,7 @@ class CallGraph:
     # ------------------------------------------------------------ questions
 
     def _below(self, fun: FunSymbol) -> Iterator[FunSymbol]:
-        """The function and everything it calls, bodies checked."""
+        """Yields the function and all that it calls, after checking their bodies."""
         seen = {fun}
         todo = [fun]
         while todo:
@@ -206,22 +206,22 @@ class CallGraph:
         return not any(f in self._broken or f in self._recursive for f in below)
 
     def extern_below(self, fun: FunSymbol) -> FunSymbol | None:
-        """An extern function that a call would reach."""
+        """An extern function that a call would reach; None if there is none."""
         return next((f for f in self._below(fun) if f.extern), None)
 
     def param_below(self, fun: FunSymbol) -> tuple[ParamSymbol, Span] | None:
-        """A parameter that a call would read, and where."""
+        """A parameter that a call would read, and where; None if there is none."""
         return next((self._params[f] for f in self._below(fun) if f in self._params), None)
 
     # ------------------------------------------------------------ recursion
 
     def report_recursion(self) -> None:
-        """T006 for every cycle that was not reported yet; all bodies have been checked."""
+        """Reports T006 for every new cycle; call it after all bodies have been checked."""
         for fun in list(self._calls):
             self._walk(fun)
 
     def _walk(self, root: FunSymbol) -> None:
-        """Depth first over what was not walked yet; reports each cycle it meets."""
+        """Walks calls depth first from `root`, where not done yet, and reports each cycle."""
         if root in self._walked:
             return
         path: dict[FunSymbol, Span | None] = {root: None}
@@ -269,28 +269,28 @@ ROOTS = {"system", "test"}
 
 
 class UnusedDeclarations:
-    """Warnings waiting for the end of the check."""
+    """Keeps warnings of unused declarations until the end of the check."""
 
     def __init__(self, diagnostics: Diagnostics) -> None:
         self.diagnostics = diagnostics
         self._waiting: list[tuple[Code, str, Span, str, Help]] = []
 
     def add(self, code: Code, message: str, span: Span, label: str = "", help_: Help = "") -> None:
-        """One more, for the end."""
+        """Keeps a warning for the end of the check."""
         self._waiting.append((code, message, span, label, help_))
 
     def variables(self, variables: list[Variable]) -> None:
-        """W001 for locals that are never read; a leading `_` says that this is meant."""
+        """Warns W001 of locals that are never read; a leading `_` says that this is meant."""
         for v in variables:
             if not v.used and not v.name.startswith("_"):
                 meant = _meant(v.name) if v.kind == "var" else _renamed(v.name, v.span)
                 self.add("W001", f"`{v.name}` is never used", v.span, "declared here", meant)
 
     def declarations(self, main: FileScope) -> None:
-        """W001 for what the main file declares or imports and nobody mentions.
+        """Warns W001 of declarations and imports of the main file that nothing uses.
 
-        Only where a system or a test says what the program is: without one the file may be there
-        for others to import.
+        It only does if the file has a system or a test: a file without one may be meant for others
+        to import.
         """
         if not any(e.kind in ROOTS for e in main.entries.values()):
             return
@@ -307,13 +307,13 @@ class UnusedDeclarations:
                 self.add("W001", f"import `{name.text}` is never used", name.span, "", whole)
 
     def report(self) -> None:
-        """Say them; `explore/engine/explorer_library.py` leaves them out where there are errors."""
+        """Reports the warnings; beside errors they are left out (HUSHED, `front_end.py`)."""
         for code, message, span, label, help_ in self._waiting:
             self.diagnostics.warning(code, message, span, label, helps=(help_,) if help_ else ())
 
 
 def _renamed(name: str, span: Span) -> Help:
-    """For what nothing mentions: its own place is the only one."""
+    """The edit that puts `_` before the name of an unused declaration, its only mention."""
     return insert(span, "_", _meant(name))
 
 
@@ -326,18 +326,18 @@ SPECIALS = {
     "time": "only nodes, plants and properties see the time",
     "dt": "only nodes and plants have a period",
 }
-"""Words with a meaning of their own in expressions, and where they have one."""
+"""Word with a special meaning in expressions -> why it has none in other places."""
 
 
 @dataclass(eq=False)
 class Context:
-    """A place in the program.
+    """A place in the program, and the names that code there may use.
 
     `where` names the place in messages ("function `f`", "node `Fast`", "the size of an array").
-    `constant` is the code to report where only constants may stand (T008; T007 for the bound of
-    a loop), else empty; `hidden` is then the place around it, whose locals exist but are not
-    known yet. `topics` is None where no topic may be read, "any" where each may (predicates,
-    properties), else the readable ones.
+    `constant` is the code to report if only constants may be used (T008; T007 for the bound of
+    a loop), else ""; `hidden` is then the place around it, whose locals have no values yet.
+    `topics` is None if no topic may be read, "any" if each may (predicates, properties), else the
+    readable ones.
     """
 
     scope: FileScope
@@ -346,30 +346,30 @@ class Context:
     hidden: Context | None = None
     topics: set[TopicSymbol] | str | None = None
     queues: dict[TopicSymbol, int] = field(default_factory=dict)
-    """Topics that are read as the queue of a subscription, and its length."""
+    """Topic that is read as the queue of a subscription -> the queue's length."""
     inputs: str = "subscribes"
-    """The word that would make a topic readable."""
+    """The clause that would make a topic readable: `subscribes` or `reads`."""
     has_time: bool = False
     has_period: bool = False
     has_modes: bool = False
     choices: list[Variable] | None = None
-    """Where `choose` may stand: the hidden locals of a node's fair choices so far; else None."""
+    """The hidden locals of fair choices so far, if `choose` may be used here; else None."""
     node: NodeSymbol | None = None
     """The node whose step this is: `in_control`, publish."""
     result: Type | None = None
-    """Inside a function: what `return` gives."""
+    """Inside a function: the type of its result."""
     result_span: Span | None = None
-    """Where that is declared."""
+    """Where the function declares that type."""
     owner: object = None
-    """The node or plant whose code this is."""
+    """The node or plant that the code belongs to."""
     instances: dict[str, InstanceSymbol] | None = None
     """Inside a system: `instance.truth`, `mode(instance)`, topics of sub-systems."""
     broken: bool = False
-    """The declaration lost a part when it was parsed: names unknown here may have been in it."""
+    """Whether the parser lost a part of the declaration, which may have had unknown names."""
     lost: frozenset[str] = frozenset()
-    """Names of instances that could not be made: they were reported."""
+    """Names of instances that could not be made, which has been reported."""
     private: dict[str, Variable] = field(default_factory=dict)
-    """Locals of a node that its contract cannot speak about."""
+    """Locals of a node, which its contract may not read."""
     locals: list[dict[str, Variable]] = field(default_factory=list)
     gone: dict[str, Variable] = field(default_factory=dict)
     """Locals of blocks that have ended."""
@@ -377,40 +377,40 @@ class Context:
     """Topics read so far, in order of first use."""
 
     def find_local(self, name: str) -> Variable | None:
-        """The innermost local called `name`."""
+        """The innermost local with this name, or None."""
         for frame in reversed(self.locals):
             if name in frame:
                 return frame[name]
         return None
 
     def local_names(self) -> Iterator[str]:
-        """The names of all locals in reach."""
+        """Yields the names of all locals that the place may use."""
         return (name for frame in self.locals for name in frame)
 
 
 class Shared(Protocol):
-    """One checking run, as its parts see it."""
+    """One checking run, as its parts see it (`checker.py` implements it)."""
 
     diagnostics: Diagnostics
     names: Names
     unused: UnusedDeclarations
     calls: CallGraph
     damaged: set[object]
-    """Symbols whose declarations have errors: what they lack is no error of others."""
+    """Symbols whose declarations have errors, so that uses of them report no more."""
     published: dict[typed.NodeSymbol, set[typed.TopicSymbol]]
     lost: dict[typed.SystemSymbol, frozenset[str]]
-    """Names of instances that could not be made."""
+    """System -> names of instances that could not be made."""
     stand_ins: dict[typed.TopicSymbol, tuple[tuple[str, ...], typed.TopicSymbol]]
-    """What `stand_in` gave: the path to an instance of a system, and a topic in it."""
+    """Symbol from `stand_in` -> the path to an instance of a system, and a topic in it."""
 
     def mark(self) -> tuple[int, int]:
-        """Grows when something goes wrong, or turns out to have gone wrong, in what is at hand."""
+        """Counts that grow if the declaration being checked turns out to be damaged."""
 
     def resolve(self, entry: Entry, span: Span, *, use: bool = True) -> object:
-        """The symbol of a declaration; cycles are T012; None after an error."""
+        """The symbol of a declaration; None after an error (T012 for a cycle)."""
 
     def later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
-        """Check a body once every signature is known; systems see what is inside the others."""
+        """Notes a body to be checked once every signature is known; systems come last."""
 
     def resolve_type(
         self,
@@ -421,7 +421,7 @@ class Shared(Protocol):
         duration: bool = False,
         table: bool = False,
     ) -> Type:
-        """The type it means, ERROR after a report: `TypeChecker.check`."""
+        """The type that an expression means, ERROR after a report: `TypeChecker.check`."""
 
     def check_expr(
         self,
@@ -433,7 +433,7 @@ class Shared(Protocol):
         """The typed expression: `ExprBase.check`."""
 
     def check_block(self, block: tree.Block, context: Context) -> tuple[typed.TypedStmt, ...]:
-        """All statements of a block in a scope of its own."""
+        """The typed statements of a block, which gets a scope of its own."""
 
     def constant(
         self,
@@ -460,7 +460,7 @@ class Shared(Protocol):
         """An expression over constants and parameters, to be evaluated for each system."""
 
     def topic_ref(self, ref: tree.Ref, scope: FileScope) -> typed.TopicSymbol | None:
-        """The topic a reference means, or None after a report."""
+        """The topic that a reference means, or None after a report."""
 
     def topic_path(
         self, path: tree.DottedPath, scope: FileScope

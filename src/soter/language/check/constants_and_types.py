@@ -1,7 +1,7 @@
-"""Constant expressions and type expressions: what is computed when the program is compiled.
+"""Evaluates constant expressions, and resolves type expressions, at compile time.
 
-Purpose: the checker computes constants, sizes, bounds of loops and data files within a budget, so
-that it always ends; and it says what a type expression means, with sizes that a machine can hold.
+Purpose: `ConstantChecker` computes constants, sizes, bounds of loops and data files within a
+budget, so that a check always ends; `TypeChecker` resolves type expressions, with limits of size.
 Non-goals: numbers that depend on parameters (`elaborator.py`), the operations
 (`language/evaluate/statements.py`), declarations of types (`declarations.py`), storage.
 """
@@ -54,11 +54,11 @@ if TYPE_CHECKING:
 
 
 PROGRAM_BUDGET = 100_000_000
-"""Operations that all constants of a program may take together: some twenty seconds."""
+"""Most operations for all constants of a program together: some twenty seconds."""
 CONSTANT_BUDGET = 50_000_000
-"""And one of them alone."""
+"""Most operations for one constant."""
 NUMBERS_BUDGET = 2_000_000
-"""And all numbers of one system: they are computed again for every choice of parameters."""
+"""Most operations for all numbers of a system, which each choice of parameters computes again."""
 MILLION = 1_000_000
 
 WHY = {
@@ -82,7 +82,7 @@ class Calculator:
         params: Mapping[typed.ParamSymbol, Value] | None = None,
         budgets: tuple[int, int] | None = None,
     ) -> None:
-        """`budgets`: of operations, of one value and of all; those of a system by default."""
+        """`budgets`: most operations for one value and for all; by default those of a system."""
         self.diagnostics = diagnostics
         self._most, self.left = budgets or (NUMBERS_BUDGET // 2, NUMBERS_BUDGET)
         self._all = self.left
@@ -91,7 +91,7 @@ class Calculator:
     def value_of(
         self, name: str, expr: typed.TypedExpr, what: str, known: dict[str, tuple[Value, int]]
     ) -> Value | None:
-        """The value of a declared constant: as `value`, or as it is `known`, at the same price."""
+        """The value of a declared constant: as `value`, or the `known` one at the same cost."""
         value, spent = known.get(name, (None, 0))
         if name in known and spent <= min(self.left, self._most):
             self.left -= spent
@@ -107,7 +107,7 @@ class Calculator:
         if isinstance(expr, typed.Literal):
             return expr.value
         if self.left <= 0:
-            return None  # reported when the budget ran out
+            return None  # this was reported when the budget ran out
         allowed = min(self.left, self._most)
         self._evaluator.allow(allowed)
         self._evaluator.tell = lambda n: self.diagnostics.tell(
@@ -145,7 +145,7 @@ class Calculator:
 
 
 class ConstantChecker:
-    """Constant expressions of one program."""
+    """Computes the constant expressions of one program."""
 
     def __init__(self, shared: Shared, loaded: LoadedProgram) -> None:
         self.shared = shared
@@ -165,7 +165,7 @@ class ConstantChecker:
     ) -> Value | None:
         """The value of a constant expression, or None after a report.
 
-        `around` is the place it stands in; its locals are known too late, which is `code`.
+        `around` is the place around it; a use of that place's locals is reported as `code`.
         """
         context = Context(scope, what, constant=code, hidden=around)
         checked = self.shared.check_expr(expr, context, expected)
@@ -184,7 +184,7 @@ class ConstantChecker:
         return self.calculator.value_of(decl.name.text, checked, what, known)
 
     def value(self, checked: typed.TypedExpr, what: str) -> Value | None:
-        """Evaluate a checked expression without locals, topics and parameters of its own."""
+        """The value of a checked expression that reads no locals, topics or parameters; or None."""
         return self.calculator.value(checked, what) if self._computable(checked, what) else None
 
     def _computable(self, checked: typed.TypedExpr, what: str) -> bool:
@@ -212,7 +212,7 @@ class ConstantChecker:
         return checked if all(sound) else error_expr(expr.span)
 
     def _callable(self, checked: typed.TypedExpr, what: str) -> bool:
-        """Whether every function it calls can be run now."""
+        """Whether every function that an expression calls can be run now; reports it if not."""
         for call in calls_in(checked):
             if not self._sound(call, what):
                 return False
@@ -231,7 +231,7 @@ class ConstantChecker:
         return True
 
     def _sound(self, call: typed.TypedCall, what: str) -> bool:
-        """Whether a function and all it calls are without errors and of Soter code."""
+        """Whether a function and all that it calls have no errors and are no externs."""
         calls = self.shared.calls
         if not calls.complete(call.fun):
             self.shared.names.losses += 1
@@ -248,7 +248,7 @@ class ConstantChecker:
         return extern is None
 
     def data(self, decl: tree.ConstDecl, t: Type, scope: FileScope) -> Value | None:
-        """The value of `data "file"`; D001, D004, D005 when it cannot be had."""
+        """The value of `data "file"`; None after a report, D001, D004 or D005."""
         assert decl.data is not None
         path = scope.loaded.path.parent / decl.data
         try:
@@ -281,7 +281,7 @@ class ConstantChecker:
 
 
 UNIT_MAX = 16
-"""Characters of a unit."""
+"""Most characters of a unit."""
 BUILTIN_TYPES: dict[str, Type] = {
     "bool": BOOL,
     "int": INT,
@@ -307,10 +307,10 @@ class TypeChecker:
         duration: bool = False,
         table: bool = False,
     ) -> Type:
-        """The type it means, ERROR after a report; `duration` where one may stand (T014).
+        """The type of an expression, ERROR after a report; `duration`: one is allowed (else T014).
 
-        `around` is the place it stands in, where that has locals: sizes cannot mention them.
-        `table`: it is the type of data, which is read in place, so an array or list may be large.
+        `around` is the place around it, whose locals sizes cannot use. `table`: it is the type of
+        data, which is read in place, so an array or list may be large.
         """
         outer, self._around = self._around, around
         t = self._dispatch(expr, scope, TABLE_MAX if table else VALUE_MAX)
@@ -339,11 +339,11 @@ class TypeChecker:
             return self._bounded(self._array(expr, scope, most), expr, most)
         if isinstance(expr, tree.UnitTypeExpr):
             return self._with_unit(expr, scope, most)
-        self.shared.names.losses += 1  # what could not be parsed
+        self.shared.names.losses += 1  # the parser could not read this
         return ERROR
 
     def _with_unit(self, expr: tree.UnitTypeExpr, scope: FileScope, most: int) -> Type:
-        """T030 where there is no number that could have it, or where it is no short text."""
+        """A type with a unit; reports T030 if it has no numbers, or if the unit is too long."""
         t = self._dispatch(expr.base, scope, most)
         numbers = any(isinstance(leaf, (FloatType, IntType)) for _, leaf in leaves(t))
         problem = ""
@@ -359,7 +359,7 @@ class TypeChecker:
         return with_unit(t, expr.unit)
 
     def _bounded(self, t: Type, expr: tree.TypeExpr, most: int) -> Type:
-        """T011 for a type of too many scalars: a value is copied as a whole, a table compiled."""
+        """The type, or a report of T011 if it has more than `most` scalars."""
         count = 0 if isinstance(t, ErrorType) else leaf_count(t)
         if count <= most:
             return t

@@ -1,7 +1,7 @@
-"""Check declarations: signatures first, bodies when every signature is known.
+"""Checks declarations: signatures first, bodies when every signature is known.
 
-Purpose: which checker knows which kind of declaration; types, constants, parameters, functions
-and topics themselves.
+Purpose: sends each kind of declaration to its checker, and checks types, constants, parameters,
+functions and topics itself.
 Non-goals: name look-up order (`scope.py`), numbers (`elaborator.py`), P1 (`wellformed.py`).
 """
 
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type, Value
 
 MAX_MEMBERS = 65_536
-"""Of an enum, which is stored in two bytes at most."""
+"""Most members of an enum, which is stored in at most two bytes."""
 
 
 class DeclChecker:
@@ -65,7 +65,7 @@ class DeclChecker:
         self._topics: dict[typed.SystemSymbol, list[typed.TopicSymbol]] = {}
 
     def symbol(self, entry: Entry) -> object:
-        """The symbol of any declaration, or None when it is too broken."""
+        """The symbol of a declaration, or None if it has too many errors."""
         decl, scope, full = entry.decl, entry.scope, entry.full_name
         if isinstance(decl, tree.TypeDecl):
             return self._type(decl, scope, full)
@@ -90,7 +90,7 @@ class DeclChecker:
         return None
 
     def body(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
-        """The part of a declaration that may mention everything else."""
+        """Checks the part of a declaration that may mention all others."""
         if isinstance(symbol, typed.NodeSymbol) and isinstance(decl, tree.NodeDecl):
             self.nodes.body(symbol, decl, scope)
         elif isinstance(symbol, typed.ModuleSymbol) and isinstance(decl, tree.RtaDecl):
@@ -182,7 +182,7 @@ class DeclChecker:
     def _ends_of(
         self, interval: tree.IntervalExpr | None, scope: FileScope, t: Type, what: str
     ) -> tuple[typed.Literal, typed.Literal] | None:
-        """The ends of an interval of this type; None without one, or where it has errors."""
+        """The ends of an interval of type `t`; None without one, or after a report."""
         if interval is None:
             return None
         if isinstance(t, (BoolType, EnumType)):
@@ -196,7 +196,7 @@ class DeclChecker:
         return low, high
 
     def _ordered(self, low: typed.Literal, high: typed.Literal, at: tree.IntervalExpr) -> bool:
-        """V001 for an interval without a value."""
+        """Whether an interval contains a value; reports V001 if not."""
         if low.value <= high.value:
             return True
         shown = f"[{show(low.value, low.type)}, {show(high.value, high.type)}]"
@@ -248,7 +248,7 @@ class DeclChecker:
         return fun
 
     def fun_body(self, fun: typed.FunSymbol, decl: tree.FunDecl, scope: FileScope) -> None:
-        """Check a function's body and store it in the symbol."""
+        """Checks a function's body and stores it in the symbol."""
         assert decl.body is not None
         context = Context(
             scope,
@@ -348,7 +348,7 @@ class DeclChecker:
     ) -> typed.RangeSet | None:
         scalar = scalar_of(t)
         if scalar is None and isinstance(values.low, tree.ErrorExpr):
-            return None  # the parser has said what is wrong with it
+            return None  # the parser has reported what is wrong with it
         if scalar is None:
             kinds = "numbers of one kind" if isinstance(t, RecordType) else "numbers"
             self.diagnostics.error(
@@ -371,9 +371,9 @@ class DeclChecker:
         helps: tuple[Help, ...] = (),
         otherwise: tuple[Help, ...] = (),
     ) -> typed.TopicSymbol | None:
-        """The topic a reference means, or None after a report.
+        """The topic that a reference means, or None after a report.
 
-        `helps` are for what is no topic, `otherwise` where the name means nothing at all.
+        The report has `helps` if the name is no topic, `otherwise` if it means nothing at all.
         """
         entry = self.shared.names.find_ref(scope, ref, "topic", otherwise)
         if entry is None:
@@ -422,7 +422,7 @@ class DeclChecker:
 def _not_a_topic(
     path: tree.DottedPath, scope: FileScope
 ) -> tuple[tuple[Help, ...], tuple[Help, ...]]:
-    """Helps for a path whose first name is something else, or nothing, as `topic_ref` has them."""
+    """The `helps` and `otherwise` of `topic_ref` for a path whose first name is no topic."""
     first = scope.entries.get(path.parts[0].text)
     if first is not None and first.kind == "topic":
         return (), ()
@@ -434,7 +434,7 @@ def _not_a_topic(
 
 
 def show(value: Value, t: Type) -> str:
-    """A scalar as people write it."""
+    """A scalar as source text."""
     if isinstance(t, DurationType):
         return write_ns(value)
     return f"{value!r}" if not isinstance(value, bool) else str(value).lower()

@@ -1,8 +1,8 @@
-"""Check expressions: names, types, conversions made explicit.
+"""Checks expressions: names and types; makes conversions explicit.
 
-Purpose: syntax expression + context -> typed expression; on a mistake one diagnostic and an
-expression of ERROR type, which keeps everything above it silent. Here: literals, names, records
-and lists; operators, dots and calls in the modules this one stands on.
+Purpose: turns an expression of the syntax, with its context, into a typed one; on a mistake it
+reports one diagnostic and returns an expression of type ERROR, about which nothing more is
+reported. This file has literals, names, records and lists; its base classes have the rest.
 Non-goals: evaluation, declarations, statements.
 """
 
@@ -56,7 +56,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     def dispatch(
         self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """The typed expression, not yet converted; `expected` is a hint for literals."""
+        """The typed expression, not yet converted; `expected` only helps with literals."""
         typed_expr = self._any(expr, context, expected)
         if not isinstance(typed_expr, typed.Literal) or not isinstance(typed_expr.value, Table):
             return typed_expr
@@ -71,14 +71,14 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         return error_expr(expr.span)
 
     def container(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
-        """The typed expression of which a part is read in place: it may be a table."""
+        """The typed expression of which a part is read in place; it may be a table."""
         return self._any(expr, context, None)
 
     def _any(
         self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         method = self._METHODS.get(type(expr))
-        if method is None:  # what could not be parsed
+        if method is None:  # the parser could not read it
             self.names.losses += 1
             return error_expr(expr.span)
         return method(self, expr, context, expected)
@@ -158,7 +158,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         return error_expr(span)
 
     def _state(self, name: str, span: Span, context: Context) -> tuple[Help, ...]:
-        """`c.truth.x` for `x` in a system, where one instance's plant has a state of this name."""
+        """Help with `c.truth.x` for `x` in a system, if one instance's plant has a state `x`."""
         owners = [
             path
             for path, instance in (context.instances or {}).items()
@@ -200,7 +200,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         )
 
     def _not_constant(self, what: str, span: Span, declared: Span | None, context: Context) -> None:
-        """T008, or T007 in the bound of a loop: known only when the program runs."""
+        """Reports T008, or T007 in the bound of a loop, for a value known only in a run."""
         step = context.constant == "T007" and context.where == "the bound of a loop"
         what_runs = context.constant == "T007" and not step
         self.diagnostics.error(
@@ -220,7 +220,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         )
 
     def entry(self, entry: Entry, span: Span, context: Context) -> typed.TypedExpr:
-        """A declaration used as a value."""
+        """The typed expression for a declaration that is used as a value."""
         symbol = self.shared.resolve(entry, span)
         if symbol is None:
             return error_expr(span)
@@ -246,7 +246,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     def _value_of(
         self, entry: Entry, symbol: object, span: Span, context: Context
     ) -> tuple[Help, ...]:
-        """The value that is meant by the name of a function, module, plant, node or type."""
+        """Helps with the value that a function, module, plant, node or type was taken for."""
         name = entry.decl.name.text
         if isinstance(symbol, typed.FunSymbol):
             given = ", ".join(p.name for p in symbol.parameters)
@@ -264,7 +264,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         return self.value_of_type(entry.decl.name, context) if entry.kind == "type" else ()
 
     def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
-        """A read of a topic, if this place may read it."""
+        """The typed read of a topic, if this place may read it."""
         if context.constant:
             self._not_constant(f"topic `{topic.name}`", span, topic.span, context)
             return error_expr(span)
@@ -417,7 +417,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
 def _aggregate(
     expr: tree.RecordExpr, values: dict[str, typed.TypedExpr], target: RecordType | None
 ) -> typed.TypedExpr:
-    """The record, and in which order its fields were written."""
+    """The typed record literal, with the order in which its fields were written."""
     if target is None:
         target = RecordType(tuple((n, plain(v.type)) for n, v in values.items()))
     names = [n for n, _ in target.fields]

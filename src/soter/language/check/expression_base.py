@@ -1,6 +1,6 @@
-"""What all parts of the expression checker share.
+"""The base class of all parts of the expression checker, and helpers.
 
-Purpose: errors as expressions, conversions made explicit, int literals read as floats.
+Purpose: errors as expressions, explicit conversions, int literals as floats, helps for wrong types.
 Non-goals: any particular kind of expression.
 """
 
@@ -38,21 +38,21 @@ if TYPE_CHECKING:
 
 
 SECONDS_MAX = 1e6
-"""A number above this is not taken for a time in seconds."""
+"""The largest number that a help takes for a time in seconds."""
 
 
 def error_expr(span: Span) -> typed.TypedExpr:
-    """An expression that was already reported."""
+    """An expression of type ERROR, for one that was reported."""
     return typed.Literal(ERROR, span, None)
 
 
 def is_error(*exprs: typed.TypedExpr) -> bool:
-    """Whether any of them was already reported."""
+    """Whether any of the expressions has been reported."""
     return any(isinstance(e.type, ErrorType) for e in exprs)
 
 
 def sound(expr: typed.TypedExpr | None) -> typed.TypedExpr | None:
-    """The expression, None where it was already reported."""
+    """The expression, or None if it has been reported."""
     return None if expr is None or is_error(expr) else expr
 
 
@@ -62,12 +62,12 @@ def a_type(t: Type) -> str:
 
 
 def plain(t: Type) -> Type:
-    """The type a fresh variable gets from a value: ranged ints become plain ints."""
+    """The type that a new variable gets from a value: ranged ints become plain ints."""
     return INT if isinstance(t, IntType) else t
 
 
 def float_literal(expr: typed.TypedExpr) -> typed.TypedExpr | None:
-    """An unnamed int literal (or + - * of such) read as a float, else None."""
+    """An int literal without name (or + - * of such) as a float literal, else None."""
     if not isinstance(expr.type, IntType):
         return None
     if isinstance(expr, typed.Literal) and expr.name is None:
@@ -82,7 +82,7 @@ def float_literal(expr: typed.TypedExpr) -> typed.TypedExpr | None:
 def unify_literals(
     left: typed.TypedExpr, right: typed.TypedExpr
 ) -> tuple[typed.TypedExpr, typed.TypedExpr]:
-    """Read an int literal beside a float as a float."""
+    """Both operands, with an int literal beside a float turned into a float."""
     if isinstance(left.type, FloatType):
         return left, float_literal(right) or right
     if isinstance(right.type, FloatType):
@@ -91,7 +91,7 @@ def unify_literals(
 
 
 def difference(expected: Type, actual: Type) -> str:
-    """In which part two types differ, where they are alike enough to say; else ""."""
+    """A note on the part in which two similar types differ; "" for types that differ more."""
     if isinstance(expected, RecordType) and isinstance(actual, RecordType):
         have, want = dict(actual.fields), dict(expected.fields)
         for name, t in want.items():
@@ -111,7 +111,7 @@ def difference(expected: Type, actual: Type) -> str:
 
 
 class ExprBase(ABC):
-    """Entry points of the expression checker and conversions."""
+    """The entry points of the expression checker, and its conversions."""
 
     def __init__(self, shared: Shared) -> None:
         self.shared = shared
@@ -129,9 +129,9 @@ class ExprBase(ABC):
         otherwise: tuple[Help, ...] = (),
         among: Iterable[str] | None = None,
     ) -> None:
-        """N001, unless what the name stands for may have been lost.
+        """Reports N001, unless the parser may have lost the declaration of the name.
 
-        `helps`, `otherwise` and `among` as `Names.unknown` has them.
+        `helps`, `otherwise` and `among` are as in `Names.unknown`.
         """
         if context.broken:
             self.names.losses += 1
@@ -171,7 +171,7 @@ class ExprBase(ABC):
         )
 
     def value_of_type(self, name: tree.Name, context: Context) -> tuple[Help, ...]:
-        """The local or topic that a type was taken for: `motion` for `Motion`."""
+        """Helps with the local or topic that was meant where a type is named: `motion`."""
         values = [n for n, e in context.scope.entries.items() if e.kind != "type"]
         for other in chain(context.local_names(), values):
             if other != name.text and other.casefold() == name.text.casefold():
@@ -182,11 +182,11 @@ class ExprBase(ABC):
     def dispatch(
         self, expr: tree.SyntaxExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """The typed expression, not yet converted; `expected` is a hint for literals."""
+        """The typed expression, not yet converted; `expected` only helps with literals."""
 
     @abstractmethod
     def container(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
-        """The typed expression of which a part is read in place: it may be a table."""
+        """The typed expression of which a part is read in place; it may be a table."""
 
     def check(
         self,
@@ -195,9 +195,9 @@ class ExprBase(ABC):
         expected: Type | None = None,
         because: Because | None = None,
     ) -> typed.TypedExpr:
-        """The typed expression; where `expected` is given it has that type (or ERROR).
+        """The typed expression; with `expected` it has that type, or ERROR after a report.
 
-        `because` says where the expectation comes from.
+        `because` says where the program asks for that type.
         """
         result = self.dispatch(expr, context, expected)
         if expected is None or is_error(result):
@@ -207,7 +207,7 @@ class ExprBase(ABC):
     def convert(
         self, expr: typed.TypedExpr, expected: Type, because: Because | None = None
     ) -> typed.TypedExpr:
-        """Fit an expression into a place of type `expected`, or report T001."""
+        """Converts an expression to type `expected`, or reports T001."""
         if isinstance(expected, ErrorType) or is_error(expr) or expr.type == expected:
             return expr
         if isinstance(expected, IntType) and isinstance(expr.type, IntType):
@@ -246,7 +246,7 @@ class ExprBase(ABC):
 
 
 def of_a_list(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
-    """Where a list or an array stands for one of its elements: of a queue, say."""
+    """Helps if a list or an array, such as a queue, stands where an element is wanted."""
     of = expr.type
     if not isinstance(of, (ListType, ArrayType)) or type(of.element) is not type(wanted):
         return ()
@@ -261,7 +261,7 @@ def of_a_list(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:
 
 
 def of_a_case(of: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """`Gear.Drive` for its number 1; the first of them for what is no constant."""
+    """Help with a member for its number, `Gear.Drive` for 1; the first one for other numbers."""
     name = of.name.rpartition(".")[2]
     whole = isinstance(expr, typed.Literal) and isinstance(expr.type, IntType)
     if isinstance(expr, typed.Literal) and whole and 0 <= expr.value < len(of.members):
@@ -270,7 +270,7 @@ def of_a_case(of: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
 
 
 def _declared(expr: typed.TypedExpr, because: Because | None) -> tuple[tuple[Span, str], ...]:
-    """Where the expectation comes from, and where a parameter has its type."""
+    """Labels for where the program asks for a type, and where a parameter gets its own."""
     also = (because,) if because else ()
     if isinstance(expr, typed.ParamRead):
         return (*also, (expr.param.span, f"declared as `{expr.type}` here"))
@@ -278,7 +278,7 @@ def _declared(expr: typed.TypedExpr, because: Because | None) -> tuple[tuple[Spa
 
 
 def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """What makes a value of one type one of another, most of it as an edit."""
+    """Helps that convert a value to another type, mostly as edits."""
     actual, span = expr.type, expr.span
     text = span.text
     if isinstance(expected, FloatType) and isinstance(actual, (IntType, BoolType, DurationType)):
@@ -300,7 +300,7 @@ def _conversion(expected: Type, expr: typed.TypedExpr) -> tuple[Help, ...]:
 
 
 def _as_float(expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """How an int, a time or a bool becomes a float."""
+    """Helps that convert an int, a time or a bool to a float."""
     span, text = expr.span, expr.span.text
     if isinstance(expr.type, IntType):
         return (replace(span, f"float({text})", "convert it: `float(...)`"),)
@@ -312,7 +312,7 @@ def _as_float(expr: typed.TypedExpr) -> tuple[Help, ...]:
 
 
 def _as_truth(expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """How a case or a number becomes a bool: by a comparison."""
+    """Helps that turn an enum member or a number into a bool by a comparison."""
     actual, span = expr.type, expr.span
     text = span.text
     if isinstance(actual, EnumType):
@@ -329,7 +329,7 @@ def _as_truth(expr: typed.TypedExpr) -> tuple[Help, ...]:
 
 
 def _as_time(expr: typed.TypedExpr) -> tuple[Help, ...]:
-    """How a number in seconds becomes a duration: where it is declared, for a name."""
+    """Helps that turn a number in seconds into a duration, for a name at its declaration."""
     param = expr.param if isinstance(expr, typed.ParamRead) else None
     named = param is not None or (isinstance(expr, typed.Literal) and expr.name is not None)
     value = param.default if param is not None else expr
@@ -344,7 +344,7 @@ def _as_time(expr: typed.TypedExpr) -> tuple[Help, ...]:
 
 
 def _as_record(expected: RecordType, expr: typed.Aggregate) -> tuple[Help, ...]:
-    """`{ x: 0.0, y: 1.0 }` for `[0.0, 1.0]`."""
+    """Help that writes a list as a record: `{ x: 0.0, y: 1.0 }` for `[0.0, 1.0]`."""
     fields, elements = expected.fields, expr.elements
     pairs = list(zip(fields, elements, strict=False))
     fits = all(

@@ -1,10 +1,10 @@
-"""Check what stands behind a dot or in brackets, in expressions and in paths such as `j.q[0]`.
+"""Checks dots and brackets, in expressions and in paths such as `j.q[0]`.
 
-Purpose: fields and elements in expressions; and what stands behind the name of a topic or of a
+Purpose: checks fields and elements in expressions; and the parts after the name of a topic or of a
 plant in axes, `measured`, `commands` and `moves`: fields, and elements of arrays by constant
 indices.
-Non-goals: what the first name means (`scope.py`, `declarations.py`, `verify_block.py`); in paths,
-elements of lists, of which nobody knows beforehand whether they are there.
+Non-goals: what the first name means (`scope.py`, `declarations.py`, `verify_block.py`); elements
+of lists in paths, as these may not exist.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ NAMES_SHOWN = 12
 
 
 def flat_names(expr: tree.SyntaxExpr) -> list[tree.Name] | None:
-    """The names of a dotted chain `a.b.c`, or None when it is something else."""
+    """The names of a dotted chain `a.b.c`; None for any other expression."""
     names: list[tree.Name] = []
     while isinstance(expr, tree.FieldExpr):
         names.append(expr.field)
@@ -54,26 +54,26 @@ def flat_names(expr: tree.SyntaxExpr) -> list[tree.Name] | None:
 
 
 def listed(names: list[str] | tuple[str, ...]) -> str:
-    """Names in backticks, not too many of them."""
+    """The first few names, in backticks."""
     shown = ", ".join(f"`{n}`" for n in names[:NAMES_SHOWN])
     return shown + (f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else "")
 
 
 class FieldChecker(ExprBase):
-    """The part of the expression checker that knows dots and brackets."""
+    """The part of the expression checker for dots and brackets."""
 
     def entry(self, entry: Entry, span: Span, context: Context) -> typed.TypedExpr:
-        """A declaration used as a value."""
+        """The typed expression for a declaration that is used as a value."""
         raise NotImplementedError
 
     def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
-        """A read of a topic, if this place may read it."""
+        """The typed read of a topic, if this place may read it."""
         raise NotImplementedError
 
     # ------------------------------------------------------------ dots
 
     def field(self, expr: tree.FieldExpr, context: Context, _: Type | None) -> typed.TypedExpr:
-        """`target.field` in all its meanings."""
+        """Checks `target.field` in all its meanings."""
         names = flat_names(expr)
         if names is not None and names[0].text in context.lost:
             self.names.losses += 1
@@ -98,7 +98,7 @@ class FieldChecker(ExprBase):
     def _measured(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> tuple[Help, ...]:
-        """For `c.truth.x` outside of its system: the topic that the plant drives with it."""
+        """Helps for `c.truth.x` outside of its system: the topic that the plant drives with x."""
         decls = [e.decl for e in context.scope.entries.values()]
         if context.instances is not None and names[1].text == "truth":
             plants = [
@@ -132,7 +132,7 @@ class FieldChecker(ExprBase):
     def _constant_length(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> typed.TypedExpr | None:
-        """`xs.len` of an array, where only constants may stand: its type says it."""
+        """`xs.len` of an array where only constants are allowed; None for anything else."""
         if context.hidden is None or expr.field.text != "len":
             return None
         local = context.hidden.find_local(names[0].text)
@@ -147,7 +147,7 @@ class FieldChecker(ExprBase):
     def _below_name(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> typed.TypedExpr | None:
-        """`Enum.member`, `file.name`, `file.Enum.member`; None for a field of a value."""
+        """Checks `Enum.member`, `file.name`, `file.Enum.member`; None for a field of a value."""
         scope, first = context.scope, names[0].text
         if first in scope.imports and first not in scope.entries:
             if len(names) == 2:
@@ -173,7 +173,7 @@ class FieldChecker(ExprBase):
         )
 
     def _select(self, target: typed.TypedExpr, name: tree.Name, span: Span) -> typed.TypedExpr:
-        """A field of a value, or the length of a list."""
+        """Checks a field of a value, or the length of a list."""
         t = target.type
         helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ()
@@ -229,7 +229,7 @@ class FieldChecker(ExprBase):
     def _below_instance(
         self, span: Span, names: list[tree.Name], context: Context
     ) -> typed.TypedExpr:
-        """`plant.truth...`, `sub.topic...`, `sub.plant.truth...` inside a system."""
+        """Checks `plant.truth...`, `sub.topic...`, `sub.plant.truth...` inside a system."""
         assert context.instances is not None
         what, depth = find_instance(context.instances, names)
         prefix, rest = names[:depth], names[depth:]
@@ -254,7 +254,7 @@ class FieldChecker(ExprBase):
         return error_expr(span)
 
     def no_value(self, what: object, path: str, span: Span) -> typed.TypedExpr:
-        """N003 for an instance that stands where a value is needed."""
+        """Reports N003 for an instance where a value is needed."""
         helps: tuple[str, ...] = ()
         if isinstance(what, typed.PlantSymbol):
             helps = (f"the plant's state is `{path}.truth`",)
@@ -266,7 +266,7 @@ class FieldChecker(ExprBase):
     def _not_below(
         self, what: object, path: str, name: tree.Name, first: tree.Name, context: Context
     ) -> None:
-        """N004 for what an instance does not have; a topic beside it may be meant."""
+        """Reports N004 for a name that an instance does not have, perhaps a topic beside it."""
         helps: tuple[Help, ...] = ()
         beside = context.scope.entries.get(name.text)
         if beside is not None and beside.kind == "topic":
@@ -296,7 +296,7 @@ class FieldChecker(ExprBase):
     def _topic_of(
         self, system: typed.SystemSymbol, prefix: list[str], name: tree.Name
     ) -> typed.TopicSymbol | None:
-        """A stand-in symbol for a topic of a sub-system instance, one for each path."""
+        """The symbol for a topic of a sub-system instance, one for each path; or None."""
         for topic in self.shared.topics_of(system):
             if topic.name.rsplit(".", 1)[-1] == name.text:
                 return self.shared.stand_in(system, prefix, topic, name.span)
@@ -314,7 +314,7 @@ class FieldChecker(ExprBase):
     # ------------------------------------------------------------ brackets
 
     def index(self, expr: tree.IndexExpr, context: Context, _: Type | None) -> typed.TypedExpr:
-        """`target[index]`."""
+        """Checks `target[index]`."""
         target = self.container(expr.target, context)
         index = self.check(expr.index, context, INT)
         if is_error(target, index):
@@ -336,7 +336,7 @@ class FieldChecker(ExprBase):
 def constant_index(
     diagnostics: Diagnostics, t: ArrayType | ListType, index: typed.TypedExpr, target: str
 ) -> bool:
-    """T017, and False, for a literal index that can never be right, behind the text `target`."""
+    """Reports T017, and returns False, for a literal index of `target` that can never be right."""
     if not isinstance(index, typed.Literal):
         return True
     limit = t.size if isinstance(t, ArrayType) else t.capacity
@@ -355,7 +355,7 @@ def constant_index(
 def instead_of_index(
     of: Type, whole: Span, target: str, index: typed.TypedExpr
 ) -> tuple[Help, ...]:
-    """`p.x` for `p[0]`; `whole` is all of it, `target` what stands before the brackets."""
+    """Help with `p.x` for `p[0]`; `whole` is all of it, `target` the text before the brackets."""
     if not isinstance(of, RecordType):
         return ()
     names = [name for name, _ in of.fields]
@@ -365,7 +365,7 @@ def instead_of_index(
 
 
 def _from_the_end(of: ArrayType | ListType, index: typed.Literal, target: str) -> tuple[Help, ...]:
-    """`xs[xs.len - 1]` for `xs[-1]`; the last index for the first one beyond it."""
+    """Help with `xs[xs.len - 1]` for `xs[-1]`, and with the last index for the one after it."""
     if index.value >= 0:
         last = of.size - 1 if isinstance(of, ArrayType) else of.capacity - 1
         title = f"indices begin at 0: the last one is `{last}`"
@@ -379,7 +379,7 @@ def _from_the_end(of: ArrayType | ListType, index: typed.Literal, target: str) -
 def find_instance(
     instances: dict[str, typed.InstanceSymbol], names: list[tree.Name] | tuple[tree.Name, ...]
 ) -> tuple[object, int]:
-    """What the longest prefix of a dotted path instantiates, and its length; (None, 0) if none."""
+    """What the longest prefix of a path that is an instance is of, its length; (None, 0): none."""
     what: object = None
     depth = 0
     for name in names:
@@ -401,9 +401,9 @@ def part_of(
     scope: FileScope,
     plant: typed.PlantSymbol | None = None,
 ) -> tuple[tuple[str, ...], Type] | None:
-    """The path below `root`, which `parts[0]` means, and the type there; None after a report.
+    """The path below type `root` of `parts[0]`, and the type there; None after a report.
 
-    `plant`: whose states `root` is.
+    `plant`: the one whose states `root` has, if it is one's.
     """
     t, path, whole = root, [], parts[0].span.to(parts[-1].span)
     for part in parts:
@@ -424,7 +424,7 @@ def part_of(
 
 
 def instead_of(t: Type, path: tree.DottedPath) -> str:
-    """What to write where a part of `t` was wanted, and `path`, all of it, was named."""
+    """A path to write where one number of `t` was wanted and `path` names all of it."""
     if not isinstance(t, ArrayType):
         return "name one of its fields"
     return f"name one of its elements, `{path.span.text}[0]` to `{path.span.text}[{t.size - 1}]`"

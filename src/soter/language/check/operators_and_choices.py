@@ -1,6 +1,6 @@
-"""Check operators (unary, binary, conditional) and `choose` among finitely many values.
+"""Checks operators (unary, binary, conditional) and `choose` among finitely many values.
 
-Purpose: which operators apply to which types and what they give; a `choose` becomes a
+Purpose: decides which operators apply to which types, and their results; turns a `choose` into a
 `typed.TypedChoose`, with the hidden local of a fair one.
 Non-goals: the arithmetic (`evaluate/arithmetic.py`); which alternative is taken (`environment.py`
 and who runs the step).
@@ -52,18 +52,18 @@ if TYPE_CHECKING:
 
 
 MAX_CHOICES = 1_024
-"""Alternatives of one choice: each of them is a branch of every execution."""
+"""Most alternatives of one choice: each of them is a branch of every execution."""
 
 AGE = IntType(0, 255)
 
 
 class ChooseChecker(ExprBase):
-    """The part of the expression checker that knows `choose`."""
+    """The part of the expression checker for `choose`."""
 
     def choose(
         self, expr: tree.ChooseExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """The typed choice; checked for what it chooses from also where it cannot stand."""
+        """The typed choice; its alternatives are checked even where `choose` is not allowed."""
         if context.choices is None:
             self._misplaced(expr.span, context)
         if expr.interval is not None:
@@ -112,7 +112,7 @@ class ChooseChecker(ExprBase):
     def _between(
         self, expr: tree.ChooseExpr, interval: tree.IntervalExpr, context: Context
     ) -> typed.TypedExpr:
-        """`choose [low, high]` with constant ints."""
+        """Checks `choose [low, high]` with constant ints."""
         what = "the bound of a choice"
         constant = Context(context.scope, what, constant="T008", hidden=context)
         ends = [self.check(e, constant) for e in (interval.low, interval.high)]
@@ -133,7 +133,7 @@ class ChooseChecker(ExprBase):
     def _of_type(
         self, expr: tree.ChooseExpr, type_: tree.TypeExpr, context: Context
     ) -> typed.TypedExpr:
-        """`choose bool`, `choose Enum`, and a named `int in [a, b]`."""
+        """Checks `choose bool`, `choose Enum`, and `choose` of a named `int in [a, b]`."""
         t = self.shared.resolve_type(type_, context.scope)
         count, low = 0, 0
         if isinstance(t, BoolType):
@@ -151,7 +151,7 @@ class ChooseChecker(ExprBase):
     def _among(
         self, expr: tree.ChooseExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """`choose { e1, e2 }`: values of one type."""
+        """Checks `choose { e1, e2 }`, a choice between values of one type."""
         if not expr.options:
             self._empty("there is nothing to choose from", expr.span, ())
             return error_expr(expr.span)
@@ -209,12 +209,12 @@ COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 
 
 class OperatorChecker(ExprBase):
-    """The part of the expression checker that knows operators."""
+    """The part of the expression checker for operators."""
 
     def unary(
         self, expr: tree.UnaryExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """`-e` and `!e`."""
+        """Checks `-e` and `!e`."""
         if expr.op == "!":
             operand = self.check(expr.operand, context, BOOL)
             return operand if is_error(operand) else typed.TypedUnary(BOOL, expr.span, "!", operand)
@@ -223,7 +223,7 @@ class OperatorChecker(ExprBase):
             and expr.operand.value == -INT_MIN
             and not isinstance(expected, FloatType)
         ):
-            return typed.Literal(INT, expr.span, INT_MIN)  # its positive twin does not exist
+            return typed.Literal(INT, expr.span, INT_MIN)  # 2^63 is no int, but -2^63 is
         operand = self.dispatch(expr.operand, context, _number_hint(expected))
         if is_error(operand):
             return operand
@@ -241,7 +241,7 @@ class OperatorChecker(ExprBase):
         return error_expr(expr.span)
 
     def _no_negation(self, expr: tree.UnaryExpr, t: Type) -> None:
-        """T002 for `-` before a bool, a time or something that is no number at all."""
+        """Reports T002 for `-` before a bool, a time or anything else that is no number."""
         helps: tuple[Help, ...] = ()
         sign = Span(expr.span.source, expr.span.start, expr.operand.span.start)
         if isinstance(t, BoolType):
@@ -259,7 +259,7 @@ class OperatorChecker(ExprBase):
     def binary(
         self, expr: tree.BinaryExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """All operators with two sides."""
+        """Checks all operators with two operands."""
         op = expr.op
         if op in {"&&", "||"}:
             left = self.check(expr.left, context, BOOL)
@@ -290,7 +290,7 @@ class OperatorChecker(ExprBase):
     def _nothing_left(
         self, expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
     ) -> None:
-        """W030 for `1 / 2` among ints: beside a float the two are floats, and it is 0.5."""
+        """Warns W030 of `1 / 2` of ints, which is 0; beside a float it would be 0.5."""
         pair = [x.value for x in (left, right) if isinstance(x, typed.Literal) and x.name is None]
         ints = isinstance(left.type, IntType) and isinstance(right.type, IntType)
         if len(pair) != 2 or not ints or not 0 < abs(pair[0]) < abs(pair[1]):
@@ -337,7 +337,7 @@ class OperatorChecker(ExprBase):
     def conditional(
         self, expr: tree.ConditionalExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
-        """`c ? a : b`."""
+        """Checks `c ? a : b`."""
         condition = self.check(expr.condition, context, BOOL)
         then = self.check(expr.then, context, expected)
         otherwise = self.check(expr.otherwise, context, expected)
@@ -359,7 +359,7 @@ class OperatorChecker(ExprBase):
 
 
 def _number_hint(expected: Type | None) -> Type | None:
-    """The hint for the operands of `+` and `-`: they have the type of the result."""
+    """The type to expect of the operands of `+` and `-`: that of the result."""
     if isinstance(expected, FloatType) or (expected is not None and is_vector(expected)):
         return expected
     return None
@@ -372,7 +372,7 @@ _RESULTS: Mapping[tuple[type[Type], str, type[Type]], Type] = {
     **{(DurationType, op, IntType): DURATION for op in "*/"},
     (IntType, "*", DurationType): DURATION,
 }
-"""What an operator gives between two single values."""
+"""(left type, operator, right type) of scalars -> type of the result."""
 
 
 def _arithmetic(
@@ -392,14 +392,14 @@ def _arithmetic(
 
 
 def _scalar(factor: typed.TypedExpr) -> typed.TypedExpr | None:
-    """A float that a vector may be multiplied with; None for anything else."""
+    """The factor as a float that a vector may be multiplied with; None if it is none."""
     return factor if isinstance(factor.type, FloatType) else float_literal(factor)
 
 
 def _of_a_case(
     left: typed.TypedExpr, right: typed.TypedExpr, expected: Type | None
 ) -> tuple[Help, ...]:
-    """`Gear.Drive` where an enum is compared with 1; `b ? 1.0 : 0.0` where a bool is a number."""
+    """Helps with `Gear.Drive` for an enum compared with 1, `b ? 1.0 : 0.0` for a bool as number."""
     for one, other in ((left, right), (right, left)):
         if isinstance(one.type, EnumType) and isinstance(other.type, (IntType, FloatType)):
             return of_a_case(one.type, other)
@@ -418,7 +418,7 @@ def _of_a_case(
 
 
 def _by_components(expr: tree.BinaryExpr, of: Type) -> Help:
-    """`{ x: a.x * b.x, y: a.y * b.y }` for `a * b`."""
+    """Help with an operator by components: `{ x: a.x * b.x, y: a.y * b.y }` for `a * b`."""
     names = [name for name, _ in of.fields] if isinstance(of, RecordType) else []
     a, b = expr.left, expr.right
     plain = isinstance(a, (tree.NameExpr, tree.FieldExpr)) and isinstance(
@@ -449,7 +449,7 @@ def _operator_help(
 
 
 def _push_instead(expr: tree.BinaryExpr) -> str:
-    """`push xs, x;` for `xs + [x]`."""
+    """Help with `push xs, x;` for `xs + [x]`."""
     one = expr.right.elements if isinstance(expr.right, tree.ListExpr) else ()
     what = one[0].span.text if len(one) == 1 else "x"
     loop = "" if len(one) == 1 else f" in a loop, `for x in {expr.right.span.text} {{ ... }}`"
@@ -459,7 +459,7 @@ def _push_instead(expr: tree.BinaryExpr) -> str:
 def _vector_help(
     expr: tree.BinaryExpr, lt: Type, rt: Type, expected: Type | None
 ) -> tuple[Help, ...]:
-    """For an operator between two vectors: the scalar product, or component by component."""
+    """Helps for an operator between two vectors: the scalar product, or by components."""
     op = expr.op
     if op in "*/" and expected is not None and lt == rt == expected:
         return (_by_components(expr, lt),)
@@ -476,7 +476,7 @@ def _vector_help(
 
 
 def _number_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...]:
-    """For an operator between numbers or times of two types: one side converted."""
+    """Helps for an operator between numbers or times of two types: one side converted."""
     op, left, right, kinds = expr.op, expr.left.span, expr.right.span, {type(lt), type(rt)}
     if kinds == {IntType, FloatType}:
         of = left if isinstance(lt, IntType) else right

@@ -1,7 +1,7 @@
-"""Names: which declaration a name means, resolved on demand and once.
+"""Finds which declaration a name means, and reports names that mean nothing.
 
-Purpose: one table a file, one look-up rule (own file, then prelude), and what to say about a
-name that means nothing.
+Purpose: keeps one table of names for each file, with one rule of look-up (own file, then prelude),
+and guesses what an unknown name may have been meant to be.
 Non-goals: what the declarations mean (the checkers).
 """
 
@@ -55,56 +55,56 @@ EXAMPLES = {
     "node": "node {} period 10ms {{ ... }}",
     "plant": "plant {} period 5ms {{ ... }}",
 }
-"""How a declaration that is missing would begin."""
+"""Kind of a declaration -> how a missing one would begin."""
 
 
 @dataclass(eq=False)
 class Entry:
-    """A declared name: its syntax, its file, and its symbol once resolved."""
+    """A declared name: its syntax, its file, and its symbol once it is resolved."""
 
     decl: tree.Decl
     scope: FileScope
     kind: str
     state: str = "new"
-    """new -> resolving -> done; `resolving` met again is a cycle."""
+    """From "new" over "resolving" to "done"; meeting one that is "resolving" means a cycle."""
     symbol: object = None
     used: bool = False
 
     @property
     def full_name(self) -> str:
-        """Name with the prefix of its file."""
+        """The name with the prefix of its file."""
         return self.scope.loaded.prefix + self.decl.name.text
 
     def instead(self, wanted: str, span: Span) -> tuple[Help, ...]:
-        """Helps for a declaration that is not of the kind `wanted`, as `other_scopes.instead`."""
+        """Helps for a use of this declaration where kind `wanted` is needed (`instead`)."""
         decls = [e.decl for e in self.scope.entries.values()]
         return unknown_names.instead(decls, self.decl, wanted, span)
 
 
 @dataclass(eq=False)
 class FileScope:
-    """All names one file declares, and the files it imports."""
+    """All names that one file declares, and the files that it imports."""
 
     loaded: LoadedFile
     entries: dict[str, Entry] = field(default_factory=dict)
     imports: dict[str, FileScope | None] = field(default_factory=dict)
     used_imports: set[str] = field(default_factory=set)
     broken: frozenset[str] = frozenset()
-    """Names whose declarations did not parse: using them is not reported again."""
+    """Names whose declarations the parser could not read: uses of them are not reported."""
 
 
 NO_VALUES = ("node", "plant", "module", "system", "test")
 
 
 def _missing_declaration(decls: list[tree.Decl], kind: str, name: str) -> tuple[Help, ...]:
-    """How a declaration of this kind would begin; nothing for kinds that need more than a line."""
+    """Help with the beginning of a declaration of this kind; () for kinds of several lines."""
     undriven = kind == "topic" and not unknown_names.is_driven(decls, name)
     example = EXAMPLES.get("input topic" if undriven else kind)
     return (f"declare it: `{example.format(name)}`",) if example else ()
 
 
 def _of_kind(scope: FileScope, kind: str, *, value: bool) -> Iterator[str]:
-    """Names of a file that would do where `kind` is wanted: others are an error again."""
+    """Yields names of a file that are correct where `kind` is wanted."""
     for name, entry in scope.entries.items():
         if entry.kind == kind or (kind == "name" and not (value and entry.kind in NO_VALUES)):
             yield name
@@ -113,8 +113,8 @@ def _of_kind(scope: FileScope, kind: str, *, value: bool) -> Iterator[str]:
 class Names:
     """The scopes of a whole program.
 
-    `losses` counts how often something was missing that had been reported before: whoever sees
-    it grow while it works knows that its result is incomplete through no fault of its own.
+    `losses` counts uses of things whose absence had been reported before: a checker that sees it
+    grow knows that its result is incomplete because of another declaration.
     """
 
     def __init__(self, diagnostics: Diagnostics) -> None:
@@ -128,7 +128,7 @@ class Names:
     # ------------------------------------------------------------ entering
 
     def add_program(self, main: LoadedFile) -> FileScope:
-        """Enter the declarations of a file and of everything it imports."""
+        """Enters the declarations of a file and of all its imports; returns its scope."""
         scope = self._scope_of(main)
         waiting = [main]
         entered = {id(main)}
@@ -145,7 +145,7 @@ class Names:
         return scope
 
     def add_prelude(self, loaded: LoadedFile) -> None:
-        """Enter the declarations of a prelude file, which every file sees."""
+        """Enters the declarations of a prelude file, which every file sees."""
         self.prelude.update(self._scope_of(loaded).entries)
 
     def _scope_of(self, loaded: LoadedFile) -> FileScope:
@@ -177,7 +177,7 @@ class Names:
         )
 
     def twice(self, name: str, again: Span, first: Span, what: str = "") -> None:
-        """N002: one name for two things of one place; `what` says which kind of things."""
+        """Reports N002, one name for two things; `what` says which kind of things."""
         kind = f"{what} " if what else ""
         self.diagnostics.error(
             "N002",
@@ -190,7 +190,7 @@ class Names:
     # ------------------------------------------------------------ looking up
 
     def find(self, scope: FileScope, name: str) -> Entry | None:
-        """The entry a bare name means in a file, or None; marks it used."""
+        """The entry that a bare name means in a file, marked as used; or None."""
         entry = scope.entries.get(name)
         if entry is None:
             entry = self.prelude.get(name)
@@ -205,9 +205,9 @@ class Names:
         wanted: str = "name",
         otherwise: tuple[Help, ...] = (),
     ) -> Entry | None:
-        """The entry a reference means; reports N001 or N006 and gives None when there is none.
+        """The entry that a reference means; None after a report, N001 or N006.
 
-        `wanted` is the kind of declaration that would do; `otherwise` as `unknown` has it.
+        `wanted` is the kind of declaration that is needed; `otherwise` as in `unknown`.
         """
         if ref.qualifier is not None:
             return self.find_in_import(scope, ref.qualifier, ref.name, wanted)
@@ -223,7 +223,7 @@ class Names:
     def find_in_import(
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str = "name"
     ) -> Entry | None:
-        """The entry `qualifier.name`; reports what is wrong."""
+        """The entry that `qualifier.name` means; None after a report."""
         if qualifier.text not in scope.imports:
             if not self._library(scope, qualifier, name, wanted):
                 self._no_import(scope, qualifier, name)
@@ -260,7 +260,7 @@ class Names:
     def _library(
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str
     ) -> bool:
-        """N006 for `math.sin` and the like, which the prelude has; False for anything else."""
+        """Reports N006 for `math.sin` and the like, which the prelude has; False for others."""
         helps = unknown_names.of_a_library(qualifier, name, wanted)
         if helps is None or qualifier.text in scope.entries or qualifier.text in scope.broken:
             return False
@@ -340,13 +340,13 @@ class Names:
         also: tuple[tuple[Span, str], ...] = (),
         among: Iterable[str] | None = None,
     ) -> None:
-        """N001 for a name that means nothing here; `more` are local names that would.
+        """Reports N001 for a name that means nothing here; `more` are local names that do.
 
-        `among`: the only names that would do. `helps` come before all guesses, `otherwise` where
-        nothing is close.
+        `among`: the only names that are correct here. `helps` come before all guesses, `otherwise`
+        if no name is close.
 
-        A declaration that is missing is missed once, and so is what stands before a dot: it may
-        be an import.
+        A missing declaration is reported once, and so is a name before a dot (`dotted`), which may
+        be a missing import.
         """
         known = {(id(scope), name), (id(scope), name, where)} & self._missing
         if name in scope.broken or known:
@@ -381,9 +381,9 @@ class Names:
         *,
         anything: bool,
     ) -> Iterator[tuple[Help, ...]]:
-        """What an unknown name may have been meant to be, the likeliest first.
+        """Yields helps with names that may have been meant, the likeliest first.
 
-        `anything`: functions that every file sees would do, too.
+        `anything`: functions of the prelude are correct here, too.
         """
         if kind == "type":
             yield unknown_names.a_type(name, span)
@@ -398,7 +398,7 @@ class Names:
             yield (f"it is an imported file: write `{name}.` and the name it declares",)
 
     def _elsewhere(self, scope: FileScope, name: str, span: Span) -> tuple[Help, ...]:
-        """A help line for a name that an imported file declares."""
+        """Help for a name that an imported file declares."""
         for qualifier, child in scope.imports.items():
             if child is not None and name in child.entries:
                 scope.used_imports.add(qualifier)
@@ -407,7 +407,7 @@ class Names:
         return ()
 
     def first_miss(self, scope: FileScope, name: str, where: str) -> bool:
-        """Whether a name is missed at a place for the first time; later times are losses."""
+        """Whether this is the first use of a missing name at a place; later ones are losses."""
         key = (id(scope), name, where)
         if key in self._missing:
             self.losses += 1

@@ -1,6 +1,6 @@
-"""Check statements and bodies of functions and nodes.
+"""Checks statements, and so the bodies of functions and nodes.
 
-Purpose: blocks of syntax -> tuples of typed statements; scoping, assignment rules, returns.
+Purpose: turns blocks of syntax into typed statements; checks scopes, assignments and returns.
 Non-goals: expressions (`language/check/expr.py`), what a body belongs to
 (`declarations.py`).
 """
@@ -48,7 +48,7 @@ class StmtChecker:
         self.diagnostics = shared.diagnostics
 
     def block(self, block: tree.Block, context: Context) -> tuple[typed.TypedStmt, ...]:
-        """All statements of a block in a scope of its own."""
+        """The typed statements of a block, which gets a scope of its own."""
         context.locals.append({})
         statements = [self.statement(s, context) for s in block.statements]
         frame = context.locals.pop()
@@ -58,7 +58,7 @@ class StmtChecker:
         return tuple(s for s in statements if s is not None)
 
     def declare(self, name: tree.Name, t: Type, kind: str, context: Context) -> typed.Variable:
-        """Enter a new local; the same name twice in one scope is N002."""
+        """Enters a new local; reports N002 for the same name twice in one scope."""
         frame = context.locals[-1]
         first = frame.get(name.text)
         if first is not None:
@@ -71,7 +71,7 @@ class StmtChecker:
         return variable
 
     def _hides(self, name: tree.Name, node: typed.NodeSymbol | None, context: Context) -> None:
-        """W017 for a local called like a constant, or a topic that the node subscribes to."""
+        """Warns W017 of a local named like a constant, or like a topic that the node reads."""
         entry = context.scope.entries.get(name.text)
         if entry is not None and entry.kind in ("constant", "parameter"):
             self.diagnostics.warning(
@@ -96,7 +96,7 @@ class StmtChecker:
             )
 
     def statement(self, s: tree.SyntaxStmt, context: Context) -> typed.TypedStmt | None:
-        """One statement, or None when it was too broken to keep."""
+        """The typed statement, or None if it has too many errors to be kept."""
         if isinstance(s, (tree.LetStmt, tree.VarStmt)):
             return self._declaration(s, context)
         if isinstance(s, tree.AssignStmt):
@@ -155,7 +155,7 @@ class StmtChecker:
         return typed.TypedAssign(s.span, place, value) if place else None
 
     def place(self, expr: tree.SyntaxExpr, context: Context) -> typed.Place | None:
-        """What stands on the left of `=`, or None after a report."""
+        """The place on the left of `=`, or None after a report."""
         steps: list[tree.FieldExpr | tree.IndexExpr] = []
         base = expr
         while isinstance(base, (tree.FieldExpr, tree.IndexExpr)):
@@ -423,7 +423,7 @@ class StmtChecker:
 
 
 def _to_loop_over(sequence: typed.TypedExpr, context: Context) -> tuple[Help, ...]:
-    """What makes a loop of `for x in e`: a queue of a topic, `0..e` of a number."""
+    """Helps for `for x in e` if `e` is no list: a queue for a topic, `0..e` for a number."""
     if isinstance(sequence, typed.TopicRead) and context.node is not None:
         for s in context.node.subscribes:
             if s.topic is sequence.topic and s.queue is None:
@@ -433,7 +433,7 @@ def _to_loop_over(sequence: typed.TypedExpr, context: Context) -> tuple[Help, ..
 
 
 def no_duration(span: Span, diagnostics: Diagnostics) -> None:
-    """T014 for a duration where a running program would keep it."""
+    """Reports T014 for a duration that a running program would have to store."""
     diagnostics.error(
         "T014",
         "a running program has no durations",

@@ -1,9 +1,9 @@
-"""What a name was meant to be that means nothing here: elsewhere in the program, or elsewhere.
+"""Guesses what a name that means nothing here was meant to be.
 
-Purpose: before a name is called unknown or of the wrong kind, every declaration is looked through,
-such as states of plants, locals of nodes and instances of systems; and so are the words of other
-languages. The checker is told what the name is, where it stands, and what to write instead, mostly
-as an edit.
+Purpose: before the checker calls a name unknown or of the wrong kind, this file searches all
+declarations, such as states of plants, locals of nodes and instances of systems, and words of other
+languages. It answers what the name is, where it is declared, and what to write instead, mostly as
+an edit.
 Non-goals: names that are nearly right (`diagnostics/similar_names.py`), phrases
 (`language/syntax/foreign_phrases.py`), declarations of imports (`scope.py`).
 """
@@ -31,7 +31,7 @@ OF_AN_OBJECT = ("self", "this")
 
 
 def a_type(name: str, span: Span) -> tuple[Help, ...]:
-    """For a type of C, Python, Rust or ROS; nothing where it is none."""
+    """Helps for a type of C, Python, Rust or ROS; () for any other name."""
     meant = words.type_meant(name)
     second = _SECOND_WORD.match(span.source.text, span.end)
     if meant is not None:
@@ -42,7 +42,7 @@ def a_type(name: str, span: Span) -> tuple[Help, ...]:
 
 
 def a_value(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help, ...]:
-    """For `True`, `AC`, `M_PI`, `None`, a member without its enum."""
+    """Helps for `True`, `AC`, `M_PI`, `None`, or an enum member without its enum."""
     meant = meaning("value", name)
     if meant is not None:
         return (replace(span, meant),)
@@ -60,7 +60,7 @@ def a_value(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help,
 
 
 def a_function(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ...]:
-    """For `len(xs)`, `not (a)`, `now()`, `fabs(x)`."""
+    """Helps for calls such as `len(xs)`, `not (a)`, `now()`, `fabs(x)`."""
     arguments = expr.arguments
     if name == "not" and len(arguments) == 1:
         return (replace(Span(span.source, span.start, arguments[0].span.start), "!("),)
@@ -80,7 +80,7 @@ def a_function(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ...]:
 
 
 def a_range(call: tree.SyntaxExpr) -> tuple[Help, ...]:
-    """For `range(3)` and `range(1, 3)` behind `for i in`."""
+    """Helps for `range(3)` and `range(1, 3)` after `for i in`."""
     if not isinstance(call, tree.CallExpr) or not isinstance(call.callee, tree.NameExpr):
         return ()
     if call.callee.name.text not in ("range", "xrange") or not 1 <= len(call.arguments) <= 2:
@@ -93,7 +93,7 @@ def a_range(call: tree.SyntaxExpr) -> tuple[Help, ...]:
 
 
 def of_a_library(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[Help, ...] | None:
-    """For `math.sin`, `np.clip`, `std_msgs.Bool`; None where it looks like a file of one's own."""
+    """Helps for `math.sin`, `np.clip`, `std_msgs.Bool`; None if it may be a file of the user's."""
     whole = qualifier.span.to(name.span)
     if wanted == "type" and qualifier.text.endswith("_msgs"):
         meant = words.type_meant(name.text)
@@ -110,7 +110,7 @@ def of_a_library(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[He
 
 
 def without_object(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
-    """For `self.last` and `math.pi`: the name alone, or what it is worth."""
+    """Helps for `self.last` and `math.pi`: the name alone, or its value."""
     if name.text in words.LIBRARIES:
         return of_a_library(name, field, "name") or ()
     if name.text not in OF_AN_OBJECT:
@@ -120,7 +120,7 @@ def without_object(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
 
 
 def a_declaration(name: tree.Name) -> tuple[Help, ...]:
-    """For an assignment to a name that is not there: it declares it."""
+    """Help for an assignment to an unknown name: an edit that declares it."""
     return (insert(name.span, "let ", f"declare it: `let {name.text} = ...;`"),)
 
 
@@ -128,7 +128,7 @@ _DECLARATION = re.compile(r"^(?:extern|node|plant|rta|system|test|type|fun|topic
 
 
 def listed_too(word: str, name: str, owner: Span) -> Fix:
-    """`name` behind the others of `word` in the body of the node or plant called `owner`.
+    """The edit that adds `name` to the list after `word` in the node or plant named at `owner`.
 
     `word` is `subscribes`, `publishes` or `reads`; where the body has none, it gets one.
     """
@@ -142,7 +142,7 @@ def listed_too(word: str, name: str, owner: Span) -> Fix:
 
 
 def _item(word: str, owner: Span) -> re.Match[str] | None:
-    """The item that `word` begins in the body of the declaration called `owner`."""
+    """The item that begins with `word` in the body of the declaration named at `owner`."""
     text = owner.source.text
     next_ = _DECLARATION.search(text, owner.end)
     end = next_.start() if next_ else len(text)
@@ -150,7 +150,7 @@ def _item(word: str, owner: Span) -> re.Match[str] | None:
 
 
 def in_publishes(name: str, owner: Span) -> Span | None:
-    """Where the node called `owner` lists `name` among what it publishes; None where unseen."""
+    """Where the node named at `owner` lists `name` as published; None if that is not found."""
     item = _item("publishes", owner)
     word = item and re.compile(rf"\b{re.escape(name)}\b").search(
         owner.source.text, item.start() + len("publishes"), item.end()
@@ -161,9 +161,9 @@ def in_publishes(name: str, owner: Span) -> Span | None:
 def published_too(
     declared: Iterable[tree.Decl], topic: str, owner: tree.Name | Span
 ) -> tuple[Help, ...]:
-    """`topic` behind what the node called `owner` publishes, unless another one drives it.
+    """Helps for a node at `owner` that publishes an unlisted `topic`: list it, or leave it out.
 
-    The controllers of a module publish what it does, each of them.
+    To leave it out is offered if the node is no controller, and another node drives the topic.
     """
     span = owner if isinstance(owner, Span) else owner.span
     own, declarations = span.text, list(declared)
@@ -194,17 +194,17 @@ SHOWN = 3
 
 @dataclass(frozen=True)
 class Meaning:
-    """What a name is in another scope: in words, where it is declared, and a help."""
+    """The meaning of a name in another scope: in words, where it is declared, and a help."""
 
     what: str
     span: Span
     help: str
     weak: bool = False
-    """Names of functions' parameters and of locals are often the same by chance."""
+    """Whether the name may be the same by chance, as those of parameters and locals often are."""
 
 
 def meanings(decls: Iterable[tree.Decl], name: str) -> Iterator[Meaning]:
-    """What `name` is inside of declarations of a file, in their order; lazily."""
+    """Yields the meanings of `name` inside declarations of a file, in their order."""
     declared = tuple(decls)
     for decl in declared:
         if isinstance(decl, tree.PlantDecl):
@@ -226,7 +226,7 @@ def meanings(decls: Iterable[tree.Decl], name: str) -> Iterator[Meaning]:
 
 
 def _in_a_loop(decl: tree.SystemDecl | tree.TestDecl, name: str) -> Iterator[Meaning]:
-    """The loop variable of a `for` of a system or test, or of one inside of that."""
+    """Yields the meaning as loop variable of a `for` in a system or test, inner ones too."""
     todo: list[object] = [getattr(decl, f.name) for f in fields(decl)]
     while todo:
         item = todo.pop()
@@ -273,7 +273,7 @@ def _in_a_node(node: tree.NodeDecl, name: str) -> Iterator[Meaning]:
 
 
 def _declared_in(part: object) -> Iterator[tree.LetStmt | tree.VarStmt]:
-    """All `let` and `var` of a block, those of the blocks in it, too."""
+    """Yields all `let`s and `var`s of a block and of the blocks in it."""
     if isinstance(part, (tree.LetStmt, tree.VarStmt)):
         yield part
     elif isinstance(part, tuple):
@@ -306,7 +306,7 @@ def driven_by(plant: tree.PlantDecl, state: str) -> str:
 def truth_as_topic(
     decls: Iterable[tree.Decl], names: list[tree.Name]
 ) -> tuple[str, tree.Decl] | None:
-    """What the plant drives for `c.truth...`, `c.x`, `Cart.truth...`, and the plant.
+    """For `c.truth...`, `c.x` or `Cart.truth...`: the topic that the plant drives, and the plant.
 
     `c` is an instance of the plant in some system of these declarations.
     """
@@ -330,7 +330,7 @@ def truth_as_topic(
 
 
 def _plant_called(declared: dict[str, tree.Decl], name: str) -> tree.PlantDecl | None:
-    """The plant of this name, or the one that some system has an instance of this name of."""
+    """The plant of this name, or that of an instance of this name in some system."""
     found = declared.get(name)
     for system in declared.values():
         if found is None and isinstance(system, tree.SystemDecl):
@@ -356,9 +356,9 @@ def _is_called(item: object, name: str) -> TypeGuard[tree.Instance]:
 def instead(
     decls: Iterable[tree.Decl], decl: tree.Decl, wanted: str, span: Span
 ) -> tuple[Help, ...]:
-    """What is of the kind `wanted` and belongs to `decl`, which is of another one.
+    """Helps with names of kind `wanted` that belong to `decl`, which is of another kind.
 
-    A node where a topic is meant: what it publishes; a topic where a type is meant: its type.
+    For a node in place of a topic: what it publishes; for a topic in place of a type: its type.
     """
     declared = tuple(decls)
     if wanted == "topic":
@@ -381,12 +381,12 @@ def instead(
 
 
 def _told_of(what: str, names: list[str], then: str = "") -> tuple[Help, ...]:
-    """A sentence about names; nothing where there are none."""
+    """A help with a sentence about names; () if there are none."""
     return (f"{what} {listed(names)}{then}",) if names else ()
 
 
 def _its_nodes(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
-    """The nodes of a topic or module, or those that there are, as one sentence."""
+    """A help with the nodes of a topic or module, or with all nodes, as one sentence."""
     known = [d for d in decls if isinstance(d, tree.NodeDecl)]
     if isinstance(decl, tree.TopicDecl):
         by = [d.name.text for d in known if decl.name.text in _published(d)]
@@ -397,7 +397,7 @@ def _its_nodes(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...
 
 
 def _its_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ...]:
-    """The topics of a node, plant, module or type, as one sentence."""
+    """A help with the topics of a node, plant, module or type, as one sentence."""
     if isinstance(decl, tree.NodeDecl):
         topics, verb = _published(decl), "publishes"
     elif isinstance(decl, tree.PlantDecl):
@@ -416,9 +416,9 @@ def _its_topics(decls: tuple[tree.Decl, ...], decl: tree.Decl) -> tuple[Help, ..
 
 
 def whole_topic(decls: Iterable[tree.Decl], topic: tree.Decl, part: Span) -> tuple[Help, ...]:
-    """What stands for `topic.field`, at `part`, where a topic is named: `publish pose.x = e`, say.
+    """Helps for `topic.field` (at `part`) where a topic is wanted, as in `publish pose.x = e`.
 
-    The whole record where it is given a value, the name alone everywhere else.
+    They write the whole record where it is given a value, and the name alone elsewhere.
     """
     given = part.source.text[part.end :].lstrip().startswith("=")
     if not given or not isinstance(topic, tree.TopicDecl):
@@ -449,6 +449,6 @@ def _nodes_of(module: tree.RtaDecl) -> list[str]:
 
 
 def listed(names: list[str]) -> str:
-    """`a`, `b`: the first few of them."""
+    """The first few names, in backticks: `a`, `b`."""
     shown = ", ".join(f"`{n}`" for n in names[:SHOWN])
     return shown + (" and others" if len(names) > SHOWN else "")

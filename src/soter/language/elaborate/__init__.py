@@ -1,1 +1,1 @@
-"""From the checked program to a flat system."""
+"""Flattens a system of the checked program, checks what belongs together, and warns."""

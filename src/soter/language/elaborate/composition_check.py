@@ -1,4 +1,4 @@
-"""Check that the parts of a flat system fit together.
+"""Checks that the parts of a flat system fit together.
 
 Purpose: the paper's composability (Section IV: disjoint nodes, disjoint outputs), one driver a
 topic, no topic without one (M005, with what would drive it, as edits), and a calendar that repeats.
@@ -34,7 +34,7 @@ _CAPITALS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
 def would_drive(program: TypedProgram, system: SystemSymbol, topic: Topic) -> tuple[Help, ...]:
-    """Instances that would drive a topic of the system itself; nothing for those further inside."""
+    """Edits that add an instance which drives a topic of the system; () for topics of its parts."""
     if topic.name != topic.symbol.name:
         return ()
     declarations = itertools.islice(_drivers(program, system, topic.symbol), SHOWN)
@@ -42,7 +42,7 @@ def would_drive(program: TypedProgram, system: SystemSymbol, topic: Topic) -> tu
 
 
 def _drivers(program: TypedProgram, system: SystemSymbol, topic: TopicSymbol) -> Iterator[str]:
-    """What the program declares, a system has not and would drive a topic, as items."""
+    """Yields items to add: declarations that would drive a topic and are not in the system."""
     taken = {i.name for i in system.instances}
     there: set[object] = {i.what for i in system.instances}
     modules = program.modules.values()
@@ -59,7 +59,7 @@ def _drivers(program: TypedProgram, system: SystemSymbol, topic: TopicSymbol) ->
 
 
 def _instance(name: str, taken: set[str]) -> str:
-    """A name for an instance of a plant: `my_cart` for `MyCart`."""
+    """A free name for an instance of a plant: `my_cart` for `MyCart`."""
     base = _CAPITALS.sub("_", name.rpartition(".")[2]).lower()
     while base in taken:
         base += "_2"
@@ -67,7 +67,7 @@ def _instance(name: str, taken: set[str]) -> str:
 
 
 def added(system: SystemSymbol, item: str) -> Fix:
-    """An item put in front of all others of a system."""
+    """The edit that puts an item in front of all others of a system."""
     text = system.span.source.text
     opener = text.find("{", system.span.end) + 1
     at = Span(system.span.source, opener, opener)
@@ -75,7 +75,7 @@ def added(system: SystemSymbol, item: str) -> Fix:
 
 
 def as_input(program: TypedProgram, symbol: TopicSymbol) -> tuple[Help, ...]:
-    """The declaration of a topic, made one of the environment's, if nothing ever drives it."""
+    """The edit that makes a topic an input, if nothing in the program ever drives it."""
     if any(symbol in n.publishes for n in program.nodes.values()) or any(
         symbol is t for p in program.plants.values() for t, _ in p.drives
     ):
@@ -97,8 +97,8 @@ DRIVERS_SHOWN = 4
 class Composition:
     """Checks one flat system.
 
-    `partial`: something is missing that was reported, so that absence is no error; `draft`: the
-    system is only what a file without one would run as.
+    `partial`: parts are missing that were reported, so that absence is no error; `draft`: the file
+    declares no system, and this is what it would run as.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class Composition:
         self.read: set[int] = set()
 
     def check(self, property_reads: list[tuple[int, Span]]) -> None:
-        """All rules; also enters the driver of every topic."""
+        """Checks all rules; also enters the driver of every topic."""
         self._distinct_names()
         beside = self._beside_their_modules()
         self._takeovers(beside)
@@ -153,14 +153,14 @@ class Composition:
                 queue.driver = self.system.topics[queue.queue_of].driver
 
     def _source(self, index: int) -> int:
-        """The topic itself where `index` is a queue of it."""
+        """The topic, or for a queue the topic that fills it."""
         queue_of = self.system.topics[index].queue_of
         return index if queue_of is None else queue_of
 
     # ------------------------------------------------------------ drivers
 
     def _beside_their_modules(self) -> set[Component]:
-        """M004 for nodes that a system names although a module of it brings them along."""
+        """Reports M004 for nodes that a system names though one of its modules has them."""
         beside: dict[Component, tuple[str, Module]] = {}
         for c in self.system.components:
             if c.role != "node" or c.node is None or c.stands_for is not None or self.draft:
@@ -185,7 +185,7 @@ class Composition:
         return set(beside)
 
     def _takeovers(self, without: set[Component]) -> None:
-        """M015 for `on takeover` of nodes that no module takes control of."""
+        """Reports M015 for `on takeover` in nodes that are no controllers of a module."""
         for c in self.system.components:
             if c.role != "node" or c.node is None or c in without or self.draft:
                 continue
@@ -200,7 +200,7 @@ class Composition:
                 )
 
     def _drivers(self, without: set[Component]) -> dict[int, list[tuple[str, Span]]]:
-        """Who publishes each topic: full name and kind, and where it stands in the system."""
+        """Topic -> its publishers: full name with kind, and place in the system."""
         drivers_by_topic: dict[int, list[tuple[str, Span]]] = {}
         for c in self.system.components:
             if c in without:
@@ -215,7 +215,7 @@ class Composition:
         below = {m.over for m in self.system.modules}
         for m in self.system.modules:
             span = self.system.components[m.dm].span
-            both = set(m.symbol.ac.publishes)  # of the others P1b speaks
+            both = set(m.symbol.ac.publishes)  # P1b reports the others
             own = zip(m.symbol.sc.publishes, m.outputs, strict=True)
             for index in () if m.index in below else (i for t, i in own if t in both):
                 drivers_by_topic.setdefault(index, []).append((f"module `{m.name}`", span))
@@ -223,10 +223,10 @@ class Composition:
 
     def _two_drivers(self, topic: Topic, drivers: list[tuple[str, Span]]) -> None:
         if self.draft and self.partial:
-            return  # a module that could not be read may own one of them
+            return  # a module that was not read may own one of them
         second, first = drivers[1], drivers[0]
         if second[0].startswith("module") and not first[0].startswith("module"):
-            second, first = first, second  # the module is meant: what stands beside it is not
+            second, first = first, second  # report the node beside the module, not the module
         inner = topic.symbol.name.rpartition(".")[2]
         both_modules = first != second and all(who.startswith("module") for who, _ in drivers)
         by = f"by {first[0]} and {second[0]}" if first != second else f"twice by {first[0]}"
@@ -253,9 +253,9 @@ class Composition:
         )
 
     def _listed(self, topic: Topic, place: Span) -> tuple[Span | None, tuple[Help, ...]]:
-        """Where the node that stands at `place` lists what it publishes, and the edit without it.
+        """Where the node at `place` lists `topic` as published, and an edit that removes it.
 
-        The edit is for a node with a step that never publishes it.
+        The edit is for a node whose step never publishes the topic.
         """
         for c in self.system.components:
             if c.span is not place or c.role != "node" or c.node is None or c.stands_for:
@@ -282,9 +282,9 @@ class Composition:
         note: str,
         helps: tuple[Help, ...],
     ) -> None:
-        """An error; in a draft with a word about files that others import.
+        """Reports an error; in a draft with a note about files that others import.
 
-        Where a draft has other errors already, what runs is not certain: nothing is said.
+        In a draft with other errors it reports nothing, as it is not certain what would run.
         """
         if self.draft and self.had_errors:
             return
@@ -297,7 +297,7 @@ class Composition:
     # ------------------------------------------------------------ wires
 
     def _distinct_names(self) -> None:
-        """N002 where an instance is called like an import, so that their topics are too."""
+        """Reports N002 for an instance with the name of an import: topics would clash."""
         seen: dict[str, Topic] = {}
         for topic in self.system.topics:
             other = seen.setdefault(topic.name, topic)
@@ -312,7 +312,7 @@ class Composition:
                 )
 
     def _is_wired(self, topic: Topic, span: Span) -> bool:
-        """Whether an input topic is driven through a wire; otherwise it was reported."""
+        """Whether the part at `span` drives an input by a wire; else the checker reported it."""
         return all(
             topic.symbol not in c.published for c in self.system.components if c.span is span
         )
@@ -328,7 +328,7 @@ class Composition:
         )
 
     def _disjoint_topics(self) -> None:
-        """M001 also after wiring: I and O of a node share no topic of the system."""
+        """Reports M001 after wiring, too: inputs and outputs of a node must be disjoint."""
         for c in self.system.components:
             if c.node is None:
                 continue
@@ -337,7 +337,7 @@ class Composition:
                 index = c.scope.topics[symbol]
                 inner = reads.get(index)
                 if inner is None or inner is symbol:
-                    continue  # the latter is an error of the node itself
+                    continue  # the node's own check reports the latter
                 self.diagnostics.error(
                     "M001",
                     f"by its wires node `{c.name}` both subscribes to and publishes "
@@ -352,7 +352,7 @@ class Composition:
     # ------------------------------------------------------------ acknowledgements
 
     def _acknowledgements(self, drivers: dict[int, list[tuple[str, Span]]]) -> None:
-        """M028 where a node or a module would acknowledge, or one press would count twice."""
+        """Reports M028 if a node or module could acknowledge, or one press could count twice."""
         first_by_topic: dict[int, Module] = {}
         for module in self.system.modules:
             latch = module.symbol.latch
@@ -433,7 +433,7 @@ class Composition:
         )
 
     def _differs_in_a_module(self, index: int) -> bool:
-        """Whether only one controller of a module publishes it, which is said of the module."""
+        """Whether only one controller of a module publishes it; P1b reports that."""
         for m in self.system.modules:
             differ = {*m.symbol.ac.publishes} ^ {*m.symbol.sc.publishes}
             scopes = [self.system.components[c].scope.topics for c in (m.ac, m.sc)]
@@ -471,7 +471,7 @@ class Composition:
 
 
 def _left_out(names: Sequence[Span]) -> Help:
-    """Their lines without them, where each is `node Name;` or `name: Name;` alone."""
+    """Help that removes items, as an edit if each stands alone on its line."""
     title = f"leave {' and '.join(f'`{n.text}`' for n in names)} out"
     edits = []
     for n in names:
@@ -484,7 +484,7 @@ def _left_out(names: Sequence[Span]) -> Help:
 
 
 def hyperperiod(system: System, symbol: SystemSymbol, diagnostics: Diagnostics) -> int:
-    """The time after which the calendar repeats, in ns; C003 where it does not fit."""
+    """The time after which the calendar repeats, in ns; reports C003 if it is too long."""
     periods = sorted({c.period_ns for c in system.components})
     if (value := math.lcm(*periods)) <= MAX_HYPERPERIOD_NS:
         return value

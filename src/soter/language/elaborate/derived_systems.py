@@ -1,8 +1,8 @@
-"""Systems made of systems: parts left out, replaced, or answered and driven from outside.
+"""Makes systems from systems: parts left out, replaced, or answered and driven from outside.
 
 Purpose: the one place that takes a flat system apart. Proofs, attacks, environments, tests and
-targets look at the same system "without its plants", "with this node replaced", "with these topics
-driven from outside", and say so in these words. The given system stays as it is.
+targets need a system without its plants, with another node, or with topics driven from outside;
+each such change is a function here that returns a new system and leaves the given one as it is.
 Non-goals: what the text says (`elaborator.py`), where a `replace` of a system or a test is judged
 (`instantiate.py`); the re-checker derives its own systems, on purpose.
 """
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     )
 
 OUTSIDE = "input"
-"""`Topic.driver` of a topic that somebody outside of the system publishes."""
+"""The value of `Topic.driver` for a topic that something outside of the system publishes."""
 
 
 # ---------------------------------------------------------------- parts left out
@@ -43,11 +43,10 @@ OUTSIDE = "input"
 def only(system: System, kept: Collection[int]) -> System:
     """The system of these components (indices), in their order, numbered anew.
 
-    The three parts of a module stay or go together. Properties stay that speak only of what stays;
-    topics stay, also those that nobody drives any more, and so do their draws. A node that reads
-    the mode of a module that went is answered from outside; a DM whose predicates read one cannot
-    be run or proved (R007). `hyperperiod_ns` stays a multiple of what is left. A test plan goes: it
-    is about the whole.
+    `kept` has all three parts of a module or none. Properties remain that read only what remains;
+    all topics and their draws remain, even without a driver. A node that reads the mode of a
+    removed module becomes an extern; a DM whose predicates read one cannot be run or proved (R007).
+    `hyperperiod_ns` remains a multiple of the periods left. A test plan is removed.
     """
     at = {old: new for new, old in enumerate(sorted(kept))}
     modules = [m for m in system.modules if {m.dm, m.ac, m.sc} <= at.keys()]
@@ -98,14 +97,14 @@ def only(system: System, kept: Collection[int]) -> System:
 
 
 def undriven(system: System, kept: Collection[int]) -> System:
-    """These components (indices): no properties, no draws, no end."""
+    """The system of these components (indices), without properties, draws and `until`."""
     return replace(only(system, kept), properties=(), inputs=(), measures=(), until_ns=None)
 
 
 def module_alone(system: System, module: Module, plants: Sequence[Component] = ()) -> System:
-    """A module and these plants: no properties, no draws, no end; `modules[0]` is the module.
+    """The module, as `modules[0]`, and these plants, without properties, draws and `until`.
 
-    Above another module it has that one's AC for its own.
+    A module above another one gets that one's AC as its own.
     """
     if module.over is not None:
         ac = replace(system.components[module.ac], module=module.index)
@@ -115,10 +114,10 @@ def module_alone(system: System, module: Module, plants: Sequence[Component] = (
 
 
 def beside(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol]) -> System:
-    """A module of `flat` beside other plants than those that fly, with the values of `flat`.
+    """A system of a module of `flat` and the plants of its proof, with the values of `flat`.
 
-    Topics are as they are where the module stands, and the plants see the parameters of the module.
-    Raises `SoterError` where the two do not go together.
+    Topics are those that the module sees, and the plants get the parameters of the module. Raises
+    `SoterError` if the two do not fit together.
     """
     symbol = module.symbol
     ac, sc = (flat.components[i].node for i in (module.ac, module.sc))
@@ -136,7 +135,7 @@ def beside(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol])
     diagnostics = Diagnostics()
     around = {p.name: v for p, v in module.around.items()}
     elaborator = Elaborator(flat.program, made, around, diagnostics)
-    elaborator.partial = True  # nobody drives what AC alone reads
+    elaborator.partial = True  # nothing drives topics that only AC reads
     system = elaborator.run()
     if system is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
@@ -145,7 +144,7 @@ def beside(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol])
 
 
 def own_of(module: Module, instances: Sequence[typed.InstanceSymbol]) -> Iterator[typed.SetSymbol]:
-    """Settings that give each of these instances the parameters that a module has of its own."""
+    """Yields settings that give each of these instances the module's own parameter values."""
     for param, value in module.scope.params.items():
         if repr(value) != repr(module.around[param]):
             for instance in instances:
@@ -156,7 +155,7 @@ def own_of(module: Module, instances: Sequence[typed.InstanceSymbol]) -> Iterato
 
 
 def with_components(system: System, changed: Iterable[Component]) -> System:
-    """With these components in the place of those that have their indices."""
+    """The system with these components in the place of those with the same indices."""
     components = list(system.components)
     for c in changed:
         components[c.index] = c
@@ -173,12 +172,12 @@ def with_node(
 
 
 def answered_outside(system: System, indices: Collection[int]) -> System:
-    """With these components (nodes or plants) as unbound externs."""
+    """The system with these components (nodes or plants) as externs without a binding."""
     return with_components(system, (_as_extern(system.components[i]) for i in indices))
 
 
 def unbound(system: System) -> System:
-    """With no extern bound; nothing that is put into a module or a scope reaches the original."""
+    """The system without bindings of externs; modules and scopes are copies."""
     return only(
         with_components(system, [replace(c, binding=None) for c in system.components]),
         range(len(system.components)),
@@ -186,13 +185,13 @@ def unbound(system: System) -> System:
 
 
 def with_module(system: System, module: Module) -> System:
-    """With this module in the place of the one that has its index."""
+    """The system with this module in the place of the one with the same index."""
     modules = [module if m.index == module.index else m for m in system.modules]
     return replace(system, modules=tuple(modules))
 
 
 def forced(system: System, module: int, who: str) -> System:
-    """With a module whose mode is always `who`, "ac" or "sc"."""
+    """The system with a module whose mode is always `who`, "ac" or "sc"."""
     modules = [replace(m, forced=who) if m.index == module else m for m in system.modules]
     return replace(system, modules=tuple(modules))
 
@@ -201,12 +200,12 @@ def forced(system: System, module: int, who: str) -> System:
 
 
 def reading(module: Module, more: Sequence[int], **changes: Any) -> Module:  # noqa: ANN401 - fields
-    """A module that reads more topics, with `changes`."""
+    """The module with more topics in `inputs`, and `changes` of other fields."""
     return replace(module, inputs=(*module.inputs, *more), **changes)
 
 
 def with_changed_topics(system: System, changed: Iterable[Topic]) -> System:
-    """With these topics in the place of those that have their indices."""
+    """The system with these topics in the place of those with the same indices."""
     topics = list(system.topics)
     for t in changed:
         topics[t.index] = t
@@ -214,16 +213,16 @@ def with_changed_topics(system: System, changed: Iterable[Topic]) -> System:
 
 
 def with_topics(system: System, made: Sequence[Topic]) -> System:
-    """With more topics behind those that there are."""
+    """The system with more topics behind its own."""
     return replace(system, topics=(*system.topics, *made))
 
 
 def with_topic(
     system: System, like: Topic, symbol: typed.TopicSymbol, name: str, **changes: object
 ) -> tuple[System, Topic]:
-    """With one more topic, as `like` but for its symbol and `changes`; its names are made new.
+    """The system with one more topic, like `like` but for symbol, name and `changes`; the topic.
 
-    Nobody reads it in a queue yet: those of `like` collect what is published on `like`.
+    No queue collects it: those of `like` only collect what is published on `like`.
     """
     taken = {t.name for t in system.topics} | {t.symbol.name for t in system.topics}
     symbol = replace(symbol, name=_fresh(symbol.name, taken))
@@ -235,12 +234,12 @@ def with_topic(
 
 
 def drawn(system: System, topic: int, every_ns: int) -> System:
-    """With the values of a topic drawn from its set, as those of an input."""
+    """The system with a topic drawn from its set every `every_ns` ns, as an input is."""
     return replace(system, inputs=(*system.inputs, InputDrive(topic, every_ns)))
 
 
 def driven_outside(system: System, topics: Collection[int]) -> System:
-    """With these topics published from outside: nobody draws or drives them. Queues follow."""
+    """The system with these topics published from outside instead of drawn or driven."""
     inside = {c.scope.topics[t] for c in system.components for t in c.published}
     assert inside.isdisjoint(topics)
     return replace(
@@ -254,14 +253,14 @@ def driven_outside(system: System, topics: Collection[int]) -> System:
 
 
 def drawn_where(system: System, wanted: Callable[[int], bool]) -> System:
-    """With the draws of these topics only."""
+    """The system with only those draws whose topic `wanted` accepts."""
     return replace(system, inputs=tuple(i for i in system.inputs if wanted(i.topic)))
 
 
 def at_once(system: System) -> System:
-    """With nothing held: what steps that take time publish counts as they happen.
+    """The system without held topics: outputs of steps that take time take effect at once.
 
-    For those who count with `Component.takes_ns` themselves: proofs and tests.
+    It is for proofs and tests, which handle `Component.takes_ns` themselves.
     """
     gone = {c.held for c in system.components}
     kept = [t for t in system.topics if t.index not in gone]
@@ -274,7 +273,7 @@ def at_once(system: System) -> System:
 
 
 def unlatched(system: System) -> System:
-    """With DMs that give control back without being acknowledged: what P2b is about."""
+    """The system with DMs that give control back without acknowledgement, as P2b assumes."""
     modules = tuple(replace(m, latch=None, acknowledgement=None) for m in system.modules)
     return replace(system, modules=modules)
 
@@ -283,26 +282,26 @@ def unlatched(system: System) -> System:
 
 
 def _hidden(components: Sequence[Component], modules: Sequence[Module]) -> set[int | None]:
-    """The topics that no program declares: what is held, and those of modules and shields."""
+    """Indices of hidden topics, which no program declares: of steps, modules and shields."""
     own = {c.held for c in components} | {i for m in modules for i in (m.looked, m.latch)}
     shields = [m.shield for m in modules if m.shield is not None]
     return own | {i for s in shields for i in (s.topic, s.proposed)}
 
 
 def _moved(shield: Shield, place: dict[int | None, int]) -> Shield:
-    """The same, its topics elsewhere."""
+    """The shield with its topics at new indices."""
     return replace(shield, topic=place[shield.topic], proposed=place.get(shield.proposed))
 
 
 def faultless(system: System) -> System:
-    """Nothing goes wrong, and nodes step in the deployed order: what proofs are about."""
+    """The system without faults, with nodes in the deployed order, as proofs assume."""
     if not system.faults and not system.shuffled:
         return system
     components = tuple(replace(c, held=c.held if c.takes_ns else None) for c in system.components)
     kept = _hidden(components, system.modules)
     left = [t for t in system.topics if not t.held or t.index in kept]
     place: dict[int | None, int] = {t.index: k for k, t in enumerate(left)}
-    # what is held comes last: only it moves
+    # held topics are the last ones, so only they get new indices
     return replace(
         system,
         topics=tuple(replace(t, index=k) if t.index != k else t for k, t in enumerate(left)),
@@ -324,14 +323,14 @@ def faultless(system: System) -> System:
 
 
 def without_faults(system: System, gone: Collection[str], *, shuffled: bool) -> System:
-    """Without these faults, as they were written; `shuffled`: in an order that is drawn."""
+    """The system without these faults (by `Fault.text`); `shuffled`: in a drawn order."""
     left = [f for f in system.faults if f.text not in gone]
     faults = waiting(system.modules, left, shuffled=shuffled)
     return replace(system, faults=faults, shuffled=shuffled)
 
 
 def only_inside(system: System) -> System:
-    """Without the faults, as they were written, that are outside of what proofs assume for anybody.
+    """The system without faults whose text breaks an assumption of proofs for some component.
 
     Nodes step in the deployed order.
     """
@@ -340,7 +339,7 @@ def only_inside(system: System) -> System:
 
 
 def with_faults(system: System, more: Sequence[Fault], *, shuffled: bool = False) -> System:
-    """With more that goes wrong; `shuffled`: in an order that is drawn."""
+    """The system with more faults; `shuffled`: in a drawn order."""
     any_order = system.shuffled or shuffled
     faults = waiting(system.modules, (*system.faults, *more), shuffled=any_order)
     return replace(system, faults=faults, shuffled=any_order)
@@ -350,12 +349,12 @@ def with_faults(system: System, more: Sequence[Fault], *, shuffled: bool = False
 
 
 def with_properties(system: System, properties: Sequence[Property]) -> System:
-    """With these properties and no others."""
+    """The system with these properties and no others."""
     return replace(system, properties=tuple(properties))
 
 
 def with_test(system: System, plan: TestPlan) -> System:
-    """With what a test adds to it."""
+    """The system with the plan of a test."""
     return replace(system, test=plan)
 
 
@@ -363,7 +362,7 @@ def with_test(system: System, plan: TestPlan) -> System:
 
 
 def _that_can_run(c: Component) -> Component:
-    """Answered from outside where it reads the mode of a module that is not there."""
+    """The component, as an extern if it reads the mode of a module that is not there."""
     if c.node is None or c.node.extern:
         return c
     read = mode_reads(*c.node.step, *(c.node.takeover or ()))
@@ -371,7 +370,7 @@ def _that_can_run(c: Component) -> Component:
 
 
 def _as_extern(c: Component) -> Component:
-    """Its declaration without code: an extern has states or outputs, and no locals."""
+    """The component as an extern: its declaration without code and locals."""
     if c.plant is not None:
         return replace(c, plant=replace(c.plant, extern=True), binding=None)
     assert c.node is not None
@@ -380,7 +379,7 @@ def _as_extern(c: Component) -> Component:
 
 
 def _can_be_judged(p: Property, at: Mapping[int, int], placed: Mapping[int, int]) -> bool:
-    """Whether everything that a property reads, and whose contract it is, is left."""
+    """Whether all that a property reads remains, and the component of a contract."""
     seen = [*p.scope.plants.values(), *([] if p.component is None else [p.component])]
     read = mode_reads(p.condition)
     there = {m for m, i in p.scope.modules.items() if i in placed}

@@ -1,21 +1,20 @@
-"""As a test is elaborated: which values, and which comparisons of times, it can tell apart.
+"""Finds which values and which times the code of a test can distinguish.
 
-Purpose: of what a stand-in publishes, values between which no step, predicate, contract or property
-can tell do the same, so one of them stands for all (docs/testing.md, "Values that nobody can tell
-apart"): of a part that nobody reads any value; of a number that is only compared with constants one
-at each constant, one between two that follow each other, one beyond them. Of times: into how many
-parts the grid of a test is cut.
+Purpose: if no step, predicate, contract or property distinguishes two values of a stand-in's topic,
+one of them is enough (docs/testing.md, "Values that nobody can tell apart"): any value of a part
+that nobody reads; for a number that is only compared with constants one at each constant, one
+between two neighbours, and one beyond them. For times it computes into how many parts the grid of a
+test must be cut.
 Non-goals: which values are published (`language/elaborate/stand_ins.py`), what is put into a local,
 an argument or a calculation, which counts as told apart; thresholds and the greatest common divisor
 (`elaborate/time_grid.py`).
 
-Times of steps are the nodes of a graph, time zero one of them: what cannot be late stands with it.
-A comparison of two is an edge, its length a multiple of the greatest common divisor g. That the
-comparisons of an execution hold, and the order of its steps, is that every circle has a length of
-at least zero, and of more, so of g, where one of its edges is strict. If no circle has more than s
-strict edges, each of them can be made shorter by g/s: then there are times on the grid of g/s at
-which the same comparisons hold. That a configuration is observable is an edge as well, and strict:
-it comes before the end of every window that is still open.
+Why that is enough: times of steps are the nodes of a graph; time zero is one, and stands also for
+steps that cannot be late. A comparison of two times is an edge whose length is a multiple of the
+greatest common divisor g. Times at which all comparisons and the order of steps hold exist if every
+circle has a length of at least zero, and of more (so at least g) if one of its edges is strict. If
+no circle has more than s strict edges, each of these can be made g/s shorter: then such times exist
+on the grid of g/s. An observed configuration is a strict edge, too: before the end of open windows.
 """
 
 from __future__ import annotations
@@ -58,30 +57,30 @@ _CLOSED = (
     typed.Builtin,
     typed.TypedField,
 )
-"""What a constant is made of."""
+"""Classes of expressions that a constant may consist of."""
 
 Path = tuple[int, ...]
-"""Fields of a record, from the whole topic inwards."""
+"""Indices of record fields, from the whole topic inwards; () is the whole."""
 Comparison = tuple[str, int | float]
 """An operator, and the constant that a number is compared with."""
 
 
 @dataclass
 class ReadTopic:
-    """What is read of a topic: parts as they are (and where), numbers against constants."""
+    """What code reads of a topic: parts whose value counts (and where), numbers only compared."""
 
     whole: dict[Path, Span] = field(default_factory=dict)
     compared: dict[Path, set[Comparison]] = field(default_factory=dict)
 
     def told_apart(self, path: Path) -> Span | None:
-        """Where this part, or one in which it lies, is read as it is; None: nowhere."""
+        """Where code reads the value of this part, or of one around it; None: nowhere."""
         return next((s for p, s in self.whole.items() if path[: len(p)] == p), None)
 
 
 class Readers:
-    """What everybody in a system reads of each topic. `constant`: the value of a closed expression.
+    """What all code of a system reads of each topic; `constant` evaluates closed expressions.
 
-    `heard`: topics of which somebody can tell whether, or when, they were published.
+    `heard`: topics of which some code can tell whether, or when, they were published.
     """
 
     def __init__(
@@ -90,12 +89,12 @@ class Readers:
         asked: Iterable[tuple[typed.TypedExpr, Scope]],
         constant: Constant,
     ) -> None:
-        """`asked`: further conditions that are judged, each with what its names mean."""
+        """`asked`: further conditions that the test judges, each with its scope."""
         self._constant = constant
         self.topics: dict[int, ReadTopic] = {}
         self.heard: set[int] = set()
         for m in system.modules:
-            if m.symbol.ttf is None or m.symbol.safer is None:  # computed later on
+            if m.symbol.ttf is None or m.symbol.safer is None:  # they may read anything then
                 for topic in system.topics:
                     self._all_of(topic.index, m.symbol.span)
         for c in system.components:
@@ -112,7 +111,7 @@ class Readers:
         self._contracts([c for c in system.components if c.stands_for is not None])
 
     def of(self, topic: int) -> ReadTopic:
-        """What is read of one of them."""
+        """What code reads of the topic with this index."""
         return self.topics.setdefault(topic, ReadTopic())
 
     def _all_of(self, topic: int, span: Span) -> None:
@@ -133,7 +132,7 @@ class Readers:
             self.heard |= {*c.reads}
 
     def _contracts(self, stand_ins: list[Component]) -> None:
-        """What contracts read, of those of whom somebody hears something."""
+        """Adds what contracts of stand-ins read, for those stand-ins that something hears."""
         waiting = stand_ins
         while True:
             heard = [c for c in waiting if self.hears(c)]
@@ -145,9 +144,9 @@ class Readers:
                 self._read(c.stands_for.asked, c.scope)
 
     def hears(self, c: Component) -> bool:
-        """Whether anybody but itself can tell what, or when, a stand-in publishes.
+        """Whether anything but itself can tell what, or when, a stand-in publishes.
 
-        The DM of a module can of who stands for a controller alone.
+        For a stand-in of a single controller its module's DM can.
         """
         assert c.node is not None
         outputs = {*c.writes}
@@ -182,7 +181,7 @@ class Readers:
             todo += children(node)
 
     def _compared(self, e: typed.TypedBinary, scope: Scope) -> bool:
-        """Whether it compares a number of a topic with a constant: then that is noted."""
+        """Notes that `e` compares a number of a topic with a constant; False if it does not."""
         if e.op not in _HOLDS or not isinstance(e.left.type, (FloatType, IntType)):
             return False
         for read, other in ((e.left, e.right), (e.right, e.left)):
@@ -199,7 +198,7 @@ class Readers:
         return False
 
     def _place(self, e: object, scope: Scope) -> tuple[int, Path] | None:
-        """The topic, and the field of it, that an expression is; None: it is another one."""
+        """The topic, and the field of it, that an expression reads; None for any other."""
         path: list[int] = []
         while isinstance(e, typed.TypedField):
             path.append(e.index)
@@ -212,9 +211,9 @@ class Readers:
 def representatives(
     compared: set[Comparison], bound: Bound | None, t: IntType | FloatType, first: Value
 ) -> list[int | float]:
-    """A number for each that the comparisons can tell apart, `first` foremost.
+    """One number for each possible set of answers of the comparisons, `first` foremost.
 
-    `bound` is the set that it is of; `first` one of it.
+    `bound` is the set of the numbers, and `first` one of them.
     """
     constants = {c for _, c in compared}
     low: float
@@ -235,7 +234,7 @@ def representatives(
 
 
 def _between(a: float, b: float, t: IntType | FloatType) -> float:
-    """A number between two others, where there is one."""
+    """A number between two others; for ints without one between the lower one."""
     if isinstance(t, IntType):
         return (int(a) + int(b)) // 2
     return float((Fraction(a) + Fraction(b)) / 2)
@@ -252,18 +251,18 @@ def _above(constants: set[int | float]) -> float:
 
 
 FINEST = 8
-"""Into so many parts a grid is cut at most."""
+"""The most parts that a grid is cut into."""
 AT_A_STEP = 2
-"""Edges of a circle at one time."""
+"""Most edges of a circle that meet at the time of one step."""
 
 
 @dataclass
 class ReadClocks:
-    """The clocks that one text reads: of a `component`, or of a property that is looked at.
+    """The clocks that one piece of code reads: code of a `component`, or else a property.
 
-    `ages`: topic indices; `now`: `time`; `kept`: locals that hold a time of an earlier step;
-    `crossed`: whether a clock is compared with a clock. `looks`: of a property, so many moments
-    decide on it; `deadline`: of which kind.
+    `ages`: topic indices; `now`: whether it reads `time`; `kept`: whether it reads locals with a
+    time of an earlier step; `crossed`: whether it compares a clock with another. For a property
+    `looks` is the number of moments that decide it, and `deadline` the kind of a timed one.
     """
 
     component: int | None = None
@@ -277,12 +276,12 @@ class ReadClocks:
 
     @property
     def clocks(self) -> int:
-        """How many it reads."""
+        """How many clocks it reads; all kept locals count as one."""
         return len(self.ages) + self.now + self.kept
 
 
 def together(system: System, watched: Sequence[ReadClocks]) -> int:
-    """Strict comparisons in one circle of times at most: the parts that the grid is cut into."""
+    """The most strict comparisons in one circle of times, so the parts that the grid needs."""
     late = _may_be_late(system)
     if not late:
         return 1
@@ -305,7 +304,7 @@ def together(system: System, watched: Sequence[ReadClocks]) -> int:
 
 
 def _may_be_late(system: System) -> set[int]:
-    """Components whose steps may be late."""
+    """Indices of components whose steps may be late."""
     assert system.test is not None
     late = {f.component for f in system.test.faults if f.kind != "skip" and f.by_ns}
     if system.test.skew_ns:
@@ -314,10 +313,10 @@ def _may_be_late(system: System) -> set[int]:
 
 
 def _edges(w: ReadClocks, ages: set[int], moved: set[int], *, free: bool) -> tuple[int, int, bool]:
-    """Strict edges each time a text is run, clocks in it that move, whether time zero is a node.
+    """Strict edges for each run of `w`'s code, its moving clocks, whether time zero is a node.
 
-    `ages`: of which topics, `moved`: those with stamps of steps that may be late; `free`: whether
-    the text itself may run late.
+    `ages`: topics whose age it reads; `moved`: topics whose stamps may be late; `free`: whether the
+    code itself may run late.
     """
     loose = len(ages & moved)
     loose += w.kept if free or loose else 0
@@ -342,13 +341,13 @@ def _published_late(system: System, late: set[int]) -> set[int]:
 
 
 def _source(system: System, topic: int) -> int:
-    """The topic itself, or of a queue that which fills it: its age is that one's."""
+    """The topic, or for a queue the topic that fills it, whose age it has."""
     of = system.topics[topic].queue_of
     return topic if of is None else of
 
 
 def releases(system: System, component: int) -> int:
-    """Of a component, up to the horizon."""
+    """The number of a component's releases up to the horizon."""
     assert system.test is not None
     c = system.components[component]
     return max(0, (system.test.horizon_ns - c.phase_ns) // c.period_ns + 1)

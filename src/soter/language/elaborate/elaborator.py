@@ -1,7 +1,7 @@
-"""Flatten a system: instances named, parameters fixed, every number computed.
+"""Flattens a system: instances get names, parameters values, and all numbers are computed.
 
-Purpose: `SystemSymbol` + overrides -> `System`, with diagnostics where numbers are wrong
-(periods, value sets, defaults) or wiring is.
+Purpose: makes a `System` of a `SystemSymbol` and overrides of parameters, with diagnostics for
+wrong numbers (periods, value sets, defaults) and wrong wires.
 Non-goals: composition (`composition_check.py`), P1a and P1b (`wellformed.py`), behaviour, storage.
 """
 
@@ -71,7 +71,7 @@ __all__ = ["Elaborator", "elaborate", "first_outside", "implicit_system", "show_
 
 
 class Elaborator(Topics):
-    """One elaboration of one system."""
+    """Flattens one system; `run` may be called once."""
 
     def __init__(
         self,
@@ -97,7 +97,7 @@ class Elaborator(Topics):
     # ------------------------------------------------------------ the result
 
     def run(self) -> System | None:
-        """Flatten; None where the system is too large, meaningful only without errors."""
+        """Flattens the system; None if it is too large. After errors the result is incomplete."""
         try:
             return self._run() if self.measure.instances() else None
         except TooLargeError:
@@ -145,7 +145,7 @@ class Elaborator(Topics):
         return system
 
     def disturb(self, system: System) -> None:
-        """What goes wrong in its runs."""
+        """Enters the faults of the system."""
         if self.symbol.faults:
             place_faults(self, system)
             for f in system.faults:
@@ -155,7 +155,7 @@ class Elaborator(Topics):
             system.topics = tuple(self.topics)
 
     def measures(self) -> Iterator[Metric]:
-        """What campaigns tell of its runs."""
+        """Yields the numbers that campaigns report about runs."""
         for item in self.symbol.measures:
             what = f"measure `{item.name}`"
             interval = self.interval(item.low, item.high, item.low.span.to(item.high.span), what)
@@ -177,7 +177,7 @@ class Elaborator(Topics):
                 )
 
     def _idle_settings(self) -> None:
-        """W010; silent where parts are missing, which may have read the parameters."""
+        """Warns W010 of settings that nothing reads, unless parts are missing, which may."""
         settings = self.parameters.of_instances()
         if settings and not self.partial:
             idle = Idle()
@@ -185,7 +185,7 @@ class Elaborator(Topics):
             idle.report(settings, self.diagnostics)
 
     def run_loose(self, topics: list[typed.TopicSymbol]) -> System | None:
-        """Check the numbers of declarations that no system has, and of `topics`; no composition."""
+        """Checks numbers of declarations outside systems and of `topics`, but no composition."""
         self.partial = True
         try:
             self.walk(self.symbol, "", [])
@@ -208,7 +208,7 @@ class Elaborator(Topics):
         )
 
     def _components(self, role: str) -> tuple[list[Component], list[Module]]:
-        """Everything that was placed, in deployed order; `role` of nodes outside modules."""
+        """Components, in deployed order, and modules; `role`: that of nodes outside modules."""
         components: list[Component] = []
         pending: list[PlacedInstance] = []
         for placed in self.placed:
@@ -228,9 +228,9 @@ class Elaborator(Topics):
         return components, modules
 
     def _hold(self, c: Component) -> None:
-        """A topic for what a step that lasts publishes; these come last of all topics.
+        """Makes the hidden topic for outputs of steps that take time; these are the last topics.
 
-        First those of nodes that say so, then those that only overrun by a fault.
+        First those of nodes that `take` time, then those that only overrun by a fault.
         """
         if c.held is not None or c.node is None or not c.node.publishes:
             return
@@ -327,7 +327,7 @@ class Elaborator(Topics):
         return sorted(measurements, key=lambda m: (m.topic, m.leaf))
 
     def _bound(self, expr: typed.TypedExpr, what: str) -> float | None:
-        """What bounds a distance; None after a report."""
+        """The value of a bound, not negative; None after a report."""
         bound = self.number(expr, what)
         if bound is None or (math.isfinite(bound) and bound >= 0):
             return bound
@@ -412,7 +412,7 @@ class Elaborator(Topics):
     def _failsafe(
         self, node: typed.NodeSymbol | typed.ModuleSymbol, scope: Scope
     ) -> dict[int, Value]:
-        """What is published after a step fault, or held after the end of a lease."""
+        """Topic -> value published after a step fault, or held after the end of a lease."""
         value_by_topic: dict[int, Value] = {}
         why = "what is published after a step fault must be allowed too"
         if isinstance(node, typed.ModuleSymbol):
@@ -422,7 +422,7 @@ class Elaborator(Topics):
             if value is None:
                 continue
             topic = self.topics[scope.topics[symbol]]
-            if topic.queue_of is not None:  # M001 was said: it reads what it publishes
+            if topic.queue_of is not None:  # it reads its own output: M001 was reported
                 topic = self.topics[topic.queue_of]
             value_by_topic[topic.index] = value
             self.in_set(
@@ -442,7 +442,7 @@ class Elaborator(Topics):
         what: str,
         notes: tuple[str, ...] = (),
     ) -> None:
-        """V005 where a value lies outside the topic's set; `what` opens the message."""
+        """Reports V005 if a value lies outside its topic's set; `what` opens the message."""
         outside = first_outside(topic.type, value, topic.bounds)
         if outside is None or topic.symbol in self.program.damaged:
             return
@@ -495,7 +495,7 @@ class Elaborator(Topics):
             if c.module is not None:
                 roles[c.module][c.role] = c
         at = {id(p): i for i, p in enumerate(pending)}
-        for i, p in reversed(list(enumerate(pending))):  # a module below comes later
+        for i, p in reversed(list(enumerate(pending))):  # a module below stands behind
             if p.below is not None:
                 roles[i]["ac"] = roles[at[id(p.below)]]["ac"]
         modules = []
@@ -544,7 +544,7 @@ class Elaborator(Topics):
         )
 
     def _has_set(self, topic: Topic, module: typed.ModuleSymbol) -> None:
-        """The theorem's "*": all the values that the AC may publish."""
+        """Reports V003 for an output without a set: it bounds what AC may publish (theorem 3.1)."""
         if topic.set_declared or topic.symbol in self.program.damaged:
             return
         bare = [
@@ -567,7 +567,7 @@ class Elaborator(Topics):
         )
 
     def _verify_block(self, module: typed.ModuleSymbol) -> tuple[int, int]:
-        """Numbers of `verify`, checked now: how late the DM may be, in ns, and its levels."""
+        """Checks the numbers of `verify`; how late the DM may be, in ns, and its levels."""
         verify = module.verify
         self.long_duration(verify.horizon, "`horizon`")
         self.long_duration(verify.recover, "`recover within`")
@@ -598,7 +598,7 @@ class Elaborator(Topics):
     def _acts_at_some_time(
         self, verify: typed.TypedVerifyBlock, least_ns: int | None, most_ns: int | None
     ) -> None:
-        """V001 where the least time of `acts within` is above the greatest one."""
+        """Reports V001 if the least time of `acts within` is above the greatest one."""
         if least_ns is None or most_ns is None or least_ns <= most_ns:
             return
         assert verify.acts_least is not None
@@ -639,7 +639,7 @@ class Elaborator(Topics):
             )
 
     def _command(self, commands: typed.TypedCommandSet, expr: typed.TypedExpr) -> None:
-        """A command lies in the set of its topic."""
+        """Reports a command of `commands` that lies outside its topic's set."""
         value = self.number(expr, "a command")
         if value is None:
             return
@@ -658,7 +658,7 @@ class Elaborator(Topics):
     # ------------------------------------------------------------ modes, properties, inputs
 
     def _modes_in_scope(self, components: list[Component], modules: list[Module]) -> None:
-        """Let nodes read `mode(M)` of a module instance beside them."""
+        """Enters in scopes which module instance `mode(M)` means for a node beside it."""
         prefixes = {p.name: p.prefix for p in self.placed}
         beside: dict[tuple[str, object], list[Module]] = {}
         for m in modules:
@@ -708,7 +708,7 @@ class Elaborator(Topics):
         )
 
     def mode_is_gone(self, name: str, gone: ReplacedModule, span: Span) -> None:
-        """E016 where something is asked of a module that a test replaced."""
+        """Reports E016 for a question about a module that a test replaced."""
         self.diagnostics.error(
             "E016",
             f"`{name}` is replaced as a whole: it has no decision module",
@@ -720,7 +720,7 @@ class Elaborator(Topics):
         )
 
     def _properties(self, modules: list[Module], components: list[Component]) -> list[Property]:
-        """Those of the system, then those of its sub-systems, then the contracts of nodes."""
+        """The properties of the system, of its sub-systems, then the contracts of nodes."""
         result: list[Property] = []
         self._plants = {c.name: c.index for c in components if c.role == "plant"}
         self._modules_by_name = {m.name: m for m in modules}
@@ -748,7 +748,7 @@ class Elaborator(Topics):
         components: list[Component],
         result: list[Property],
     ) -> None:
-        """The contract of a module: its clauses are judged as any of its controllers steps."""
+        """Adds the clauses of a module's contract, judged when one of its controllers steps."""
         inside = {module.index}
         below = module.over
         while below is not None:
@@ -764,13 +764,13 @@ class Elaborator(Topics):
     def add_property(
         self, result: list[Property], item: typed.PropertySymbol, scope: Scope, text: str
     ) -> None:
-        """An `always` or `never`; what else there is belongs to tests."""
+        """Adds an `always` or `never`; other kinds belong to tests."""
         if item.kind in {"always", "never"} and item.condition is not None:
             prop = Property(len(result), item.kind, item.condition, scope, text, item.span)
             result.append(prop)
 
     def scope_of_property(self, part: SubSystem, item: typed.PropertySymbol) -> Scope:
-        """What the names of a property mean, seen from its part."""
+        """The scope of a property: what its names mean in its part."""
         scope = Scope({}, part.params)
         roots = [e for e in (item.premise, item.condition) if e is not None]
         self._names_of_property(part, roots, scope)
@@ -782,7 +782,7 @@ class Elaborator(Topics):
         roots: list[typed.TypedExpr],
         scope: Scope,
     ) -> None:
-        """What the names in a property mean, as seen from inside its part."""
+        """Enters in `scope` what the names in a property mean in its part."""
         plants, modules = self._plants, self._modules_by_name
         for topic, read in topic_reads(*roots).items():
             scope.topics[topic] = self.topic(self.key(topic, part.prefix, part.wires))
@@ -808,15 +808,15 @@ class Elaborator(Topics):
         self._margins += [scope.modules[m] for m in margin_reads(*roots) if m in scope.modules]
 
     def input_items(self) -> Iterator[tuple[SubSystem, typed.InputSymbol]]:
-        """Draws of the system, then those of sub-systems that nothing outside decides."""
+        """Yields `input`s of the system, then those of sub-systems that are not wired."""
         for part in self.parts:
             for item in part.system.inputs:
                 if part.prefix and any(item.topic in table for table in part.wires):
-                    continue  # wired: the outer system says what it is
+                    continue  # it is wired: the outer system drives it
                 yield part, item
 
     def _externals(self) -> tuple[External, ...]:
-        """Topics of the outside, of the system and of those in it, by the first who says so."""
+        """External topics of the system and its parts; the outermost declaration counts."""
         external_by_topic: dict[int, External] = {}
         for part in self.parts:
             for item in part.system.externals:
@@ -838,7 +838,7 @@ class Elaborator(Topics):
         return External(index, every, delay, tuple(errors), item.span)
 
     def _inputs(self) -> list[InputDrive]:
-        """How each input topic is driven: by the first who says so."""
+        """How each input topic is drawn; the outermost declaration counts."""
         result: dict[int, InputDrive] = {}
         for part, item in self.input_items():
             index = self.topic(self.key(item.topic, part.prefix, part.wires))
@@ -864,7 +864,7 @@ class Elaborator(Topics):
         return list(result.values())
 
     def _values(self, item: typed.InputSymbol, topic: Topic) -> tuple[Value, ...]:
-        """The declared values of an input; V005 for one outside the topic's set."""
+        """The declared values of an input; reports V005 for one outside the topic's set."""
         values: list[Value] = []
         for expr in item.values:
             value = self.number(expr, "the value of an input")
@@ -876,7 +876,7 @@ class Elaborator(Topics):
 
 
 def _missing_set(topic: Topic, bare: Sequence[str]) -> Help:
-    """What is to be added where the leaves `bare` of a topic have no set."""
+    """Help that adds a set for the leaves `bare` of a topic."""
     if not topic.symbol.values or not all(bare):
         return "add a set: `in [-1.0, 1.0]` with your bounds"
     last = max((r.span for r in topic.symbol.values.values()), key=lambda s: s.end)
@@ -893,7 +893,7 @@ def _contracts(component: Component) -> list[tuple[str, typed.TypedExpr]]:
 
 
 def _deployed_order(components: list[Component]) -> list[Component]:
-    """Ruling 5: plants, DMs, SCs, the rest; ties by declaration."""
+    """The components ordered by ruling 5: plants, DMs, SCs, the rest; ties by declaration."""
     ordered = sorted(components, key=lambda c: RANK[c.stands_for.role if c.stands_for else c.role])
     for index, component in enumerate(ordered):
         component.index = index
@@ -906,12 +906,12 @@ def elaborate(
     overrides: Mapping[str, Value],
     diagnostics: Diagnostics,
 ) -> System | None:
-    """Flatten `symbol`; `overrides` maps full parameter names to values. None after an error."""
+    """Flattens `symbol`; `overrides`: full parameter name -> value. None after an error."""
     return Elaborator(program, symbol, overrides, diagnostics).run()
 
 
 def implicit_system(program: typed.TypedProgram) -> typed.SystemSymbol | None:
-    """For a file without systems: everything it declares, once."""
+    """The system of a file that declares none: everything in the file, once."""
     used = {n for m in program.modules.values() for n in (m.ac, m.sc, *m.below)}
     whats: list[typed.PlantSymbol | typed.ModuleSymbol | typed.NodeSymbol] = [
         *program.plants.values(),

@@ -1,8 +1,8 @@
-"""The `faults { ... }` of a system: which component, how often, inside which assumption.
+"""Elaborates the `faults { ... }` of a system: which component, how often, in which assumption.
 
-Purpose: `SystemFaultSymbol`s become `Fault`s, one a component that is hit, with diagnostics where
-it cannot happen; whether a proof's assumptions still hold with it. `named` finds a component by the
-path that a fault or a test gives, or says what to write.
+Purpose: turns each `SystemFaultSymbol` into `Fault`s, one for each component, with diagnostics for
+impossible ones, and decides whether a proof's assumptions still hold with it. `named` finds a
+component by the path in a fault or a test; `nobody` reports that there is none.
 Non-goals: what a fault does (`semantics/faults.py`, `codegen/faults.py`), tests
 (`language/elaborate/tested_system.py`).
 """
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
 
 def named(system: System, path: str) -> list[Component]:
-    """The components with this full name, else those that may be called so."""
+    """The components with this full name, else those with it as an alias."""
     matches = [c for c in system.components if c.name == path]
     return matches or [c for c in system.components if path in _aliases(system, c)]
 
 
 def _aliases(system: System, c: Component) -> set[str]:
-    """What a component may be called beside its full name, as in `replace`."""
+    """Other names for a component beside its full name, as in `replace`."""
     if c.node is None:
         return set()
     symbols = [c.node]
@@ -48,7 +48,7 @@ def _aliases(system: System, c: Component) -> set[str]:
 def nobody(
     system: System, path: str, span: Span, diagnostics: Diagnostics, *, verb: str, plants: bool
 ) -> None:
-    """E009: no component is called so; `verb`: what it could do, `plants`: whether they can."""
+    """Reports E009, no such component; `verb`: what it could do, `plants`: whether plants can."""
     known = [c.name for c in system.components if plants or c.role != "plant"]
     head, _, last = path.rpartition(".")
     inside = [n for n in known if n.startswith(f"{head}.") and n.endswith(f".{last}")]
@@ -72,13 +72,13 @@ def _short(name: str) -> str:
 
 
 GROUPS = ("all", "modules")
-"""Targets of faults of time: every node and DM, or those of modules."""
+"""Targets of timing faults: all nodes and DMs, or only those of modules."""
 APART = ("late", "skip", "silent")
-"""Kinds of which nothing may last longer than was said: never in two slots in a row."""
+"""Kinds that may not last longer than declared, and so never fill two slots in a row."""
 APART_MOST = 0.25
-"""The largest share of slots that can be faulty so: one in four."""
+"""The largest share of slots that such a fault can have."""
 OFTEN = 0.999
-"""A release that is skipped more probably than this would leave nothing that runs."""
+"""The largest probability that a release is skipped; with more hardly any would run."""
 ALWAYS = 1.0
 LATE_MAX_NS = 3_600_000_000_000
 TIMED = ("late", "overrun")
@@ -86,7 +86,7 @@ GIVEN = (*TIMED, "bias", "noise", "scale")
 
 
 def place_faults(elaborator: Topics, system: System) -> None:
-    """Fill in what goes wrong in a system, from its symbol."""
+    """Enters the faults of a system, `shuffled` included, from its symbol."""
     places = _Places(elaborator, system)
     faults = [f for item in elaborator.symbol.faults for f in places.of(item)]
     places.decide(faults)
@@ -102,7 +102,7 @@ class _Places:
         self.streams: dict[str, int] = {}
 
     def of(self, item: typed.SystemFaultSymbol) -> Iterator[Fault]:
-        """The faults of one item, one for each component."""
+        """Yields the faults of one item, one for each component; none after a report."""
         if item.kind == "order":
             return
         lasts = self._lasts(item)
@@ -140,14 +140,14 @@ class _Places:
     def _leaves_no_release(
         self, item: typed.SystemFaultSymbol, amount: tuple[float, ...], c: Component
     ) -> bool:
-        """Whether a component would always be so late that it never runs, which is reported."""
+        """Reports V011 and returns True if a component would be so late that it never runs."""
         never = item.kind == "late" and item.rate is None and amount[0] >= c.period_ns
         if never:
             self._wrong(item, f"leaves `{c.name}` no release: each is lost to the next one")
         return never
 
     def _stream(self, item: typed.SystemFaultSymbol, c: Component | None = None) -> str:
-        """A stream of its own: a second fault of the same kind in the same place has another."""
+        """A new stream name; a second fault of the same kind in the same place gets another one."""
         where = item.path if c is None or c.name == item.path else f"{c.name}.{item.path}"
         name = f"fault.{item.kind}.{where}"
         count = self.streams[name] = self.streams.get(name, 0) + 1
@@ -161,7 +161,7 @@ class _Places:
         return self.elaborator.duration(item.lasts, f"how long `{item.kind}` lasts") or 0
 
     def _rate(self, item: typed.SystemFaultSymbol) -> float | None:
-        """Per second; of a lateness that always is, 0."""
+        """How often it happens, per second; 0 if it always does, None after a report."""
         if item.rate is None or item.per is None:
             return 0.0
         rate = self.elaborator.number(item.rate, "how often")
@@ -179,7 +179,7 @@ class _Places:
         if len(values) != len(numbers):
             return None
         if not values and item.kind in GIVEN:
-            return None  # it is reported
+            return None  # the parser has reported it
         if item.kind == "overrun":
             if not 0 < values[0] <= LATE_MAX_NS:
                 self._wrong(item, "is by a time of more than 0 and at most 1 h")
@@ -195,7 +195,7 @@ class _Places:
     def _lateness(
         self, item: typed.SystemFaultSymbol, values: list[float], lasts: int
     ) -> tuple[float, ...] | None:
-        """How late, or from and to how late, in ns."""
+        """The quantiles of the lateness, rising, in ns; None after a report."""
         if any(not 0 <= v <= LATE_MAX_NS for v in values) or values != sorted(values):
             self._wrong(item, "is by times from 0 to 1 h, the shorter ones first")
             return None
@@ -209,7 +209,7 @@ class _Places:
     def _probability(
         self, item: typed.SystemFaultSymbol, rate: float, slot_ns: int, *, apart: bool
     ) -> float | None:
-        """Of a slot, so that on average as many are faulty as was said; None after a report."""
+        """The probability of a slot that gives the declared rate; None after a report."""
         if item.rate is None:
             return 1.0
         share = rate * (slot_ns / 1e9)
@@ -242,7 +242,7 @@ class _Places:
     def _targets(
         self, item: typed.SystemFaultSymbol
     ) -> list[tuple[Component, int | None, tuple[int, ...], int | None]]:
-        """The components of a group, or those that a path begins with, and what follows."""
+        """What an item hits: component, topic, leaves and disturbance of each target."""
         if item.path in GROUPS:
             return self._group(item)
         parts = item.path.split(".")
@@ -323,12 +323,12 @@ class _Places:
     # ------------------------------------------------------------ inside or outside
 
     def decide(self, faults: Sequence[Fault]) -> None:
-        """Which of them are inside; latenesses of one component add up."""
+        """Sets `inside` of each fault; the latenesses of one component add up."""
         for f in faults:
             f.inside = self._inside(f, self.system.components[f.component], faults)
 
     def _inside(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
-        """The assumption of the proofs that still holds; None: one may not hold."""
+        """Why the assumptions of proofs still hold with a fault; None: one may not hold."""
         if c.role == "ac" and not self._must_speak(c, fault):
             return "AC may do anything"
         if c.module is not None and claims_nothing(self.system, self.system.modules[c.module]):
@@ -344,9 +344,9 @@ class _Places:
         return None
 
     def _must_speak(self, c: Component, fault: Fault) -> bool:
-        """Whether a proof takes for granted that this AC steps and publishes when it is released.
+        """Whether a proof assumes that this AC steps and publishes at its releases.
 
-        Inductions do, of every node that they meet.
+        Proofs by induction assume it of every node that they read.
         """
         blocks = [m.symbol.verify for m in self.system.modules]
         return fault.kind in {"late", "skip", "silent", "overrun"} and any(
@@ -356,7 +356,7 @@ class _Places:
         )
 
     def _number(self, m: Module, expr: typed.TypedExpr | None) -> float | None:
-        """A time of a `verify` block, under the parameters of its module."""
+        """A time of a `verify` block in ns, with the parameters of its module."""
         if expr is None:
             return None
         with self.elaborator.under(m.scope.params):
@@ -364,7 +364,7 @@ class _Places:
         return None if value is None else float(value)
 
     def _declared_time(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
-        """`late` or `response`, if all such faults of the component together keep to it."""
+        """Why `late` or `response` covers all such faults of the component together; or None."""
         own = [f for f in faults if f.kind in TIMED and f.component == c.index]
         most = sum(int(f.amount[-1]) for f in own if f.kind == fault.kind)
         if fault.kind == "late":
@@ -373,7 +373,7 @@ class _Places:
         return None if lost or c.takes_ns is not None else self._declared_response(c, most)
 
     def _declared_late(self, c: Component, most: int) -> str | None:
-        """`late` of the verify blocks, of every module that depends on the component."""
+        """Why `late` in every module that depends on `c` covers `most` ns; None: not."""
         said = []
         for m in self.system.modules:
             block = m.symbol.verify
@@ -392,7 +392,7 @@ class _Places:
         return "as late as declared" if _keeps_to(values, most) else None
 
     def _declared_response(self, c: Component, most: int) -> str | None:
-        """`response` of the verify blocks, of every module that depends on the component."""
+        """Why `response` in every module that depends on `c` covers `most` ns; None: not."""
         said = []
         for m in self.system.modules:
             by_name = _beside(m, m.symbol.verify.response_of)
@@ -401,14 +401,14 @@ class _Places:
         return "no longer than its declared `response`" if _keeps_to(said, most) else None
 
     def _declared_dropout(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
-        """`dropout` of every module, for all that may be lost in a row, of all that it drives.
+        """Why `dropout` of every module covers what a plant may lose in a row; None: not.
 
         A silence shorter than a period still loses a release, and two may follow each other.
         """
         assert c.plant is not None
         driven = {*c.writes}
         if {f.topic for f in faults if f.stream == fault.stream} != driven:
-            return None  # what is read together would not be of one instant
+            return None  # the topics that are read together would not be of one instant
         silent = {f.stream: f for f in faults if f.kind == "silent" and f.component == c.index}
         lost = sum(max(f.slot_ns - 1, 0) // c.period_ns + 1 for f in silent.values())
         values = [self._number(m, m.symbol.verify.dropout) for m in self.system.modules]
@@ -416,7 +416,7 @@ class _Places:
         return "as silent as `dropout` says" if fits and fault.slot_ns else None
 
     def _about(self, m: Module) -> set[int]:
-        """Nodes between sensors and a module, or between it and plants: their time may count."""
+        """Indices of nodes between sensors and a module, or it and plants: their time counts."""
         own = (m.sc, m.ac)
         nodes = [c for c in self.system.components if c.node is not None and c.index not in own]
         sc = self.system.components[m.sc]
@@ -436,12 +436,12 @@ class _Places:
 
 
 def _keeps_to(declared: Sequence[float | None], most: int) -> bool:
-    """Whether something is declared, and nothing less than `most`."""
+    """Whether there are declared times, and each is at least `most`."""
     return bool(declared) and all(v is not None and most <= v for v in declared)
 
 
 def _read(system: System, c: Component) -> set[int]:
-    """Topics that a node subscribes to; of a queue, whose it is."""
+    """Topics that a node subscribes to; for a queue the topic that fills it."""
     if c.node is None:
         return set()
     own = [system.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
@@ -449,7 +449,7 @@ def _read(system: System, c: Component) -> set[int]:
 
 
 def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
-    """Why no step of a component can last longer; None: it can (as one that `takes`)."""
+    """Why no step of a component can overrun; None: it can, as a node that `takes` time."""
     if rest:
         return f"`{c.name}` has no `{'.'.join(rest)}` that steps"
     if c.role == "plant":
@@ -466,7 +466,7 @@ def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
 
 
 def _beside(m: Module, said: Mapping[str, typed.TypedExpr]) -> dict[str, typed.TypedExpr]:
-    """What a `verify` block says of nodes, by their names in the whole system."""
+    """What a `verify` block says of nodes, with their full names in the system as keys."""
     return {f"{m.name.removesuffix(m.name.rpartition('.')[2])}{n}": e for n, e in said.items()}
 
 
@@ -476,7 +476,7 @@ def _is_one_value(c: Component, topic: typed.TopicSymbol) -> bool:
 
 
 def _leaves(kind: str, topic: Topic, path: Sequence[str]) -> tuple[int, ...]:
-    """The leaves below a path that a kind of fault can hit, by their numbers; (0,) of silent."""
+    """Numbers of the leaves below a path that a kind of fault can hit; (0,) for "silent"."""
     if kind == "silent":
         return () if path else (0,)
     wanted = {"stuck": (object,), "saturated": (FloatType, IntType)}.get(kind, (FloatType,))

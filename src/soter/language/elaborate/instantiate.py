@@ -1,7 +1,7 @@
-"""Where the instances of a system stand: walked, named, wired, replaced.
+"""Walks the instances of a system: names, wires and replaces them.
 
-Purpose: the tree of instances as a flat list with full names, and what systems say about parts
-of others: `force`, `replace`, wires.
+Purpose: turns the tree of instances into a flat list with full names, and applies what systems say
+about their parts: `force`, `replace`, wires.
 Non-goals: what an instance is made into (`elaborator.py`).
 """
 
@@ -40,13 +40,13 @@ class PlacedInstance:
     wires: list[Wires]
     span: Span
     params: Values
-    """The values of parameters in it."""
+    """The values of parameters inside this instance."""
     forced: str | None = None
     replaced: dict[str, typed.NodeSymbol] = field(default_factory=dict)
     below: PlacedInstance | None = None
-    """Of a module: the one that stands in the place of its AC."""
+    """For a module: the one that stands in the place of its AC, or None."""
     by_contract: dict[str, ContractStandIn] = field(default_factory=dict)
-    """Nodes of it, by the names of their declarations, of which only the contract counts."""
+    """Name of a node's declaration -> its replacement by contract."""
 
     def controllers(self) -> tuple[typed.NodeSymbol, typed.NodeSymbol]:
         """AC and SC of a module, replacements applied."""
@@ -58,7 +58,7 @@ class PlacedInstance:
 
 @dataclass(frozen=True)
 class ReplacedModule:
-    """A module that was replaced as a whole, and where that is said."""
+    """A module that was replaced as a whole, and where the program says so."""
 
     symbol: typed.ModuleSymbol
     span: Span
@@ -66,7 +66,7 @@ class ReplacedModule:
 
 @dataclass(frozen=True)
 class SubSystem:
-    """A system inside the one that runs: its properties and inputs come along."""
+    """A system inside the one that runs; its properties and inputs count, too."""
 
     system: typed.SystemSymbol
     prefix: str
@@ -77,8 +77,8 @@ class SubSystem:
 class Instantiation(Numbers):
     """Walks the instances of one system.
 
-    `draft`: the system is what a file without one would run as; it may be meant for others to
-    import, so that topics nobody drives are only warned about.
+    `draft`: the file declares no system, and this is what it would run as. It may be meant to be
+    imported, so that a topic without a driver is only a warning.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class Instantiation(Numbers):
     # ------------------------------------------------------------ walking instances
 
     def walk(self, system: typed.SystemSymbol, prefix: str, outer: list[Wires]) -> None:
-        """Place every instance below `prefix`, then what the system forces and replaces."""
+        """Places every instance below `prefix`, then applies the system's `force`, `replace`."""
         around = self.params_at[prefix]
         self.parts.append(SubSystem(system, prefix, outer, around))
         if prefix:
@@ -148,7 +148,7 @@ class Instantiation(Numbers):
             self._replace(prefix, path, by, span)
 
     def _check_wires(self, instance: typed.InstanceSymbol) -> None:
-        """M013 for a wire to a topic that the instance does not have."""
+        """Reports M013 for a wire to a topic that the instance does not have."""
         what = instance.what
         if not instance.renames or what in self.program.damaged:
             return
@@ -165,7 +165,7 @@ class Instantiation(Numbers):
                 )
 
     def _beside(self, system: typed.SystemSymbol) -> Collection[typed.TopicSymbol]:
-        """The topics of a system, looked for once."""
+        """The topics of a system beside its instances, computed once."""
         known = self._topics_beside.get(system)
         if known is None:
             known = self._topics_beside[system] = frozenset(topics_beside(system))
@@ -199,7 +199,7 @@ class Instantiation(Numbers):
     def _replaced(
         self, placed: PlacedInstance, local: str, path: str, by: Replacement, span: Span
     ) -> bool:
-        """Replace what is placed, or what of it a path names; False: it names nothing of it."""
+        """Replaces an instance, or the part that `path` names; False if it names none of it."""
         symbol = placed.symbol
         if isinstance(symbol, typed.ModuleSymbol):
             if self.whole_modules and path in {local, symbol.name}:
@@ -239,7 +239,7 @@ class Instantiation(Numbers):
     def _controllers(
         self, placed: PlacedInstance, local: str, path: str, by: Replacement, span: Span
     ) -> bool:
-        """Replace those of a module that a path names; False: it names none."""
+        """Replaces the controllers of a module that `path` names; False if it names none."""
         module = placed.symbol
         assert isinstance(module, typed.ModuleSymbol)
         hit = False
@@ -261,7 +261,7 @@ class Instantiation(Numbers):
         return hit
 
     def _whole(self, placed: PlacedInstance, by: Replacement, span: Span) -> bool:
-        """Put a node, or what the contract permits, in the place of a module and all below it."""
+        """Puts a node, or stand-ins by contract, in the place of a module and all below it."""
         module = placed.symbol
         assert isinstance(module, typed.ModuleSymbol)
         above = next((p for p in self.placed if p.below is placed), None)
@@ -287,7 +287,7 @@ class Instantiation(Numbers):
         return True
 
     def _stand_ins(self, tower: list[PlacedInstance], span: Span) -> list[PlacedInstance]:
-        """A node for each controller of modules that stand above each other."""
+        """A stand-in for each controller of modules that stand above each other."""
         stand_ins: list[PlacedInstance] = []
         clauses: tuple[typed.ClauseSymbol, ...] = ()
         for p in tower:
@@ -298,7 +298,7 @@ class Instantiation(Numbers):
             names = controller_names(p.name, *controllers)
             for node, name, role in zip(controllers, names, ROLES, strict=True):
                 if p.below is not None and node is controllers[0]:
-                    continue  # the module below has it
+                    continue  # that is a controller of the module below
                 by = ContractStandIn(tower[0].name, "module", role, clauses, span)
                 made = PlacedInstance(name, node, p.prefix, p.wires, p.span, p.params)
                 made.by_contract[node.name] = by
@@ -326,7 +326,7 @@ class Instantiation(Numbers):
             return
         assert isinstance(old, typed.Symbol)
         assert isinstance(new, typed.Symbol)
-        self.partial = True  # what is driven by nobody now was meant to be
+        self.partial = True  # topics without a driver now were driven by the old part
         self.diagnostics.error(
             "M014",
             f"`{new.name}` does not publish what `{old.name}` publishes",
@@ -343,7 +343,7 @@ class Instantiation(Numbers):
         return expressions_of(part.system.properties)
 
     def _same_truth(self, placed: PlacedInstance, by: object, span: Span) -> None:
-        """M014 where a property reads a state that the replacement does not have."""
+        """Reports M014 if a property reads a state that the replacement does not have."""
         if not isinstance(by, typed.PlantSymbol):
             return
         reads = [
@@ -364,7 +364,7 @@ class Instantiation(Numbers):
                 return
 
     def _still_two(self, placed: PlacedInstance, span: Span) -> None:
-        """AC != SC also after a replacement."""
+        """Reports M002 if AC and SC are one node after a replacement."""
         ac, sc = placed.controllers()
         module = placed.symbol
         assert isinstance(module, typed.ModuleSymbol)
@@ -378,7 +378,7 @@ class Instantiation(Numbers):
             )
 
     def key(self, topic: typed.TopicSymbol, prefix: str, wires: list[Wires]) -> TopicKey:
-        """Which topic of the flat system a topic means at a place: its home and itself."""
+        """The topic that a symbol means at a place in the flat system: its home and itself."""
         if topic in self.program.stand_ins:
             return self._followed([*filter(None, prefix.split("."))], topic)
         for table in wires:
@@ -387,9 +387,9 @@ class Instantiation(Numbers):
         return prefix, topic
 
     def _followed(self, path: list[str], topic: typed.TopicSymbol) -> TopicKey:
-        """A topic as the system at `path` names it, along all wires to where it is at home.
+        """Follows a topic, as the system at `path` names it, along all wires to its home.
 
-        Wires between instances may lead from one to the next; M021 where they lead in a circle.
+        Wires may lead from instance to instance; it reports M021 if they lead in a circle.
         """
         seen: dict[tuple[tuple[str, ...], typed.TopicSymbol], Span] = {}
         while True:
@@ -408,7 +408,7 @@ class Instantiation(Numbers):
     def _below(
         self, path: list[str], topic: typed.TopicSymbol
     ) -> tuple[list[str], typed.TopicSymbol]:
-        """A stand-in as what it stands for, in the system that it names."""
+        """The path and the topic of a sub-system that a mentioned topic's symbol stands for."""
         while topic in self.program.stand_ins:
             further, topic = self.program.stand_ins[topic]
             path = [*path, *further]

@@ -1,11 +1,11 @@
-"""What stands in for a part of a test: what its contract allows, or values that the test states.
+"""Makes the stand-in for a part that a test replaces by its contract.
 
 Purpose: `replace M by contract;` (docs/testing.md, "Contracts") makes a node that publishes, at the
-releases of another one, nothing or any values of which the guarantees are true. Where these cannot
-be tried one by one, it takes those that the test states (`guarantees t.x in { a, b };`), and of the
-others one of each between which somebody can tell. Stated values become a condition by which the
-part is judged in each test in which it runs as it is; those of `assumes` are told as an assumption
-where no test asks for them.
+releases of another one, nothing or any values for which the guarantees hold. If these are too many
+to be tried one by one, it tries the values that the test states (`guarantees t.x in { a, b };`),
+and of other parts one value of each kind that code can distinguish. Stated values become a
+condition by which the real part is judged in each test in which it runs; those of `assumes` are
+told as an assumption if no test judges them.
 Non-goals: where a stand-in stands (`instantiate.py`), whether what it stands for keeps its contract
 (tests), which values can be told apart (`language/elaborate/distinguished.py`).
 """
@@ -56,9 +56,9 @@ _BY_A_NODE = "replace it by a node that chooses the values that matter"
 
 @dataclass(frozen=True)
 class ContractStandIn:
-    """`of`: full name of the module or node that is replaced; `clauses`: those of its modules.
+    """A replacement by contract; `of`: full name of what is replaced; `clauses`: of its modules.
 
-    `role`: of the node that is stood for: "ac" or "sc" of a module, "node" elsewhere.
+    `role`: that of the replaced node: "ac" or "sc" in a module, "node" elsewhere.
     """
 
     of: str
@@ -69,9 +69,9 @@ class ContractStandIn:
 
 
 class EndlessError(Exception):
-    """A topic has values that cannot be tried one by one; the message says which.
+    """A topic has too many values to be tried one by one; the message says which.
 
-    `part`: what of the topic it is; `where`: the read for which they have to be told apart, if any.
+    `part`: the part of the topic; `where`: the code, if any, that distinguishes its values.
     """
 
     def __init__(self, why: str, where: Span | None = None, part: str = "") -> None:
@@ -83,7 +83,7 @@ class EndlessError(Exception):
 def stand_in(
     node: typed.NodeSymbol, by: ContractStandIn, diagnostics: Diagnostics
 ) -> tuple[typed.NodeSymbol, StandIn]:
-    """The node in place of `node`, which does nothing until `give_step`; E015 if it never can."""
+    """The stand-in for `node`, which does nothing until `give_step`; reports E015 for bursts."""
     own = [("", e) for e in node.guarantees]
     given = [(c.name, c.condition) for c in by.clauses if c.kind == "guarantees"]
     said = [*given, *own]
@@ -104,7 +104,7 @@ def stand_in(
 
 
 def _told(name: str, condition: typed.TypedExpr) -> str:
-    """A clause as it is told, on one line."""
+    """A clause as text for people, on one line."""
     text = " ".join(condition.span.text.split())
     return f"{name}: {text}" if name else text
 
@@ -116,9 +116,9 @@ def give_step(
     readers: Readers,
     diagnostics: Diagnostics,
 ) -> None:
-    """What a stand-in does; E015 if its values are endless.
+    """Gives a stand-in its step; reports E015 if its values are too many.
 
-    `stated`: by topic and part of it, the values that a test states.
+    `stated`: topic index -> part of the topic -> the values that the test states.
     """
     assert c.node is not None
     assert c.stands_for is not None
@@ -173,7 +173,7 @@ def _refuse(
 
 
 def _can_be_asked(e: typed.TypedExpr, node: typed.NodeSymbol) -> bool:
-    """Not of modes, of queues, or of the age of what has just been published."""
+    """Whether a stand-in can use a guarantee: it reads no mode, queue or age of own outputs."""
     queued = {s.topic for s in node.subscribes if s.queue is not None}
     aged = {n.topic for n in nodes([e]) if isinstance(n, typed.AgeRead)}
     return not (mode_reads(e) or queued & topic_reads(e).keys() or aged & set(node.publishes))
@@ -183,7 +183,7 @@ def _can_be_asked(e: typed.TypedExpr, node: typed.NodeSymbol) -> bool:
 
 
 def _step(published: Mapping[typed.TopicSymbol, _Values], by: StandIn) -> Iterator[typed.TypedStmt]:
-    """For each topic: is it published, with which value; then all of them, if that is permitted."""
+    """Yields a step that chooses which topics to publish and their values, if guarantees hold."""
     put: dict[typed.TopicSymbol, tuple[typed.Variable, typed.Variable | None]] = {}
     single = len(published) == 1
     inner: list[typed.TypedStmt] = []
@@ -213,7 +213,7 @@ def _step(published: Mapping[typed.TopicSymbol, _Values], by: StandIn) -> Iterat
 
 
 def _published_if(put: Put, span: Span, holds: Sequence[typed.TypedExpr]) -> list[typed.TypedStmt]:
-    """Publish, where all guarantees hold."""
+    """Statements that publish the chosen values if all of the guarantees `holds` are true."""
     out: list[typed.TypedStmt] = []
     for symbol, (chosen, is_put) in put.items():
         value = typed.VarRead(symbol.type, span, chosen)
@@ -231,7 +231,7 @@ def _published_if(put: Put, span: Span, holds: Sequence[typed.TypedExpr]) -> lis
 
 
 def _with(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
-    """An expression about topics with what is about to be published in their place."""
+    """A guarantee in which reads of own topics are replaced by the values to be published."""
 
     def value(read: typed.TypedExpr) -> typed.TypedExpr:
         if not isinstance(read, typed.TopicRead) or read.topic not in put:
@@ -251,7 +251,7 @@ def _with(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
 
 
 class _Values:
-    """The values of a topic that are tried. `read`: what is read of it; None: all are tried."""
+    """The values of a topic that are tried; `read`: what code reads of it, None to try all."""
 
     def __init__(
         self, topic: Topic, stated: Mapping[Path, Sequence[Value]], read: ReadTopic | None
@@ -261,14 +261,14 @@ class _Values:
         self.read = read
 
     def any(self) -> tuple[typed.TypedExpr, int]:
-        """An expression that may be each of them, and how many there are."""
+        """An expression that chooses one of the values, and their number."""
         topic = self.topic
         return self._any(topic.type, topic.bounds, topic.default, topic.name, ())
 
     def _any(
         self, t: Type, bounds: Sequence[Bound | None], first: Value, name: str, path: Path | None
     ) -> tuple[typed.TypedExpr, int]:
-        """Of a part within bounds, of which `first` is one value; no path: it is in an array."""
+        """As `any`, for a part with the value `first`; `path` is None inside an array."""
         if path is not None and path in self.stated:
             return _one_of(t, self.stated[path], name)
         if isinstance(t, RecordType) or (isinstance(t, ArrayType) and self._told(path)):
@@ -285,7 +285,7 @@ class _Values:
         return _each(t, bounds, name, where)
 
     def _told(self, path: Path | None) -> bool:
-        """Whether the elements of an array have to be looked at."""
+        """Whether values of an array's elements are distinguished, or all are tried."""
         return self.read is None or path is None or self.read.told_apart(path) is not None
 
     def _parts(
@@ -315,7 +315,7 @@ class _Values:
 def _each(
     t: Type, bounds: Sequence[Bound | None], name: str, where: Span | None
 ) -> tuple[typed.TypedExpr, int]:
-    """Every value of a scalar."""
+    """A choice between all values of a scalar, and their number; EndlessError if too many."""
     low, count = 0, 0
     if isinstance(t, BoolType):
         count = 2
@@ -347,7 +347,7 @@ def _published(symbol: typed.TopicSymbol) -> typed.TypedExpr:
 
 
 def _first(value: typed.TypedExpr) -> typed.TypedExpr:
-    """One of the values, where it does not matter which."""
+    """A fixed one of the values that `value` chooses from, where any will do."""
     if isinstance(value, typed.Aggregate):
         return replace(value, elements=tuple(_first(e) for e in value.elements))
     if isinstance(value, typed.Literal):
@@ -360,15 +360,15 @@ def _first(value: typed.TypedExpr) -> typed.TypedExpr:
 
 
 def _span(words: str) -> Span:
-    """Words for people, as if they stood in a program: choices are told by them."""
+    """A span whose source text is `words`, by which a trace names a choice."""
     return Span(Source("contract", words), 0, len(words))
 
 
 @dataclass(frozen=True)
 class StatedValues:
-    """Values of one part of a topic, whose index is `topic`; `first`: what that part has at first.
+    """Stated values of a part of the topic with index `topic`; `first`: the part's first value.
 
-    `promised`: whether they are a clause of the contract; `first` is one of them then.
+    `promised`: whether they are `guarantees`, with which `first` is tried, too; else `assumes`.
     """
 
     topic: int
@@ -381,13 +381,13 @@ class StatedValues:
 
     @property
     def tried(self) -> tuple[Value, ...]:
-        """What a stand-in publishes: where the part is held to them, also what is there anyway."""
+        """The values that a stand-in tries: with `promised` also the first value."""
         every = (self.first, *self.values) if self.promised else self.values
         return tuple(dict.fromkeys(every))
 
 
 def field_path(read: typed.TypedExpr) -> tuple[typed.TopicSymbol, Path]:
-    """The topic that is read, and the field of it, from the whole inwards."""
+    """The topic that `read` reads, and the path of its field from the whole inwards."""
     path: list[int] = []
     while isinstance(read, typed.TypedField):
         path.append(read.index)
@@ -397,14 +397,14 @@ def field_path(read: typed.TypedExpr) -> tuple[typed.TopicSymbol, Path]:
 
 
 def part_of(value: Value, path: Path) -> Value:
-    """The field of a value."""
+    """The part of a value at `path`."""
     for index in path:
         value = value[index]
     return value
 
 
 def with_part(value: Value, path: Path, part: Value) -> Value:
-    """A value with another field."""
+    """The value with `part` at `path`."""
     if not path:
         return part
     inner = with_part(value[path[0]], path[1:], part)
@@ -412,7 +412,7 @@ def with_part(value: Value, path: Path, part: Value) -> Value:
 
 
 def is_one_of(read: typed.TypedExpr, values: Sequence[Value]) -> typed.TypedExpr:
-    """That what is read is one of the values, number by number (0.0 and -0.0 are one)."""
+    """The condition that `read` equals one of the values, leaf by leaf (0.0 equals -0.0)."""
     each = [_all([*_equal(read, v)], read.span) for v in values]
     condition = each[0]
     for other in each[1:]:

@@ -47,7 +47,7 @@ def may_take(
     times: tuple[int, int],
     diagnostics: Diagnostics,
 ) -> None:
-    """V001 where the times are the wrong way round; M023 where `node` may not take so long.
+    """Reports V001 for times in the wrong order, M023 if `node` may not take so long.
 
     `role` is "ac" or "sc" inside a module.
     """
@@ -75,7 +75,7 @@ def may_take(
 
 
 def _reasons(node: NodeSymbol, role: str) -> Iterator[tuple[str, str, str]]:
-    """Why a node may not take so long: message, note, help."""
+    """Yields reasons why a node may not take time: message, note, help."""
     if role == "sc":
         yield (
             f"`{node.name}` is a safe controller: its steps may not take time",
@@ -99,7 +99,7 @@ def _reasons(node: NodeSymbol, role: str) -> Iterator[tuple[str, str, str]]:
 def check_double_response(
     modules: Iterable[Module], components: Iterable[Component], diagnostics: Diagnostics
 ) -> None:
-    """N002 where a `verify` block says a `response` of a node that says itself what it takes."""
+    """Reports N002 if a `verify` block gives a `response` for a node that has its own `takes`."""
     lasting = [c for c in components if c.takes_ns is not None]
     for m in modules:
         home = m.name.rpartition(".")[0]
@@ -122,7 +122,7 @@ def check_double_response(
 
 
 def held_topic(index: int, c: Component, topics: Sequence[Topic]) -> Topic:
-    """The topic number `index`, in which a component holds what its steps publish."""
+    """The hidden topic, with index `index`, that holds the outputs of a component's steps."""
     assert c.node is not None
     published = [topics[c.scope.topics[t]] for t in c.node.publishes]
     fields: list[tuple[str, Type]] = []
@@ -146,13 +146,13 @@ def held_topic(index: int, c: Component, topics: Sequence[Topic]) -> Topic:
 
 
 def budget(numbers: Numbers, of: typed.NodeSymbol | typed.ModuleSymbol) -> tuple[int | None, int]:
-    """`wcet` and `jitter` in ns; None, 0 where they are not said or after a report."""
+    """`wcet` and `jitter` in ns; None and 0 if they are not declared or after a report."""
     jitter = _time(numbers, of.jitter, f"the jitter of `{of.name}`", least=0)
     return _time(numbers, of.wcet, f"the wcet of `{of.name}`", least=1), jitter or 0
 
 
 def _time(numbers: Numbers, expr: typed.TypedExpr | None, what: str, *, least: int) -> int | None:
-    """A time of at least `least` ns; C001, C002 otherwise."""
+    """A time of at least `least` ns; None after a report, C001 or C002."""
     value = None if expr is None else numbers.number(expr, what)
     if value is None or expr is None:
         return None
@@ -176,7 +176,7 @@ def _time(numbers: Numbers, expr: typed.TypedExpr | None, what: str, *, least: i
 def inlined(
     parts: Iterable[SubSystem], components: Sequence[Component], diagnostics: Diagnostics
 ) -> None:
-    """Marks what systems call `inline`; M013 where that is no node of theirs."""
+    """Marks the nodes that systems declare `inline`; reports M013 for other names."""
     by_name = {c.name: c for c in components if c.node is not None}
     for part in parts:
         for path, span in part.system.inlines:
@@ -200,7 +200,7 @@ WAIT = "wait"
 def waiting(
     modules: Sequence[Module], faults: Sequence[Fault], *, shuffled: bool
 ) -> tuple[Fault, ...]:
-    """These faults, and what follows from them for SCs."""
+    """These faults, and those "wait" faults of SCs that follow if the order is deployed."""
     said = [f for f in faults if f.kind != WAIT]
     return (*said, *(() if shuffled else _waits(modules, said)))
 
@@ -222,13 +222,13 @@ def _waits(modules: Sequence[Module], faults: Sequence[Fault]) -> Iterator[Fault
 
 
 PUBLICATIONS = 2
-"""So many periods of its plant old is a read at most that is neither lost nor late."""
+"""Greatest age, in periods of its plant, of a value that is neither lost nor late when read."""
 
 
 def least_age_ns(system: System, topic: int) -> int | None:
-    """The smallest `max_age` that the periods of the system allow of a topic that a plant drives.
+    """The smallest `max_age`, in ns, that the periods allow for a topic.
 
-    None of a topic that no plant drives.
+    None for a topic that no plant drives.
     """
     drivers = _drivers(system, topic)
     return PUBLICATIONS * drivers[0].period_ns if drivers else None
@@ -237,9 +237,9 @@ def least_age_ns(system: System, topic: int) -> int | None:
 def fresh_ages_ns(
     system: System, module: Module, most_ns: int | None = None
 ) -> dict[int, int | None]:
-    """Topic -> the greatest age at which the DM may see it, where it is not stale; None: any.
+    """Topic -> greatest age, in ns, at which the DM may see it and it is not stale; None: any.
 
-    `most_ns`: what a proof takes for the age of what plants publish.
+    `most_ns`: the greatest age that a proof assumes for topics that plants publish.
     """
     ages: dict[int, int | None] = {}
     for index in module.inputs:
@@ -259,9 +259,9 @@ def _drivers(system: System, topic: int) -> list[Component]:
 
 
 def is_measured(system: System, topic: int) -> bool:
-    """Whether a topic is said again and again: what moves, or numbers with a fraction from outside.
+    """Whether a topic is published again and again: it has floats, from a plant or an outside.
 
-    No input, which an operator sets once, nor what is driven by plants of whole numbers alone.
+    Not measured is an input, which an operator sets once, and a topic of plants without floats.
     """
     least = least_age_ns(system, topic)
     moving = [v.type for c in system.components if c.plant for v in c.plant.states]

@@ -1,15 +1,15 @@
-"""The numbers of a system: values of parameters, constant expressions, and how large it is.
+"""Computes the numbers of a system: parameters, constant expressions, and its size.
 
-Purpose: who sets a parameter of which instance; periods, counts and intervals, each with what is
-possible. Instances and numbers are counted before they are made: a few lines can ask for 2^50
-instances, and get M007 instead.
+Purpose: finds the value of each parameter in each instance, and evaluates periods, counts and
+intervals with checks of their ranges. It counts instances and numbers before it makes them, as a
+few lines can ask for 2^50 instances; then it reports M007.
 Non-goals: what the numbers are for (`elaborator.py`), the exact size of the state
 (`core/layout.py`).
 
-The rule: within an instance a parameter has the value that was set for this instance, or else the
-one that it has around it. Of several who set it for an instance, who speaks last wins: the command
-line, then the test, then systems from the outside in. Around everything stand the command line, the
-test, the system that runs and the default, in this order.
+The rule: inside an instance a parameter has the value that is set for this instance, or else the
+value that it has around it. If several set it for one instance, the first of these wins: the
+command line, the test, systems from the outermost in. The value around everything comes from the
+first of: the command line, the test, the system that runs, the default.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ Values = dict[typed.ParamSymbol, Any]
 class Parameters:
     """The parameters of one system that runs.
 
-    `everywhere`: values where no instance has its own; `named`: those and the own ones of
-    instances, by full name (`GAIN`, `r[0].GAIN`), as they are told and can be given again.
+    `everywhere`: values where no instance has its own; `named`: these and the instances' own, by
+    full name (`GAIN`, `r[0].GAIN`), as reports print them and overrides can give them.
     """
 
     def __init__(
@@ -64,13 +64,13 @@ class Parameters:
         self.named: dict[str, Value] = {p.name: v for p, v in self.everywhere.items()}
 
     def add(self, prefix: str, sets: Iterable[typed.SetSymbol]) -> None:
-        """What a system below `prefix` sets; outer ones first, as what is there stays."""
+        """Adds settings of a system below `prefix`; call it for outer ones first: they stay."""
         for item in sets:
             if item.path or not prefix:
                 self._set.setdefault((prefix + item.path, item.param), item)
 
     def inside(self, path: str, around: Values) -> Values:
-        """The values in the instance with this full path; `around` itself where it has no own."""
+        """The values in the instance at this full path; `around` itself if it sets none."""
         own = {p: v for p in around if (v := self._value(path, p, None)) is not None}
         if not own:
             return around
@@ -79,7 +79,7 @@ class Parameters:
         return self._known.setdefault(key, {**around, **own})
 
     def of_instances(self) -> list[typed.SetSymbol]:
-        """What texts set for instances that there are, each with the full path."""
+        """Settings of the program for existing instances, each with the full path."""
         return [
             replace(item, path=path)
             for (path, param), item in self._set.items()
@@ -106,7 +106,7 @@ class Parameters:
     def _check(
         self, name: str, param: typed.ParamSymbol, value: Value, set_at: tuple[Span, str]
     ) -> None:
-        """V007 for a value outside the range of its parameter."""
+        """Reports V007 for a value outside the range of its parameter."""
         if not isinstance(param.low, typed.Literal) or not isinstance(param.high, typed.Literal):
             return
         low, high = param.low.value, param.high.value
@@ -124,7 +124,7 @@ class Parameters:
 def has_param(
     program: typed.TypedProgram, systems: Iterable[typed.SystemSymbol], name: str
 ) -> bool:
-    """Whether a full name means a parameter of the program, or of an instance in such a system."""
+    """Whether a full name means a parameter of the program, or of an instance in `systems`."""
     param = program.param(name)
     if param is None or name == param.name:
         return param is not None
@@ -167,7 +167,7 @@ class Numbers:
 
     @contextmanager
     def under(self, params: Values) -> Iterator[None]:
-        """Compute with these values of the parameters meanwhile; one budget for all."""
+        """A context in which numbers are computed with these parameters, in the same budget."""
         before, outer = self.params, self.calculator
         if params is not before:
             known = self._calculators.get(id(params))
@@ -189,7 +189,7 @@ class Numbers:
         return self.calculator.value(expr, what)
 
     def duration(self, expr: typed.TypedExpr, what: str) -> int | None:
-        """A time in ns, None after a report: C001 when it is impossible, C002 when absurd."""
+        """A time in ns; None after a report: C001 if it is not above 0, C002 if out of limits."""
         if isinstance(expr, typed.Literal) and expr.name == UNKNOWN:
             return None
         value = self.number(expr, what)
@@ -288,7 +288,7 @@ class Numbers:
         return a, b
 
     def skew(self, expr: typed.TypedExpr | None) -> int:
-        """The skew of a test in ns: zero is allowed, and what stands for a wrong one."""
+        """The skew of a test in ns, 0 or more; 0 also after a report."""
         value = self.number(expr, "`skew`") if expr is not None else None
         if expr is None or value is None:
             return 0
@@ -309,11 +309,11 @@ MAX_DEPTH = 100
 
 
 class TooLargeError(Exception):
-    """The system is too large to be flattened; reported."""
+    """The system is too large to be flattened, which has been reported."""
 
 
 class SizeCounter:
-    """Counts what a system is made of."""
+    """Counts the parts of a system before they are made."""
 
     def __init__(
         self,
@@ -328,11 +328,11 @@ class SizeCounter:
         self._sizes: dict[int, tuple[Type, int]] = {}
 
     def instances(self) -> bool:
-        """Whether the system has a possible number of instances; M007 otherwise."""
+        """Whether the system has few enough instances; reports M007 otherwise."""
         count, depth = self._count()
         inner = [self.known[s] for s in _parts(self.system)]
         if any(c > MAX_COMPONENTS or d > MAX_DEPTH for c, d in inner):
-            return False  # reported there
+            return False  # it is reported for that inner system
         if count > MAX_COMPONENTS:
             text = str(count) if count < 10**12 else f"about 10^{len(str(count)) - 1}"
             self._report(
@@ -344,7 +344,7 @@ class SizeCounter:
         return count <= MAX_COMPONENTS and depth <= MAX_DEPTH
 
     def _count(self) -> tuple[int, int]:
-        """Components and levels of the system; of its parts first, however deep they nest."""
+        """Components and levels of the system; its parts, however deep, are counted first."""
         path = [self.system]
         while path:
             system = path[-1]
@@ -362,7 +362,7 @@ class SizeCounter:
         return self.known[self.system]
 
     def fits(self, t: Type) -> bool:
-        """Whether there is room for a topic, a local or a state of type `t`; M007 if not."""
+        """Whether there is room for a topic, local or state of type `t`; reports M007 if not."""
         known = self._sizes.get(id(t))
         if known is None:
             known = self._sizes[id(t)] = (t, leaf_count(t))
@@ -373,7 +373,7 @@ class SizeCounter:
 
     def _report(self, what: str, label: str) -> None:
         if not self.system.name:
-            return  # no system of the program's
+            return  # the system is not one that the program declares
         self.diagnostics.error(
             "M007",
             f"system `{self.system.name}` {what}",

@@ -1,7 +1,7 @@
-"""A `test` block as a system: parts replaced, inputs and properties added, faults named.
+"""Elaborates a `test` block to a system: parts replaced, inputs, properties and faults added.
 
-Purpose: `TestSymbol` -> `System` with its `TestPlan`, and everything that makes a test impossible:
-code the explorer cannot run, horizons nobody reaches the end of, faults of what has none.
+Purpose: turns a `TestSymbol` into a `System` with its `TestPlan`, and reports what makes a test
+impossible: code that the explorer cannot run, a horizon too far, faults of what cannot have any.
 Non-goals: P1 of a part that the test replaced (a test may be about a slow controller), exploring.
 """
 
@@ -43,9 +43,9 @@ if TYPE_CHECKING:
 
 
 MAX_ACTORS = 64
-"""Components and inputs of a tested system: a set of them is one machine word."""
+"""Most components and inputs of a tested system: a set of them is one machine word."""
 MAX_STEPS = 10_000_000
-"""Releases up to the horizon; even one execution of more would take too long to be repeated."""
+"""Most releases up to the horizon; with more even one execution would take too long."""
 MAX_SKIPS = 1_000
 
 
@@ -55,7 +55,7 @@ def elaborate_test(
     overrides: Mapping[str, Value],
     diagnostics: Diagnostics,
 ) -> System | None:
-    """Flatten the system of a test, `System.test` set; None after an error.
+    """Flattens the system of a test, with `System.test` set; None after an error.
 
     `overrides` maps full parameter names to values.
     """
@@ -93,7 +93,7 @@ class _TestElaborator(Elaborator):
         """Whether the parts are those that were meant: then what is missing or left is an error."""
 
     def run_test(self) -> System | None:
-        """The system with its plan; None where it is too large."""
+        """Flattens the system and adds its plan; None if it is too large."""
         horizon = self._horizon()
         skew = self.skew(self.test.skew)
         quantum = None
@@ -139,18 +139,18 @@ class _TestElaborator(Elaborator):
     # ------------------------------------------------------------ what a test adds
 
     def conditions(self, part: SubSystem) -> list[typed.TypedExpr]:
-        """The properties of the test belong to the outermost part."""
+        """The expressions of a part's properties; the test's belong to the outermost part."""
         own = [] if part.prefix else expressions_of(self.test.properties)
         return [*super().conditions(part), *own]
 
     def input_items(self) -> Iterator[tuple[SubSystem, typed.InputSymbol]]:
-        """The inputs of the test first: they take the place of the system's."""
+        """Yields the test's inputs first: they replace those of the system."""
         for item in self.test.inputs:
             yield self.parts[0], item
         yield from super().input_items()
 
     def _without_idle_draws(self, system: System) -> System:
-        """Without what the system draws for a part that was replaced: nobody reads it any more."""
+        """The system without draws for topics that nothing reads after replacements."""
         own = {self.topic(self.key(i.topic, "", [])) for i in self.test.inputs}
         return derived_systems.drawn_where(
             system, lambda t: t in own or bool(system.topics[t].driver)
@@ -159,7 +159,7 @@ class _TestElaborator(Elaborator):
     # ------------------------------------------------------------ stand-ins
 
     def _give_steps(self, system: System) -> None:
-        """What stand-ins do, now that it is known who reads what they publish."""
+        """Gives stand-ins their steps, now that it is known what code reads their topics."""
         if self.partial or self.diagnostics.error_count:
             return
         asked = [(e, p.scope) for p in self.timed for e in (p.premise, p.condition) if e]
@@ -176,11 +176,11 @@ class _TestElaborator(Elaborator):
             give_step(c, system.topics, stated, readers, self.diagnostics)
 
     def _constant(self, e: typed.TypedExpr, scope: Scope) -> Value | None:
-        """The value of a closed expression; None where it has none."""
+        """The value of a closed expression; None if it has none."""
         return Calculator(Diagnostics(), scope.params).value(e, "a constant")
 
     def _stated_in(self, test: typed.TestSymbol) -> list[StatedValues]:
-        """What a test of this system states."""
+        """The values that a test of this system states; V005 for one outside its set."""
         known: list[StatedValues] = []
         for item in test.stated:
             symbol, path = field_path(item.read)
@@ -201,7 +201,7 @@ class _TestElaborator(Elaborator):
         return known
 
     def _hold_to_values(self, components: list[Component], result: list[Property]) -> None:
-        """Who runs as it is publishes what other tests let its stand-in publish, and no more."""
+        """Adds properties: a real part publishes only what other tests state for its stand-in."""
         sets = _sets_of(self.test)
         for test in self.program.tests.values():
             alike = test.system is self.test.system and _sets_of(test) == sets
@@ -214,9 +214,9 @@ class _TestElaborator(Elaborator):
                         result.append(self._held_to(c, s, test, len(result)))
 
     def _as_it_is(self, c: Component, topic: int) -> bool:
-        """Whether a component of the system, none that the test put in its place, publishes there.
+        """Whether `c` publishes `topic` and is the system's own, not put there by the test.
 
-        What the system itself puts in a place is in it in every test.
+        A replacement by the system itself counts as its own: every test has it.
         """
         by_test = self.put_in.get(c.name) in [span for _, _, span in self.test.replaces]
         if c.node is None or c.stands_for is not None or by_test:
@@ -238,7 +238,7 @@ class _TestElaborator(Elaborator):
         return Property(index, "guarantees", condition, c.scope, text, s.span, c.index)
 
     def _stand_there(self, components: list[Component]) -> None:
-        """E020 where values are stated of what no stand-in publishes, N002 where they are twice."""
+        """Reports E020 for values stated of no stand-in's topic, N002 for values stated twice."""
         published = {
             c.scope.topics[t]
             for c in components
@@ -300,7 +300,7 @@ class _TestElaborator(Elaborator):
         return result
 
     def _invariant(self, item: typed.PropertySymbol, modules: list[Module]) -> None:
-        """Theorem 3.1 of one module, or of each of them (theorem 4.1)."""
+        """Adds the invariant of Theorem 3.1 for one module, or for each one (Theorem 4.1)."""
         below = {m.over for m in modules}
         about = [m for m in modules if m.index not in below]
         if item.module is not None:
@@ -323,10 +323,10 @@ class _TestElaborator(Elaborator):
             self.timed.append(TimedProperty(index, "invariant", *parts))
 
     def _hold(self, c: Component) -> None:
-        """Nothing: a test holds what is published later itself."""
+        """Makes no topic: the explorer itself holds what a test publishes later."""
 
     def disturb(self, system: System) -> None:
-        """E018: a test says itself what goes wrong, and all of it is tried; E019."""
+        """Reports E018 for a system with `faults`, E019 for one with topics from outside."""
         outside = from_outside(system)
         if outside:
             name = system.topics[outside[0].topic].name
@@ -349,13 +349,13 @@ class _TestElaborator(Elaborator):
             )
 
     def measures(self) -> Iterator[Metric]:
-        """Nothing: a test measures nothing."""
+        """Yields nothing: a test measures nothing."""
         yield from ()
 
     # ------------------------------------------------------------ faults
 
     def _lasting(self, system: System) -> Iterator[TimingFault]:
-        """What nodes say of themselves: their steps are overruns, and all of them are."""
+        """Yields an overrun for each node that `takes` time: every step of it is one."""
         for c in system.components:
             if c.takes_ns is not None:
                 assert c.node is not None
@@ -387,7 +387,7 @@ class _TestElaborator(Elaborator):
                 yield TimingFault(item.kind, component.index, by or 0, skips, item.span)
 
     def _disturbed(self, system: System, item: typed.FaultSymbol) -> list[Component]:
-        """The components that a path names; E009 where it names none, or what has no faults."""
+        """The components that a path names; reports E009 if none, or one without such faults."""
         components = named(system, item.path)
         if not components:
             self._no_component(system, item)
@@ -436,7 +436,7 @@ class _TestElaborator(Elaborator):
         )
 
     def _has_no_queue(self, system: System, c: Component, span: Span, instead: str = "") -> None:
-        """E010 where what a component publishes later is queued."""
+        """Reports E010 if something queues a topic that a component publishes later."""
         assert c.node is not None
         for symbol in c.node.publishes:
             topic = system.topics[c.scope.topics[symbol]]
@@ -457,7 +457,7 @@ class _TestElaborator(Elaborator):
     # ------------------------------------------------------------ what cannot be explored
 
     def _check_periods(self, system: System) -> None:
-        """P1a, but of nobody whom the test replaced."""
+        """Checks P1a, except for parts that the test replaced."""
         replaced = {
             c.name
             for m in system.modules
@@ -546,7 +546,7 @@ class _TestElaborator(Elaborator):
         )
 
     def _check_order(self, plan: TestPlan) -> None:
-        """The order of an instant is one of steps that happen at their releases."""
+        """Reports a declared order beside faults of time: it is one of steps at their releases."""
         late = [f for f in plan.faults if f.kind != "skip"]
         if self.test.order is None or not (plan.skew_ns or late):
             return
@@ -586,26 +586,26 @@ _VERBS = {"late": "be late", "skip": "skip a step", "overrun": "overrun"}
 
 
 def _sets_of(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
-    """The parameters that it sets, and to what."""
+    """The parameters that a test sets, and their values, as text."""
     return {(s.path, s.param, repr(s.value)) for s in test.sets}
 
 
 def _with_values(of: StandIn, stated: Sequence[StatedValues]) -> StandIn:
-    """A stand-in that is told of with the values that a test states for it."""
+    """The stand-in's record with the values that a test states for it, for reports."""
     promised = [s.text for s in stated if s.promised]
     tried = [s.text for s in stated if not s.promised]
     return replace(of, clauses=(*of.clauses, *promised), tried=tuple(tried))
 
 
 def _text(item: typed.PropertySymbol) -> str:
-    """The property as it is written, without its `;`."""
+    """The source text of a property without its `;`."""
     if item.whole:
         return item.whole
     return " ".join(item.span.text.split()).rstrip("; ")
 
 
 def _code(system: System) -> Iterator[object]:
-    """Every statement and expression that a step or a property may run."""
+    """Yields all code that a step or a property may run."""
     for c in system.components:
         if c.node is not None:
             yield from (*c.node.step, *(c.node.takeover or ()))
@@ -619,7 +619,7 @@ def _code(system: System) -> Iterator[object]:
 
 
 def _externs_below(root: object, call_by_extern: dict[typed.FunSymbol, typed.TypedCall]) -> None:
-    """Extern functions that code would call, each with the first call in this code."""
+    """Enters extern functions that code below `root` calls, each with its first call."""
     for call in calls_in(root):
         seen: set[typed.FunSymbol] = set()
         todo = [call.fun]

@@ -1,4 +1,4 @@
-"""The grid of times of a test, and the times that its program tells apart.
+"""Computes the grid of times of a test from the times that its program distinguishes.
 
 Purpose: where a step may be late, it happens as early as it can or at a multiple of the *quantum*
 (docs/testing.md). As declared; else the greatest common divisor of every time of the calendar and
@@ -10,9 +10,9 @@ Non-goals: choosing times (the explorer), costs.
 A *clock* is `time`, `age(t)`, a local that only clocks and constants are put into, or a sum or
 difference of clocks and constants. A clock that is compared with clocks and constants has a
 *threshold*, the constant between the two. A clock that goes anywhere else (into a product, a
-function, a message) is *open*: its value matters, not its place among the thresholds. So is a
-comparison that is left with more than one time less another one: with `time + time`, half of what
-it is compared with would be its threshold.
+function, a message) is *open*: its value matters, not its place among the thresholds. A comparison
+is open as well if it contains more than one time less another one: with `time + time`, say, half of
+the constant would be the threshold.
 """
 
 from __future__ import annotations
@@ -42,26 +42,26 @@ if TYPE_CHECKING:
 
 COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 PASSES = 8
-"""Locals that get a clock from one another, so many deep; deeper ones are open."""
+"""Most passes over a text; locals that hand on clocks in longer chains are open."""
 OFFSETS = 16
-"""Constants that one clock may be off by; with more it is open."""
+"""Most different constants that may be added to a clock in a local; with more it is open."""
 MANY = 2
-"""So many times in one sum are too many."""
+"""From this number on, times in one sum are too many."""
 
 Form = tuple[int, int, int]
-"""How often the time of the step is in a clock, other times, and other times that are taken off."""
+"""A clock's terms: net count of the step's own time, other times added, other times taken off."""
 CONSTANT: Form = (0, 0, 0)
 
 
 @dataclass(frozen=True)
 class TimesRead:
-    """What the code and the properties of a test make of time.
+    """How the code and the properties of a test use time.
 
-    `thresholds_ns`: times that clocks are compared with, rising; `open`: where a clock is read
-    otherwise. `deadlines_ns`: of properties, where there are thresholds. Without, one is missed by
-    more than nothing in some execution only if it is in one of which all steps are as early or as
-    late as they can be. `together`: into how many parts the grid is cut so that comparisons which
-    are strict may hold together; `crowded`: where they are, when that is more than `FINEST`.
+    `thresholds_ns`: times that clocks are compared with, rising; `open`: where a clock is used in
+    another way. `deadlines_ns`: those of properties, if there are thresholds; without thresholds a
+    deadline that can be missed is also missed with all steps as early or as late as they can be.
+    `together`: into how many parts the grid is cut so that strict comparisons can hold together;
+    `crowded`: where these comparisons are, if the parts are more than `FINEST`.
     """
 
     thresholds_ns: tuple[int, ...]
@@ -72,7 +72,7 @@ class TimesRead:
 
 
 def times_read(system: System) -> TimesRead:
-    """Of every component, decision and property of a flattened test."""
+    """How every component, decision and property of a flattened test uses time."""
     assert system.test is not None, f"{system.name} is no test"
     thresholds = _ages_judged(system)
     opened: list[Span] = []
@@ -103,18 +103,18 @@ def _ages_judged(system: System) -> set[int]:
 
 
 def _in_order(spans: Iterable[Span]) -> tuple[Span, ...]:
-    """Each of them once, as they stand in the program."""
+    """The spans without duplicates, in the order of the program."""
     places = {(s.source.name, s.start, s.end): s for s in spans}
     return tuple([places[k] for k in sorted(places)])
 
 
 def quantum_of(system: System, read: TimesRead | None = None) -> int:
-    """The grid of times in ns.
+    """The quantum of a test's grid of times, in ns.
 
-    Between zero and the first threshold or deadline, and between two that follow each other, lies
-    at least one of its times: a clock may be above the one and below the other. Where several
-    clocks are compared, it is cut into as many parts as `TimesRead.together` says, at most
-    `FINEST`: beyond that no search on it is said to be exhausted.
+    Between zero and the first threshold or deadline, and between two neighbours, lies at least one
+    time of the grid, as a clock may be above the one and below the other. If several clocks are
+    compared, the grid is cut into `TimesRead.together` parts; if these were more than `FINEST` it
+    is not, and no search on it may be called exhausted.
     """
     plan = system.test
     assert plan is not None, f"{system.name} is no test"
@@ -140,7 +140,7 @@ def _parts(n: int, least: int) -> int:
 
 
 def _texts(system: System) -> Iterator[Text]:
-    """Everything that runs: expressions and bodies that share locals, each with its reader."""
+    """Yields all code that runs: expressions and bodies that share locals, with their reader."""
     yield from _texts_of_components(system)
     for m in system.modules:
         decides = ReadClocks(component=m.dm)
@@ -182,12 +182,12 @@ def _texts_of_components(system: System) -> Iterator[Text]:
 
 
 def _steps(system: System) -> int:
-    """In so many configurations, at most, what is awaited does not hold."""
+    """The number of all releases up to the horizon, a bound for the moments that decide."""
     return sum(releases(system, c.index) for c in system.components)
 
 
 class _TimeReader:
-    """Of one component, or of one predicate."""
+    """Finds the clocks, thresholds and open reads of one component or one predicate."""
 
     def __init__(self, scope: Scope, period_ns: int = 0, watched: ReadClocks | None = None) -> None:
         self.scope = scope
@@ -195,11 +195,11 @@ class _TimeReader:
         self.watched = watched or ReadClocks()
         self.clocks: set[typed.Variable] = set()
         self.others: set[typed.Variable] = set()
-        """Locals that something is put into that is neither a clock nor a constant."""
+        """Locals that also get a value which is neither a clock nor a constant."""
         self.offsets: dict[typed.Variable, set[float]] = {}
-        """Of locals: the constants, and by what the clocks in them are off, in seconds."""
+        """Local -> the constants put into it, or added to clocks in it, in seconds."""
         self.forms: dict[typed.Variable, set[Form]] = {}
-        """Of locals: what clocks are put into them. The time of that step is any other one then."""
+        """Local -> forms of clocks put into it, the time of that step counted as an other one."""
         self.thresholds: set[int] = set()
         self.open: list[Span] = []
 
@@ -208,7 +208,7 @@ class _TimeReader:
         expressions: Iterable[typed.TypedExpr | None],
         bodies: Sequence[tuple[typed.TypedStmt, ...]],
     ) -> None:
-        """Read all of it, until no more locals turn out to be clocks."""
+        """Reads all of it again until no more locals turn out to be clocks."""
         every = [e for e in expressions if e is not None]
         for _ in range(PASSES):
             before = self._known()
@@ -264,7 +264,7 @@ class _TimeReader:
                 self.open.append(value.span)
 
     def _off(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
-        """What is put into a local adds to what it may be off by, and to what it is made of."""
+        """Adds the constants and the forms of `value` to those of a local."""
         self.forms.setdefault(variable, set()).update(
             _form(0, plus + max(now, 0), minus + max(-now, 0))
             for now, plus, minus in self._forms(value)
@@ -285,12 +285,12 @@ class _TimeReader:
     # ------------------------------------------------------------ expressions
 
     def _plain(self, e: typed.TypedExpr) -> None:
-        """Where only a value will do: a clock is open here."""
+        """Reads an expression whose value matters: a clock is open here."""
         if self._is_clock(e):
             self.open.append(e.span)
 
     def _is_clock(self, e: typed.TypedExpr) -> bool:
-        """Whether it is a clock; what it holds besides is read."""
+        """Whether `e` is a clock; reads its parts."""
         if isinstance(e, typed.TimeRead):
             self.watched.now = True
             return True
@@ -317,7 +317,7 @@ class _TimeReader:
     def _which(
         self, e: typed.TypedExpr, one: typed.TypedExpr, other: typed.TypedExpr
     ) -> list[bool]:
-        """Which of two parts are clocks; beside a clock that is no constant either is open."""
+        """Which of two parts are clocks; `e` is open if the other one is no constant either."""
         clocks = [self._is_clock(one), self._is_clock(other)]
         beside = other if clocks[0] else one
         if any(clocks) and not all(clocks) and self._constant(beside) is None:
@@ -325,7 +325,7 @@ class _TimeReader:
         return clocks
 
     def _combined(self, e: typed.TypedBinary, *, both: bool) -> bool:
-        """A sum, a difference or a comparison with a clock in it."""
+        """Notes thresholds of a sum, difference or comparison of clocks; False for the last."""
         self.watched.crossed |= both
         left, right = self._offset(e.left), self._offset(e.right)
         if e.op in COMPARISONS:
@@ -344,7 +344,7 @@ class _TimeReader:
             self.thresholds.add(round(abs(seconds) * 1e9))
 
     def _offset(self, e: typed.TypedExpr) -> set[float]:
-        """By what a clock may be off, or the constant itself, in seconds."""
+        """The constants that a clock may have added, or the constant itself, in seconds."""
         if isinstance(e, typed.Conditional):
             return self._offset(e.then) | self._offset(e.otherwise)
         if isinstance(e, typed.VarRead):
@@ -359,7 +359,7 @@ class _TimeReader:
         return {self._constant(e) or 0.0}
 
     def _forms(self, e: typed.TypedExpr) -> set[Form]:
-        """What a clock may be made of."""
+        """The forms that an expression may have, CONSTANT for one that is no clock."""
         if isinstance(e, typed.TimeRead):
             return {(1, 0, 0)}
         if isinstance(e, typed.AgeRead):
@@ -380,7 +380,7 @@ class _TimeReader:
         return sums
 
     def _constant(self, e: typed.TypedExpr) -> float | None:
-        """Its value, durations in seconds; None where it is no constant."""
+        """The value of a constant expression, durations in seconds; None for any other."""
         if isinstance(e, (typed.Literal, typed.ParamRead)):
             value = e.value if isinstance(e, typed.Literal) else self.scope.params.get(e.param)
             if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -411,18 +411,18 @@ class _TimeReader:
 
 
 def _quotient(e: typed.TypedBinary, left: float, right: float) -> float:
-    """Of whole numbers, and of whole nanoseconds, what is left of it in the language."""
+    """The quotient as the language computes it: cut off for ints and for nanoseconds."""
     if isinstance(e.type, DurationType):
         return math.trunc(round(left * 1e9) / right) / 1e9
     return float(math.trunc(left / right)) if isinstance(e.type, IntType) else left / right
 
 
 def _form(now: int, plus: int, minus: int) -> Form:
-    """More than `MANY` are as many, so that there are few of them."""
+    """A form whose counts are cut to `MANY`, so that there are few different ones."""
     return max(-MANY, min(now, MANY)), min(plus, MANY), min(minus, MANY)
 
 
 def _is_sum(form: Form) -> bool:
-    """Whether it is more than one time less another one."""
+    """Whether a form has more than one time added, or more than one taken off."""
     now, plus, minus = form
     return plus + max(now, 0) >= MANY or minus + max(-now, 0) >= MANY

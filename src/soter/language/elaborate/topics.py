@@ -1,9 +1,9 @@
-"""The topics of a system: the values each may hold, its first one, and what modules remember.
+"""Makes the topics of a system: their value sets, first values, and the memory of modules.
 
-Purpose: bounds of every leaf, defaults inside them, `max_age`, and one topic for all that is wired.
-Hidden topics keep what a decision module remembers: for how many periods AC surely keeps control
-(`margin(M)`), what a latch waits for, and until when a command of each cell of a `shield` was held;
-and it is said what a shield cannot be said of (M027).
+Purpose: computes bounds of every leaf, defaults inside them and `max_age`, and makes one topic for
+all that is wired together. Hidden topics hold what a decision module remembers: for how many
+periods AC surely keeps control (`margin(M)`), what a latch waits for, and until when a command in
+each cell of a `shield` was held. It reports modules that cannot have a shield (M027).
 Non-goals: who drives a topic (`composition_check.py`); how many periods or which commands these are
 (`verify/`); how a latch moves and when commands are judged (`semantics/`,
 `runtime/soter_kernel.c`).
@@ -46,9 +46,9 @@ if TYPE_CHECKING:
 
 
 def make_margin_topics(read: Iterable[int], modules: list[Module], first: int) -> list[Topic]:
-    """A topic for every module of which somebody reads the margin, numbered from `first` on.
+    """A hidden topic for every module whose margin some code reads, with indices from `first` on.
 
-    `read`: indices of modules. Enters the topics' numbers in the modules.
+    `read`: indices of these modules. The modules get the topics' indices.
     """
     made: list[Topic] = []
     for index in sorted(set(read)):
@@ -59,9 +59,9 @@ def make_margin_topics(read: Iterable[int], modules: list[Module], first: int) -
 
 
 def make_latch_topics(modules: Iterable[Module], first: int) -> list[Topic]:
-    """A topic for every module with a latch that may switch, numbered from `first` on.
+    """A hidden topic for every module with a latch that may switch, with indices from `first` on.
 
-    Enters the topics' numbers, and those of the acknowledgements, in the modules.
+    The modules get the indices of these topics and of the acknowledgements.
     """
     made: list[Topic] = []
     for module in modules:
@@ -93,7 +93,7 @@ def _memory_topic(module: Module, what: str, index: int, most: int) -> Topic:
 
 
 NEVER_HELD = -1.0e18
-"""s: before every run."""
+"""A time in seconds before every run."""
 
 
 NO_FLOATS = "is not made of floats"
@@ -110,7 +110,7 @@ def make_shield_topics(
     components: Sequence[Component],
     diagnostics: Diagnostics,
 ) -> list[Topic]:
-    """A topic for every module that has a shield, numbered from `len(topics)` on.
+    """Hidden topics for every module with a shield, with indices from `len(topics)` on.
 
     `cells`: module index -> into how many cells each number of its commands is cut.
     """
@@ -153,7 +153,7 @@ def _why_not(module: Module, topics: Sequence[Topic], components: Sequence[Compo
 def refuse_overrun(
     system: System, component: Component, fault: str, diagnostics: Diagnostics
 ) -> None:
-    """M027 where a controller that a shield judges would publish later than it steps."""
+    """Reports M027 if a controller that a shield judges would publish later than it steps."""
     module = None if component.module is None else system.modules[component.module]
     if module is None or module.shield is None or module.symbol.shield is None:
         return
@@ -173,7 +173,7 @@ def _refused(module: Module, clause: TypedExpr, why: str, diagnostics: Diagnosti
 
 
 def _numbers(module: Module, topics: Sequence[Topic]) -> tuple[float, ...]:
-    """The numbers of its commands, as they are at the start."""
+    """The first values of all numbers in a module's commands."""
     return tuple(numbers_in(tuple(topics[i].default for i in module.outputs)))
 
 
@@ -196,7 +196,7 @@ def _topic(module: Module, what: str, index: int, default: tuple[float, ...]) ->
 
 
 class Topics(Instantiation):
-    """Enters the topics of one system as they are mentioned."""
+    """Makes the topics of one system when they are first mentioned."""
 
     def __init__(
         self,
@@ -216,7 +216,7 @@ class Topics(Instantiation):
         ] = {}
 
     def topic(self, key: TopicKey) -> int:
-        """Index of a topic, entered on first mention.
+        """Index of a topic, which is made when it is first mentioned.
 
         TooLargeError where there is no room for its values.
         """
@@ -248,7 +248,7 @@ class Topics(Instantiation):
     def queue(self, source: Topic, subscribed: typed.Subscribed, node: str) -> int:
         """Index of a new topic: the queue in which a node collects the values of `source`.
 
-        TooLargeError where there is no room for its values.
+        Raises TooLargeError if there is no room for its values.
         """
         assert subscribed.queue is not None
         t = ListType(source.type, subscribed.queue)
@@ -281,7 +281,7 @@ class Topics(Instantiation):
         return self._ranges[key]
 
     def check_wired_sets(self) -> None:
-        """V010 for a wire between topics that allow different values, or ages."""
+        """Reports V010 for a wire between topics with different sets or `max_age`s."""
         for part in self.parts:
             for instance in part.system.instances:
                 for inner, target in instance.renames.items():
@@ -297,7 +297,7 @@ class Topics(Instantiation):
         used: tuple[typed.TopicSymbol, Values],
         instance: typed.InstanceSymbol,
     ) -> None:
-        """A topic as the instance knows it and the one in its place, each with its parameters."""
+        """Reports V010 if the instance's topic and the one wired to it differ, by parameters."""
         inner, outer = written[0], used[0]
         (own, old), (given, new) = (self._set_and_age(*x) for x in (written, used))
         what = "other values" if any(own) and own != given else ""
@@ -340,11 +340,11 @@ class Topics(Instantiation):
         return bounds, declared
 
     def _unreliable(self, symbol: typed.TopicSymbol) -> None:
-        """Its set has an error: nothing is said about what follows from it."""
+        """Notes that a topic's set has an error, so that consequences are not reported."""
         self.program.damaged.add(symbol)
 
     def _default(self, symbol: typed.TopicSymbol, bounds: tuple[Bound | None, ...]) -> Value:
-        """The first value; V002 where it lies outside the set."""
+        """The first value of a topic; reports V002 if it lies outside the set."""
         written = symbol.default
         what = f"the default of `{symbol.name}`"
         value = self.number(written, what) if written is not None else None
@@ -376,12 +376,12 @@ class Topics(Instantiation):
 
 
 def _all_allow_zeros(t: Type, bounds: tuple[Bound | None, ...]) -> bool:
-    """Whether a value of zeros is inside, found without walking through it."""
+    """Whether a value of zeros is inside all bounds; does not build the value."""
     return is_vector_part(t) and all(b is None or b.low <= 0.0 <= b.high for b in set(bounds))
 
 
 def shown(bound: Bound) -> str:
-    """A bound as people write it."""
+    """A bound as text."""
     return f"[{bound.low!r}, {bound.high!r}]"
 
 
@@ -393,7 +393,7 @@ def beyond(number: float, bound: Bound) -> str:
 
 
 class _Bounder:
-    """Bounds of the leaves of a type: of each the innermost set that covers it."""
+    """Finds the bound of each leaf of a type: the innermost declared set that covers it."""
 
     def __init__(self, sets: dict[tuple[str, ...], Bound]) -> None:
         self.sets = sets
@@ -407,7 +407,7 @@ class _Bounder:
         if isinstance(t, (RecordType, ArrayType, ListType)):
             if any(len(p) > len(path) and p[: len(path)] == path for p in self.sets):
                 return self._of_parts(t, path, outer)
-            key = id(t), outer  # a type inside types can stand there many times
+            key = id(t), outer  # one type may occur inside another many times
             if key not in self._known:
                 self._known[key] = self._of_parts(t, path, outer)
             return self._known[key]
@@ -428,7 +428,7 @@ class _Bounder:
 
 
 def _inside_type(bound: Bound | None, t: IntType) -> Bound | None:
-    """A set for an int, cut to what its type can hold: draws and the gate rely on that."""
+    """The bound of an int cut to what its type can hold: draws and the gate rely on that."""
     if bound is None:
         return None if t.is_full else Bound(t.low, t.high)
     return Bound(max(bound.low, t.low), min(bound.high, t.high))
@@ -443,7 +443,7 @@ def first_outside(
 
 
 def _parts(t: RecordType | ArrayType, value: Value, path: str) -> Iterator[tuple[Type, Value, str]]:
-    """Type, value and path of each part."""
+    """Yields type, value and path of each part of a value."""
     if isinstance(t, RecordType):
         for (name, part_type), part in zip(t.fields, value, strict=True):
             yield part_type, part, f"{path}.{name}" if path else name

@@ -1,7 +1,7 @@
-"""Settings of instances that change nothing.
+"""Warns of settings of instances that change nothing.
 
 Purpose: W010 for `set K` of an instance in which nothing reads K.
-Non-goals: values (`system_numbers.py`); plain settings of a system, which are for whatever comes.
+Non-goals: values (`system_numbers.py`); settings of a whole system, which may be for later parts.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Idle:
-    """What the instances of a flat system read, by their paths."""
+    """Collects which parameters the instances of a flat system read, by their paths."""
 
     def __init__(self) -> None:
         self._reads: dict[str, set[typed.ParamSymbol]] = {}
@@ -31,7 +31,7 @@ class Idle:
     def enter(
         self, parts: Iterable[SubSystem], placed: Iterable[PlacedInstance], topics: Iterable[Topic]
     ) -> None:
-        """Everything that a system is made of."""
+        """Enters what all parts of a system read."""
         for part in parts:
             self._enter(part.prefix[:-1], params_read(part.system.properties, part.system.inputs))
         for p in placed:
@@ -41,9 +41,9 @@ class Idle:
             self._enter(home, params_read(t.symbol.values, t.symbol.default, t.symbol.max_age))
 
     def report(self, sets: Iterable[typed.SetSymbol], diagnostics: Diagnostics) -> None:
-        """W010 for each of these settings, with full paths, that nothing there reads.
+        """Warns W010 of each of these settings, with full paths, that nothing there reads.
 
-        In a loop the first one is told.
+        Of settings in a loop it warns once, of the first one.
         """
         told: set[Span] = set()
         for item in sets:
@@ -65,16 +65,16 @@ class Idle:
         return self._known[symbol]
 
     def _enter(self, path: str, reads: Reads) -> None:
-        """In an instance and all around it."""
+        """Enters reads for the instance at `path` and all around it."""
         while path:
             self._reads.setdefault(path, set()).update(reads)
             path = path.rpartition(".")[0]
 
 
 def params_read(*roots: object) -> Reads:
-    """Parameters that pieces of a checked program read, also in the functions that they call.
+    """Parameters that parts of a checked program read, also in the functions that they call.
 
-    Of topics only the names count: their numbers are no part of who reads them.
+    What a topic's own declaration reads does not count for a part that reads the topic.
     """
     params: set[typed.ParamSymbol] = set()
     seen: set[int] = set()

@@ -1,10 +1,10 @@
-"""A module and its plants as proofs see them: by views, moved by others, from where they start.
+"""Changes a module and its plants for proofs: views, disturbances from others, first states.
 
-Purpose: a view speaks of the topics that its plants drive, and keeps what `safe`, `ttf` and `safer`
-say about those alone (proof-sets.md, Views): every part of `safe` and of `safer` must be kept by
-some view (R023), and a part of `ttf` that none keeps is dropped, which makes a proof harder, not
-wrong. `moved_by_others` makes a disturbance of every topic that a plant reads and the module does
-not publish. `start_behind` says where an abstraction starts.
+Purpose: `systems_by_view`: a view keeps the parts of `safe`, `ttf` and `safer` that read topics of
+its plants only (proof-sets.md, Views): every part of `safe` and of `safer` must be kept by some
+view (R023), and a part of `ttf` that none keeps is dropped: that makes a proof harder, not wrong.
+`moved_by_others` replaces each topic that a plant reads and the module does not publish by a
+disturbance. `start_behind` computes where an abstraction starts.
 Non-goals: proofs; who keeps topics in their sets (`verify/scope.py`); initial states that are
 drawn. The re-checker has its own views (`certificate/reading/view_predicates.py`), on purpose.
 """
@@ -44,9 +44,9 @@ Topics = frozenset[typed.TopicSymbol]
 
 
 def systems_by_view(flat: System, module: Module) -> list[tuple[System, Module]]:
-    """The module with its system, once for each of its views; itself where it has none.
+    """The module with its system, once for each of its views; unchanged if it has none.
 
-    Raises `SoterError` R023 where the views together are not the module.
+    Raises `SoterError` R023 if the views together do not cover the module.
     """
     symbol = module.symbol
     if not symbol.verify.views:
@@ -56,7 +56,7 @@ def systems_by_view(flat: System, module: Module) -> list[tuple[System, Module]]
 
 
 def refuse_views(module: Module) -> None:
-    """`SoterError` R023 for a module with views, where one set of plants is looked at."""
+    """Raises `SoterError` R023 for a module with views, where a proof takes one set of plants."""
     if not module.symbol.verify.views:
         return
     diagnostics = Diagnostics()
@@ -99,14 +99,14 @@ def _kept(parts: Iterable[typed.TypedExpr], topics: Topics) -> list[typed.TypedE
 
 
 def _joined(op: str, parts: list[typed.TypedExpr], whole: typed.TypedExpr) -> typed.TypedExpr:
-    """Nothing to join: true for `&&`, false for `||`."""
+    """The parts joined by `op`; without parts true for `&&`, false for `||`."""
     if not parts:
         return typed.Literal(BOOL, whole.span, op == "&&")
     return reduce(lambda a, b: typed.TypedBinary(BOOL, whole.span, op, a, b), parts)
 
 
 def _judge(symbol: typed.ModuleSymbol) -> None:
-    """R023: what `verify` says beside views, and what no view keeps."""
+    """Raises R023 for clauses beside views, missing plants or predicates, and uncovered parts."""
     diagnostics, verify = Diagnostics(), symbol.verify
     if verify.groups or verify.abstracts or verify.core or verify.induction or verify.commands:
         diagnostics.error(
@@ -137,7 +137,7 @@ def _judge(symbol: typed.ModuleSymbol) -> None:
 
 
 def _judge_parts(symbol: typed.ModuleSymbol, diagnostics: Diagnostics) -> None:
-    """R023 for every part of `safe` and `safer` that no view keeps."""
+    """Reports R023 for every part of `safe` and `safer` that no view keeps."""
     every = [speaks_of(view.block) for view in symbol.verify.views]
     for name, predicate in (("safe", symbol.safe), ("safer", symbol.safer)):
         for part in conjuncts(predicate) if predicate is not None else ():
@@ -155,7 +155,7 @@ def _judge_parts(symbol: typed.ModuleSymbol, diagnostics: Diagnostics) -> None:
 
 @dataclass(frozen=True)
 class Influence:
-    """A leaf of a topic of others that moves a plant: `topic` and `leaf` are indices."""
+    """A leaf of another part's topic that moves a plant; `topic` and `leaf` are indices."""
 
     component: int
     topic: int
@@ -165,7 +165,7 @@ class Influence:
     high: float
 
     def name(self, system: System) -> str:
-        """As proofs call it: `plant.topic.leaf`."""
+        """Its name in proofs: `plant.topic.leaf`."""
         return f"{system.components[self.component].name}.{self.variable.name}"
 
 
@@ -185,9 +185,9 @@ def can_be_any(system: System, topic: int) -> bool:
 
 
 def moved_by_others(system: System, module: Module) -> tuple[System, tuple[Influence, ...]]:
-    """With plants moved by any values of the declared sets where they read what others publish.
+    """The system in which topics of others that plants read are disturbances in their sets.
 
-    Gives what moves them; a topic that is more than floats in a declared set stays as it is.
+    Also returns these leaves. A topic that is more than floats in a declared set stays as it is.
     """
     moved: list[Component] = []
     all_influences: list[Influence] = []
@@ -202,7 +202,7 @@ def moved_by_others(system: System, module: Module) -> tuple[System, tuple[Influ
 def _moved_by_any(
     system: System, c: Component, outputs: tuple[int, ...]
 ) -> tuple[Component, tuple[Influence, ...]]:
-    """A plant, moved by any values where it reads what others publish; and what moves it."""
+    """The plant with such disturbances, and the leaves that move it."""
     topics = [t for t in foreign(c, outputs) if can_be_any(system, c.scope.topics[t])]
     if not topics:
         return c, ()
@@ -228,7 +228,7 @@ Variables = dict[typed.TopicSymbol, tuple[typed.Variable, ...]]
 def _opened(
     plant: typed.PlantSymbol, topics: tuple[typed.TopicSymbol, ...]
 ) -> tuple[typed.PlantSymbol, Variables]:
-    """The same symbol for the same plant and topics: symbols are compared by identity."""
+    """The plant with disturbances for `topics`; cached, as symbols are compared by identity."""
     made: Variables = {}
     for topic in topics:
         names = [".".join((topic.name, *path)) for path, _ in leaves(topic.type)]
@@ -255,7 +255,7 @@ def _declared(made: Variables) -> Iterator[typed.DisturbanceSymbol]:
     for topic, variables in made.items():
         for v in variables:
             zero = typed.Literal(FLOAT, topic.span, 0.0)
-            yield typed.DisturbanceSymbol(v, zero, zero, None)  # its range stands in the component
+            yield typed.DisturbanceSymbol(v, zero, zero, None)  # the component has its range
 
 
 def _value(t: Type, left: Iterator[typed.Variable], topic: typed.TopicSymbol) -> typed.TypedExpr:
@@ -275,7 +275,7 @@ def _equations(plant: typed.PlantSymbol) -> list[typed.TypedExpr]:
 def _of_topics(
     e: typed.TypedExpr, by: Mapping[typed.TopicSymbol, typed.TypedExpr]
 ) -> typed.TypedExpr:
-    """A reading of a topic, or of a field of one: the value that stands for it."""
+    """Replaces a read of a topic, or of a field of one, by the value that stands for it."""
     if isinstance(e, typed.TopicRead):
         return by.get(e.topic, e)
     if (
@@ -288,7 +288,7 @@ def _of_topics(
 
 
 def _plain(e: typed.TypedExpr) -> bool:
-    """Whether it is made of variables alone: what is left out of it cannot fault."""
+    """Whether `e` consists of variables only, so that leaving parts of it out drops no fault."""
     if isinstance(e, typed.Aggregate):
         return all(_plain(x) for x in e.elements)
     return isinstance(e, typed.VarRead)
@@ -297,10 +297,10 @@ def _plain(e: typed.TypedExpr) -> bool:
 def start_behind(
     flat: System, module: Module, link: typed.AbstractionLink
 ) -> tuple[Value, ...] | None:
-    """The states of the plant of the proof, one by one, at the start of the flying system.
+    """The states of the proof's plant, one by one, at the start of the flying system.
 
-    Topics have their defaults then. None where there is no map, where a state of what flies is
-    drawn, and where the map reads what is not there yet: ages, times, modes.
+    Topics have their defaults then. None without a map, if a flying plant's state is drawn, or if
+    the map reads ages, times or modes, which do not exist yet.
     """
     name = ".".join((*module.name.split(".")[:-1], link.instance))
     plants = [c for c in flat.components if c.name == name and c.plant is not None]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 HELPS_MAX = 2
-"""Of so many topics it is said what to do with each."""
+"""With at most so many topics the help names each and what to do with it."""
 
 
 def check_declaration(
@@ -35,9 +35,9 @@ def check_declaration(
     damaged: Collection[object] = (),
     others: Collection[NodeSymbol] = (),
 ) -> None:
-    """AC != SC and P1b: O(N_ac) = O(N_sc); nothing about nodes that have errors of their own.
+    """Checks AC != SC and P1b, O(N_ac) = O(N_sc); skips nodes that have errors (`damaged`).
 
-    `others`: the nodes of the program that no module has, for what is advised.
+    `others`: the nodes of the program that are in no module, for the help.
     """
     ac, sc = module.ac, module.sc
     at_ac, at_sc = module.ac_span or module.span, module.sc_span or module.span
@@ -68,7 +68,7 @@ def check_declaration(
 def _different_outputs(
     module: ModuleSymbol, diagnostics: Diagnostics, others: Collection[NodeSymbol]
 ) -> None:
-    """P1b where AC and SC do not publish the same, or nothing."""
+    """Reports P1b if AC and SC do not publish the same topics, or publish none."""
     ac, sc = module.ac, module.sc
     at_ac, at_sc = module.ac_span or module.span, module.sc_span or module.span
     ac_out, sc_out = set(ac.publishes), set(sc.publishes)
@@ -102,7 +102,7 @@ def _different_outputs(
 
 
 def _same_outputs(topic: str, by: NodeSymbol, other: NodeSymbol, drivers: Mapping[str, str]) -> str:
-    """What to do about a topic that only one of the two publishes; a topic has one driver."""
+    """Help for a topic that only one of the two publishes."""
     driver = drivers.get(topic)
     if driver is not None:
         return f"leave `{topic}` out of `{by.name}`: `{driver}` publishes it"
@@ -110,13 +110,13 @@ def _same_outputs(topic: str, by: NodeSymbol, other: NodeSymbol, drivers: Mappin
 
 
 def _decided_by_itself(module: ModuleSymbol, diagnostics: Diagnostics) -> None:
-    """M019 where `ttf` and `safer` would have to be computed: only a proof could."""
+    """In towers, reports M019 for modules without `ttf` and `safer`, M029 for those with `rest`."""
     over = module.over
     if over is None:
         return
     for m in (module, over) if over.over is None else (module,):
         if m.rest is not None and m is module:
-            continue  # `ac module` beside `rest`: told where it is declared
+            continue  # the checker has reported `ac module` beside `rest`
         if m.rest is not None:
             diagnostics.error(
                 "M029",
@@ -155,7 +155,7 @@ def _shared_sc(
 def check_messages(
     module: ModuleSymbol, node: NodeSymbol, at: Span, diagnostics: Diagnostics
 ) -> None:
-    """M018 for a controller whose step may publish several messages."""
+    """Reports M018 for a controller whose step may publish several messages."""
     for topic, limit in node.bursts.items():
         diagnostics.error(
             "M018",
@@ -172,7 +172,7 @@ def _listed(node: NodeSymbol) -> str:
 
 
 def check_periods(system: System, diagnostics: Diagnostics, unknown: Collection[str] = ()) -> None:
-    """P1a: delta(N_ac) <= Delta and delta(N_sc) <= Delta (ruling 4).
+    """Checks P1a: delta(N_ac) <= Delta and delta(N_sc) <= Delta (ruling 4).
 
     `unknown` names the components whose period has an error of its own.
     """
@@ -191,7 +191,7 @@ def check_periods(system: System, diagnostics: Diagnostics, unknown: Collection[
 def _slower_below(
     system: System, module: Module, diagnostics: Diagnostics, unknown: Collection[str]
 ) -> None:
-    """P1a of a module in the place of AC: its decision module and controllers keep up."""
+    """Checks P1a for a module in the place of AC: its DM and controllers must be as fast."""
     assert module.over is not None
     below = system.modules[module.over]
     for index in (below.dm, below.ac, below.sc) if below.over is None else (below.dm, below.sc):
@@ -242,9 +242,9 @@ DIFFERENCES_SHOWN = 8
 
 
 def check_external(system: System, read: set[int], diagnostics: Diagnostics) -> None:
-    """M024 for an external topic that no part of the system publishes or reads.
+    """Reports M024 for an external topic that no part of the system publishes or reads.
 
-    Also for one that a part publishes and of which is said how it comes from outside.
+    Also for one that a part publishes though the program says how it comes from outside.
     """
     for e in system.externals:
         topic = system.topics[e.topic]
@@ -264,7 +264,7 @@ def check_external(system: System, read: set[int], diagnostics: Diagnostics) -> 
 
 
 def _goes_out(system: System, e: External, diagnostics: Diagnostics) -> None:
-    """M024 where something is said of the coming of what does not come."""
+    """Reports M024 if a topic that goes out has an `every`, a delay or errors of incoming ones."""
     said = [
         word
         for word, given in (
@@ -290,15 +290,15 @@ def _goes_out(system: System, e: External, diagnostics: Diagnostics) -> None:
 
 
 def from_outside(system: System) -> tuple[External, ...]:
-    """Those of its external topics that somebody outside publishes."""
+    """The external topics of a system that something outside publishes."""
     return tuple(e for e in system.externals if system.topics[e.topic].driver == "input")
 
 
 def allowed_lateness(system: System) -> dict[int, int]:
     """Component -> how late it may start after its release, in ns, as `verify` blocks declare.
 
-    A DM or SC whose module says nothing may not be late at all: proofs assume so. Others are in it
-    where a block names them; of several blocks the strictest counts.
+    A DM or SC of a module that declares nothing may not be late at all: proofs assume so. Others
+    are included if a block names them; of several blocks the strictest counts.
     """
     lateness_by_component: dict[int, int] = {}
     for m in system.modules:
@@ -318,7 +318,7 @@ def allowed_lateness(system: System) -> dict[int, int]:
 
 
 def check_deployed(here: System, symbol: typed.SystemSymbol, diagnostics: Diagnostics) -> None:
-    """M025 where `here` is not the system that it deploys, `proved`, without its plants."""
+    """Reports M025 if `here` differs from the system that it deploys, apart from plants."""
     there = here.proved
     if there is None or symbol.deploys is None:
         return
@@ -379,7 +379,7 @@ def _plants(here: System) -> Iterator[str]:
 
 
 def _topics_of(system: System, c: Component) -> dict[str, str]:
-    """What it calls its topics -> what they are called in the system."""
+    """Topic name in a component's declaration -> the topic's name in the system."""
     return {t.name: system.topics[i].name for t, i in c.scope.topics.items()}
 
 
@@ -456,7 +456,7 @@ def _topic(mine: Topic, proved: Topic) -> Iterator[str]:
 
 
 def _outside(here: System, there: System) -> Iterator[str]:
-    """What comes from outside was published by a plant or the environment there."""
+    """Yields differences: a topic from outside must come from a plant or an input there."""
     proved = {t.name: t for t in there.topics}
     for e in from_outside(here):
         name = here.topics[e.topic].name

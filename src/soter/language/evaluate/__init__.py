@@ -1,1 +1,1 @@
-"""Expressions and statements in Python, for constants and for the interpreter."""
+"""Evaluates expressions and statements: to values, over ranges, and with slopes."""

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 NAN = math.nan
-"""The one NaN that is ever stored: 0x7ff8000000000000."""
+"""The only NaN that is ever stored: 0x7ff8000000000000."""
 
 _INTEGRAL_FROM = 2.0**52
 """From this magnitude on every binary64 number is a whole number."""
@@ -42,7 +42,7 @@ Number = TypeVar("Number", int, float)
 
 
 class FaultKind(IntEnum):
-    """What went wrong in a step; the codes of docs/semantics.md."""
+    """The kinds of step faults, with the codes of docs/semantics.md."""
 
     OVERFLOW = 1
     INDEX = 2
@@ -73,7 +73,7 @@ class StepFault(Exception):  # noqa: N818  the paper's steps fault; "error" woul
 
 
 def checked(result: int, span: Span | None = None) -> int:
-    """`result` where it fits 64 bits; StepFault, an overflow, otherwise."""
+    """`result` if it fits 64 bits; StepFault, an overflow, otherwise."""
     if INT_MIN <= result <= INT_MAX:
         return result
     raise StepFault(FaultKind.OVERFLOW, span)
@@ -121,7 +121,7 @@ def mod_int(a: int, b: int, span: Span | None = None) -> int:
 
 
 def narrow(a: int, low: int, high: int, span: Span | None = None) -> int:
-    """`a` where it lies in `[low, high]`, the range of the place it goes to.
+    """`a` if it lies in `[low, high]`, the range of the place it goes to.
 
     StepFault, an overflow, otherwise.
     """

@@ -29,17 +29,17 @@ class BudgetExceeded(Exception):  # noqa: N818  not an error: the limit was aske
 
 
 def _nobody(count: int) -> int:
-    """Who chooses where nobody was named: only steps of nodes and plants have choices."""
+    """The default for `choose`: it fails, as only steps of nodes and plants have choices."""
     msg = f"nobody chooses between {count} alternatives here"
     raise RuntimeError(msg)
 
 
 class Environment:
-    """All that an expression can see, and the publications of a step.
+    """All that code can read, and the publications of a step.
 
     `variables` by identity; `topics` and `stamps` by topic index, as they were when the step
     began; `mode(module index)`, `margin_ns(module index)` and `truth(component index)` ask the
-    configuration; `published` collects what `publish` wrote, by topic index, of a burst the tuple
+    configuration; `published` collects the published values by topic index, for a burst the tuple
     of all messages.
     `choose(count)` answers a `choose` expression: 0 <= pick < count. A closed constant needs no
     argument at all.
@@ -87,7 +87,7 @@ class Environment:
 
 
 MAX_FAIR = 64
-"""Alternatives of a fair choice; 2 * 64 - 1 is the oldest age, which fits a byte."""
+"""Most alternatives of a fair choice; 2 * 64 - 1 is the greatest age, which fits a byte."""
 
 
 def taken(ages: Sequence[int], pick: int) -> tuple[int, ...]:

@@ -68,7 +68,7 @@ _FLOAT_FUNCTIONS: dict[str, Callable[[Any], float]] = {
 
 
 SLICE = 250_000
-"""Operations, a twentieth of a second, between two looks at the budget."""
+"""Operations (a twentieth of a second) after which the budget is checked again."""
 
 
 class ExpressionEvaluator(ABC):
@@ -101,7 +101,7 @@ class ExpressionEvaluator(ABC):
         """`(environment, arguments) -> value` of a function with a body."""
 
     def value(self, expr: t.TypedExpr, env: Environment | None = None) -> Value:
-        """The value of a closed expression, or at `env`; raises `StepFault` or `BudgetExceeded`.
+        """The value of an expression in `env`, None for closed ones; `StepFault`, `BudgetExceeded`.
 
         Calls that nest deeper than Python's stack exceed any budget.
         """
@@ -112,13 +112,13 @@ class ExpressionEvaluator(ABC):
             raise BudgetExceeded from None
 
     def allow(self, operations: int) -> None:
-        """Set the budget of the next values; only for an evaluator that was made with one."""
+        """Sets the budget of the next values, in operations, if it was made with a budget."""
         assert self._budget is not None
         self._budget = operations
 
     @property
     def spent(self) -> int:
-        """Operations that the last value took."""
+        """How many operations the last value took."""
         return (self._budget or 0) - self._reserve - self._left
 
     def expression(self, expr: t.TypedExpr) -> Compiled:
@@ -136,7 +136,7 @@ class ExpressionEvaluator(ABC):
             self._take_more()
 
     def _take_more(self) -> None:
-        """From the reserve, a slice at a time, so that those who wait can be told."""
+        """Takes a slice from the budget's reserve, and calls `tell` with the operations so far."""
         if self.tell is not None and self.spent > SLICE:
             self.tell(self.spent)
         more = min(self._reserve, SLICE - self._left)
@@ -146,7 +146,7 @@ class ExpressionEvaluator(ABC):
             raise BudgetExceeded
 
     def _counted(self, operations: int, compiled: Compiled) -> Compiled:
-        """`compiled`, which takes so many operations each time; free where nobody counts."""
+        """`compiled` so that each call costs `operations`, if there is a budget."""
         if self._budget is None:
             return compiled
 
@@ -384,7 +384,7 @@ class ExpressionEvaluator(ABC):
         return self._counted(len(elements), aggregate)
 
     def _choose(self, expr: t.TypedChoose) -> Compiled:
-        """Options first, then the choice; a fair one asks among what is allowed."""
+        """Evaluates the options, then asks `choose`; a fair choice asks among allowed ones."""
         options = [self._expr(o) for o in expr.options]
         count, low, ages = expr.count, expr.low, expr.ages
         boolean = isinstance(expr.type, BoolType)
@@ -452,7 +452,7 @@ def _apply2_checked(
 
 
 def in_range(index: int, sequence: tuple[Value, ...], span: Span) -> int:
-    """`index` where `sequence` has it; StepFault, an index fault, otherwise."""
+    """`index` if `sequence` has it; StepFault, an index fault, otherwise."""
     if 0 <= index < len(sequence):
         return index
     raise StepFault(FaultKind.INDEX, span)

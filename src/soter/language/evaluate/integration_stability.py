@@ -1,15 +1,15 @@
-"""Whether a scheme of integration follows a plant, or diverges where the plant does not.
+"""Finds plants for which the integration scheme diverges though the solution does not.
 
 Purpose: `diverging` finds states of a plant whose rates, times the step, lie outside of the region
-in which the scheme is stable. `Slopes` bounds the Jacobian for it: it reads expressions as
+in which the scheme is stable. `Slopes` bounds the Jacobian for it: it evaluates expressions to
 intervals with intervals of their partial derivatives, without NumPy and without running anything.
-Non-goals: how far a scheme that is stable is off; claims that a proof rests on (`verify/enclose/`),
-as nothing is rounded outward here.
+Non-goals: the error of a stable scheme; claims that a proof rests on (`verify/enclose/`), as
+nothing is rounded outward here.
 
-What is not known has the derivative (-inf, inf) for every state that it may depend on, so a bound
-is either right, up to rounding, or says nothing.
+An unknown value has the derivative (-inf, inf) by every state that it may depend on, so a bound is
+either right, up to rounding, or says nothing.
 
-States that depend on each other in a circle are looked at together. With one derivative for all
+States that depend on each other in a circle are examined together. With one derivative for all
 states and inputs, A, a step is R(hA), R the scheme's polynomial: it diverges where the spectral
 radius of R(hA) is above 1 and above that of e^(hA). A state by itself, whose derivative lies in
 [a, b], diverges where |R(ha)| and |R(hb)| are above 1 and b < 0, as R(z) stays above 1 below the
@@ -40,12 +40,12 @@ Range: TypeAlias = tuple[float, float]
 ANY: Range = (-math.inf, math.inf)
 UNIT: Range = (-1.0, 1.0)
 BOUNDED = {"sin": UNIT, "cos": UNIT, "tanh": (0.0, 1.0), "atan": (0.0, 1.0)}
-"""Functions of one number with values in [-2, 2], and bounds of their derivatives."""
+"""Functions of one number with values in [-2, 2] -> bounds of their derivatives."""
 
 
 @dataclass(frozen=True)
 class Slope:
-    """A number in [low, high]; `by`: state -> bounds of its derivative. Absent: it is 0."""
+    """A number in [low, high]; `by`: state -> bounds of its derivative by it; absent: 0."""
 
     low: float
     high: float
@@ -53,16 +53,16 @@ class Slope:
 
     @property
     def range(self) -> Range:
-        """Of the number itself."""
+        """The range of the number itself."""
         return self.low, self.high
 
 
 Tree: TypeAlias = "Slope | tuple[Tree, ...]"
-"""A number, or the parts of a record or an array."""
+"""The slope of a number, or the trees of the parts of a record or an array."""
 
 
 class Slopes:
-    """Evaluates expressions whose variables have known slopes."""
+    """Evaluates expressions to slopes; `variables`, `topic` and `param` give what they read."""
 
     def __init__(
         self,
@@ -148,7 +148,7 @@ class Slopes:
         return unknown(e.type, self._touched(e))
 
     def _touched(self, e: typed.TypedExpr) -> dict[int, Range]:
-        """Every state that an expression may depend on, each with any derivative."""
+        """Every state that an expression may depend on -> any derivative."""
         read = [n.variable for n in nodes([e]) if isinstance(n, typed.VarRead)]
         trees = (self.variables[v] for v in read if v in self.variables)
         return dict.fromkeys((k for t in trees for k in _states(t)), ANY)
@@ -161,7 +161,7 @@ def _states(t: Tree) -> set[int]:
 
 
 def fixed(value: Value) -> Tree:
-    """A constant."""
+    """The tree of a constant."""
     if isinstance(value, tuple):
         return tuple(fixed(v) for v in value)
     if isinstance(value, (int, float)):
@@ -170,7 +170,7 @@ def fixed(value: Value) -> Tree:
 
 
 def unknown(t: Type, by: Mapping[int, Range]) -> Tree:
-    """Any value of a type that depends on these states in any way."""
+    """The tree of an unknown value of type `t` with the derivatives `by`."""
     if isinstance(t, RecordType):
         return tuple(unknown(f, by) for _, f in t.fields)
     if isinstance(t, ArrayType):
@@ -179,12 +179,12 @@ def unknown(t: Type, by: Mapping[int, Range]) -> Tree:
 
 
 def each(t: Tree, change: Callable[[Slope], Slope]) -> Tree:
-    """Every number of a tree changed."""
+    """The tree with `change` applied to every slope."""
     return change(t) if isinstance(t, Slope) else tuple(each(part, change) for part in t)
 
 
 def both(a: Tree, b: Tree) -> Tree:
-    """Either of two values of one type; lists of it may differ in length: any value then."""
+    """A tree that covers two of one type; an unknown one if their lists differ in length."""
     if isinstance(a, Slope) and isinstance(b, Slope):
         by = {k: hull(a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))) for k in {*a.by, *b.by}}
         return Slope(*hull(a.range, b.range), by)
@@ -194,7 +194,7 @@ def both(a: Tree, b: Tree) -> Tree:
 
 
 def arithmetic(op: str, a: Slope, b: Slope) -> Slope:
-    """`a op b`."""
+    """The slope of `a op b`."""
     if op == "+":
         return plus(a, b)
     if op == "-":
@@ -207,13 +207,13 @@ def arithmetic(op: str, a: Slope, b: Slope) -> Slope:
 
 
 def plus(a: Slope, b: Slope) -> Slope:
-    """Their sum."""
+    """The slope of the sum."""
     by = {k: total(a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))) for k in {*a.by, *b.by}}
     return Slope(*total(a.range, b.range), by)
 
 
 def times(a: Slope, b: Slope) -> Slope:
-    """Their product."""
+    """The slope of the product."""
     by = {}
     for k in {*a.by, *b.by}:
         left, right = a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))
@@ -222,57 +222,57 @@ def times(a: Slope, b: Slope) -> Slope:
 
 
 def hull(a: Range, b: Range) -> Range:
-    """Both ranges, and what lies between."""
+    """The smallest range that contains both."""
     return min(a[0], b[0]), max(a[1], b[1])
 
 
 def total(a: Range, b: Range) -> Range:
-    """Sums of one number of each."""
+    """The range of sums of one number of each."""
     return a[0] + b[0], a[1] + b[1]
 
 
 def product(a: Range, b: Range) -> Range:
-    """Products of one number of each; 0 times anything is 0."""
+    """The range of products of one number of each; 0 times anything is 0."""
     ends = [0.0 if 0.0 in (x, y) else x * y for x in a for y in b]
     return min(ends), max(ends)
 
 
 TOGETHER_MAX = 12
-"""Of more states that depend on each other nothing is said."""
+"""Most states of one circle; larger circles are not examined."""
 SQUARINGS = 40
 GROWS = 1e-6
-"""Growth a step that is more than rounding."""
+"""Logarithm of a step's growth that is more than rounding."""
 SPARE = 1.1
-"""A step that is advised is so much shorter than the longest that would do."""
+"""The advised step is by this factor shorter than the longest stable one."""
 PARTS_MAX = 64
-"""So many times as many substeps are tried."""
+"""Up to this multiple of the present substeps is tried."""
 Leaf = tuple["typed.Variable", tuple[int, ...]]
 
 
 @dataclass(frozen=True)
 class Diverging:
-    """States that a scheme moves away from their solution."""
+    """States that a scheme makes diverge, though their solution does not."""
 
     names: tuple[str, ...]
     variable: typed.Variable
-    """The first of them."""
+    """The first of these states."""
     rate: float
-    """The spectral radius of their Jacobian, 1/s, at least."""
+    """The spectral radius of their Jacobian, in 1/s, at the end that grows least."""
     step_s: float
     growth: float
-    """What a step multiplies them by, at least."""
+    """The factor by which a step multiplies them, at least."""
     substeps: int | None
-    """With so many it would be stable; None: with none that were tried."""
+    """The number of substeps with which it would be stable; None: none was found."""
     other: str | None
-    """A scheme that would be stable with the same step, if there is one."""
+    """A scheme that would be stable with the same step; None: there is none."""
 
 
 def diverging(
     system: System, c: Component, ranges: Mapping[tuple[str, tuple[str, ...]], Range] | None = None
 ) -> list[Diverging]:
-    """What diverges of a plant; nothing where no bound is known.
+    """The groups of a plant's states that diverge; none where no bound is known.
 
-    `ranges`: (state, path of a leaf) -> its range, where that is less than all numbers.
+    `ranges`: (state, path of a leaf) -> its range, if that is less than all numbers.
     """
     plant = c.plant
     if plant is None or plant.extern or not plant.der:
@@ -320,7 +320,7 @@ def _tried(substeps: int) -> Iterator[int]:
 
 
 def _places(t: Type) -> Iterator[tuple[int, ...]]:
-    """Where the floats of a type are, by number of field or element."""
+    """Yields the places of a type's floats, as indices of fields and elements."""
     if isinstance(t, RecordType):
         parts = [f for _, f in t.fields]
     elif isinstance(t, ArrayType):
@@ -393,7 +393,7 @@ def _everywhere(t: Type, r: Range) -> Tree:
 
 
 def _topic(system: System, c: Component, symbol: typed.TopicSymbol) -> Tree:
-    """A topic: its declared set, where it is a number; else anything."""
+    """The tree of a topic: its declared set if it is a float, else an unknown value."""
     bounds = system.topics[c.scope.topics[symbol]].bounds
     if isinstance(symbol.type, FloatType) and bounds[0] is not None:
         return Slope(bounds[0].low, bounds[0].high)
@@ -404,7 +404,7 @@ def _topic(system: System, c: Component, symbol: typed.TopicSymbol) -> Tree:
 
 
 def _circles(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
-    """States that depend on each other in a circle, each state in one of the lists."""
+    """Groups of states that depend on each other in a circle; each state is in one group."""
     n = len(jacobian)
     reach = [{j for j in range(n) if jacobian[i][j] != (0.0, 0.0)} for i in range(n)]
     for k in range(n):
@@ -421,7 +421,7 @@ def _circles(jacobian: Sequence[Sequence[Range]]) -> list[list[int]]:
 
 
 def _matrices(jacobian: Sequence[Sequence[Range]], block: Sequence[int]) -> list[Matrix]:
-    """The Jacobian of a block: one, or of one state both ends; none where it is not known."""
+    """The Jacobian of a block if it is exact; for a single state both ends; else none."""
     ends = [jacobian[i][j] for i in block for j in block]
     n = len(block)
     if n > TOGETHER_MAX or not all(math.isfinite(x) for r in ends for x in r):
@@ -436,7 +436,7 @@ def _matrices(jacobian: Sequence[Sequence[Range]], block: Sequence[int]) -> list
 
 
 def _growth(a: Matrix, step: float, order: int) -> float | None:
-    """What a step multiplies by, where it diverges and the solution does not; else None."""
+    """The factor of a step that diverges though the solution does not; else None."""
     z = [[x * step for x in row] for row in a]
     scheme = _radius(_polynomial(z, order))
     parts = 2 ** max(0, math.ceil(math.log2(max(_norm(z), 1e-300))) + 4)

@@ -7,8 +7,8 @@ the re-checker; where none may be NaN nothing is looked at.
 Non-goals: functions of the prelude, which answer NaN with NaN; conditions on the way, which refine
 nothing; the parts of predicates (`language/model/tree_walk.py`).
 
-Topics hold finite numbers in their sets, as the gate refuses all else; of extern functions nothing
-is known. Functions of the prelude are told by the domains of `function_error_bounds.py`.
+Topics hold finite numbers in their sets, as the gate refuses all others; results of extern
+functions are unknown. Prelude functions follow the domains of `function_error_bounds.py`.
 """
 
 from __future__ import annotations
@@ -68,15 +68,15 @@ def compared_operands(e: t.TypedExpr) -> tuple[t.TypedExpr, ...]:
 
 @dataclass(eq=False, repr=False)
 class _Operand(t.TypedExpr):
-    """Its value, looked at as soon as it is evaluated."""
+    """The value of a compared operand, which faults at once if it is NaN."""
 
     value: t.TypedExpr
 
 
 class PredicateEvaluator(Evaluator):
-    """Compiles `ttf` and `safer` of one scope; arguments as those of `Evaluator`.
+    """Compiles `ttf` and `safer` of one scope; its arguments are those of `Evaluator`.
 
-    A closure raises `StepFault` of the kind `NONFINITE` where a NaN is compared.
+    A closure raises `StepFault` of the kind `NONFINITE` if a NaN is compared.
     """
 
     def __init__(
@@ -89,10 +89,10 @@ class PredicateEvaluator(Evaluator):
         super().__init__(params, externs, budget, **names)
         self._prelude = Evaluator({})
         self.looked_at: frozenset[t.TypedExpr] | None = None
-        """Only these operands are looked at; None: all. Set before anything is compiled."""
+        """Only these operands are checked for NaN; None: all. Set it before compiling."""
 
     def function(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
-        """As `Evaluator` says; of the prelude its own."""
+        """As `Evaluator.function`; prelude functions are compiled without these checks."""
         return self._prelude.function(fun) if fun.prelude else super().function(fun)
 
     def _comparing(self, e: Any) -> Compiled:  # noqa: ANN401 - a binary or a builtin operation
@@ -134,7 +134,7 @@ def _looked_at(
 
 
 def has_nan(value: Value) -> bool:
-    """Whether a number, or one of a record, array or list, is NaN."""
+    """Whether a value is NaN or, if it is a record, array or list, contains one."""
     if isinstance(value, tuple):
         return any(has_nan(v) for v in value)
     return bool(value != value)  # noqa: PLR0124  only NaN differs from itself
@@ -142,20 +142,20 @@ def has_nan(value: Value) -> bool:
 
 BUDGET = 20_000
 TURNS = 3
-"""Of a loop; what still changes then may be anything of its type, and changes no more."""
+"""Rounds of a loop, after which variables that still change may be anything of their type."""
 TIMES = Range(0.0, 1e10)
-"""Seconds that 64 bits of nanoseconds hold."""
+"""The range of times in seconds: more than 64 bits of nanoseconds hold."""
 TOTAL = {
     *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "tanh", "hypot"),
     *("wrap_angle", "sign"),
 }
-"""Functions of the prelude that give a number for all numbers of their domain; `pow` of x >= 0."""
+"""Prelude functions that return a number for all numbers of their domain; `pow` does for x >= 0."""
 
 
 def maybe_nan(system: System, module: Module, *more: t.TypedExpr) -> frozenset[t.TypedExpr]:
-    """Operands in `ttf`, `safer` and `progress` of a module, and in what they call.
+    """Compared operands that may be NaN in a module's `ttf`, `safer`, `progress` and `more`.
 
-    And in `more`, made of these. One set for all, so that a function is one wherever it is called.
+    `more` is made of these. The set serves called functions, too, so each is one everywhere.
     """
     symbol = module.symbol
     found: set[t.TypedExpr] = set()
@@ -172,12 +172,12 @@ def maybe_nan(system: System, module: Module, *more: t.TypedExpr) -> frozenset[t
 
 
 def operands_in(fun: t.FunSymbol) -> set[t.TypedExpr]:
-    """All that a function of the program compares, itself or in what it calls."""
+    """All operands that a function compares, itself or in what it calls; none of the prelude's."""
     return set() if fun.prelude else all_operands(*(fun.body or ()))
 
 
 def all_operands(*roots: object) -> set[t.TypedExpr]:
-    """Whatever is compared in some code, and in what it calls, but for the prelude and numbers."""
+    """All compared operands in code and in what it calls, except literals and the prelude's."""
     found: set[t.TypedExpr] = set()
     todo, seen = list(roots), set()
     while todo:
@@ -195,7 +195,7 @@ def _is_number(e: t.TypedExpr) -> bool:
 
 
 class _Looking(RangeEvaluator):
-    """Ranges of all that is evaluated; `found` fills with compared operands that may be NaN."""
+    """Evaluates code over ranges, and collects in `found` compared operands that may be NaN."""
 
     def __init__(self, system: System, module: Module) -> None:
         super().__init__(module.scope, module.period_ns, lambda place: _read(system, place))
@@ -205,7 +205,7 @@ class _Looking(RangeEvaluator):
         self.found: set[t.TypedExpr] = set()
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """As `RangeEvaluator` says."""
+        """As `RangeEvaluator.evaluate`; also notes `e` if it is compared and may be NaN."""
         known = super().evaluate(e)
         if e in self.compared and any(r.nan for r in self._flat(known, e.type)):
             self.found.add(e)
@@ -281,7 +281,7 @@ class _Looking(RangeEvaluator):
         return True
 
     def _put(self, old: Known, of: Type, steps: list[Range], value: Known) -> Known:
-        """A value of which a part, at one of these places, is another one."""
+        """The value `old` in which a part, at one of the places `steps`, may be `value` now."""
         if not steps:
             return value
         (at, *rest), parts = steps, []
@@ -296,7 +296,7 @@ class _Looking(RangeEvaluator):
         return tuple(parts)
 
     def _loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
-        """All rounds at once: what holds before each of them, found by going round."""
+        """Runs the body until what holds before every round no longer changes."""
         if isinstance(s, t.ForRange):
             item: Known = Range(s.low, s.high - 1)
             if s.high <= s.low:
@@ -318,7 +318,7 @@ class _Looking(RangeEvaluator):
             self.variables = after
 
     def _element(self, whole: Known, of: Type) -> Known:
-        """What the elements of an array or a list may be."""
+        """What an element of an array or a list may be."""
         assert isinstance(of, (ArrayType, ListType))
         if isinstance(whole, ReadPlace) and whole.kind == "topic":
             return _finite(of.element)
@@ -341,7 +341,7 @@ class _Looking(RangeEvaluator):
 
 
 def _read(system: System, place: ReadPlace) -> Range:
-    """What may be read there: finite numbers, of a topic of its set."""
+    """The range of what may be read at a place: finite numbers, for a topic those of its set."""
     if place.kind == "topic" and not has_list(system.topics[place.index].type):
         return published(system.topics[place.index], place)
     if place.kind in ("time", "age", "margin"):
@@ -353,7 +353,7 @@ def _read(system: System, place: ReadPlace) -> Range:
 
 
 def _of_prelude(name: str, arguments: list[Range]) -> Range:
-    """What a function gives that is a number for all numbers of its domain."""
+    """The result's range of a function of TOTAL or `pow`: perhaps NaN outside its domain."""
     bound = BOUNDS[name]
     domain = ((0.0, INF), bound.domain[1]) if name == "pow" else bound.domain
     inside = all(
@@ -364,7 +364,7 @@ def _of_prelude(name: str, arguments: list[Range]) -> Range:
 
 
 def _finite(of: Type) -> Known:
-    """All values of a type that a topic may have."""
+    """All values of a type that a topic may hold: their numbers are finite."""
     if isinstance(of, FloatType):
         return Range(-MOST, MOST)
     if isinstance(of, RecordType) and of.scalars <= ELEMENTS:

@@ -1,9 +1,9 @@
-"""What an expression may be, where all that it reads may be anything of some ranges.
+"""Evaluates expressions and statements when all that they read is known by ranges only.
 
-Purpose: one method for each kind of expression and statement of `typed.py`, over `Range`s:
-sound bounds of its value, and whether judging it may fault.
-Non-goals: ranges, deciding by them (`explore/vacuous_tests.py`, `explore/constant_truth.py`). What
-is too hard for it, such as what happens in lists, is anything of its type.
+Purpose: `RangeEvaluator` has a method for each kind of expression and statement of `typed.py`; it
+computes sound bounds of the value as a `Range`, and whether the evaluation may fault. A value that
+it cannot follow, as one in a list, may be anything of its type.
+Non-goals: ranges (`ranges.py`), verdicts (`explore/vacuous_tests.py`, `explore/constant_truth.py`).
 """
 
 from __future__ import annotations
@@ -33,25 +33,25 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type, Value
 
     Key = tuple[str, int, tuple[int, ...]]
-    """Of a scalar: what is read, its number, and where in it."""
+    """Where a scalar is read: the kind of thing, its number, and the path in it."""
     Known = Any
     """A `Range`, a tuple of such, a `ReadPlace`, or UNKNOWN."""
 
 BUDGET = 20_000
 ELEMENTS = 1_024
-"""Larger arrays are unknown."""
+"""Arrays with more elements than this are unknown."""
 ROUNDS = 256
 UNKNOWN = object()
 COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 
 
 class TooHardError(Exception):
-    """More operations than are worth it, or code that is not followed."""
+    """The evaluation needs more operations than the budget has, or code that is not followed."""
 
 
 @dataclass(frozen=True)
 class ReadPlace:
-    """Something that is read, or a part of it: looked up where a number is wanted."""
+    """A topic, age, truth or the like, or a part of it; it is looked up when a number is needed."""
 
     kind: str
     index: int
@@ -60,7 +60,7 @@ class ReadPlace:
 
 
 def anything(of: Type) -> Known:
-    """All values of a type."""
+    """All values of a type, as far as ranges can express them."""
     if isinstance(of, BoolType):
         return EITHER
     if isinstance(of, IntType):
@@ -79,7 +79,7 @@ def anything(of: Type) -> Known:
 
 
 def constant(of: Type, value: Value) -> Known:
-    """One value of a type."""
+    """One value of a type, in ranges of a single number."""
     if isinstance(of, (RecordType, ArrayType)):
         parts = [f for _, f in of.fields] if isinstance(of, RecordType) else [of.element] * of.size
         return tuple([constant(p, v) for p, v in zip(parts, value, strict=True)])
@@ -91,7 +91,7 @@ def constant(of: Type, value: Value) -> Known:
 
 
 class RangeEvaluator:
-    """Evaluates in one scope. `read` gives the range of a scalar that is read."""
+    """Evaluates code of one scope; `read` gives the range of a scalar that is read."""
 
     def __init__(self, scope: Scope, period_ns: int, read: Callable[[ReadPlace], Range]) -> None:
         self.scope = scope
@@ -103,7 +103,7 @@ class RangeEvaluator:
         self._literals: dict[t.Literal, Known] = {}
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """What it may be; `faults` says whether it may fault. `TooHardError`."""
+        """What `e` may be; `faults` notes whether it may fault. Raises `TooHardError`."""
         self.left -= 1
         if self.left < 0:
             raise TooHardError
@@ -111,11 +111,11 @@ class RangeEvaluator:
         return anything(e.type) if made is None else made(self, e)
 
     def number(self, e: t.TypedExpr) -> Range:
-        """Of a scalar."""
+        """The range of a scalar expression; `TooHardError` as `evaluate`."""
         return self._scalar(self.evaluate(e), e.type)
 
     def part(self, e: t.TypedExpr, place: ReadPlace) -> Range:
-        """Of the scalar at a place in a value."""
+        """The range of the scalar at a place in the value of `e`; `TooHardError` as `evaluate`."""
         known = self.evaluate(e)
         for index in place.path:
             known = known[index] if isinstance(known, tuple) else UNKNOWN
@@ -194,7 +194,7 @@ class RangeEvaluator:
         return (ranges.float_add if e.op == "+" else ranges.float_subtract)(a, b)
 
     def _logical(self, e: t.TypedBinary) -> Known:
-        """The right side is judged only where the left one does not decide."""
+        """Evaluates && or ||; a fault on the right counts only if the left may not decide."""
         decides = FALSE if e.op == "&&" else TRUE
         a = self.number(e.left)
         if a == decides:
@@ -353,7 +353,7 @@ class RangeEvaluator:
         return self._shaped(of, iter([do(a) for a in self._flat(whole, of)]))
 
     def _joined(self, a: Known, b: Known, of: Type) -> Known:
-        """What may be either."""
+        """What covers both `a` and `b`, two values of one type."""
         if a is b or a == b:
             return a
         if isinstance(of, (RecordType, ArrayType)):
@@ -372,7 +372,7 @@ class RangeEvaluator:
     # ------------------------------------------------------------ statements
 
     def _run(self, body: tuple[t.TypedStmt, ...], returned: Known, of: Type) -> tuple[Known, bool]:
-        """What may be returned (None: nothing so far), and whether the end may be reached."""
+        """What a body may return, `returned` included (None: nothing); if its end is reachable."""
         for s in body:
             self.left -= 1
             if self.left < 0:
@@ -391,7 +391,7 @@ class RangeEvaluator:
         return returned, True
 
     def _plain(self, s: t.TypedStmt) -> bool:
-        """A statement without others in it; whether it may be left."""
+        """Runs a statement that contains no others; returns whether the next one is reachable."""
         if isinstance(s, t.TypedDeclare):
             self.variables[s.variable] = self.evaluate(s.value)
         elif isinstance(s, t.TypedAssign):

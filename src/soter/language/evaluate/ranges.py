@@ -1,8 +1,8 @@
-"""Numbers between two bounds, and what the operations of the language make of them.
+"""Ranges of numbers, and the operations of the language on ranges.
 
-Purpose: sound bounds of every operation on binary64 and 64-bit ints, with whether it may give a
-NaN and whether it may fault. Rounding to nearest is monotone, so the bounds of a float operation
-are what it makes of the ends.
+Purpose: computes sound bounds of every operation on binary64 and 64-bit ints, whether it may give
+a NaN, and whether it may fault. Rounding to nearest is monotone, so the bounds of a float operation
+are its results at the ends.
 Non-goals: expressions (`range_evaluation.py`), reals (`verify/enclose/`).
 """
 
@@ -23,9 +23,9 @@ INF = math.inf
 
 @dataclass(frozen=True)
 class Range:
-    """All numbers in [low, high]: floats, or ints, also for bools and enums; perhaps NaN as well.
+    """All numbers in [low, high]: floats, or ints (also for bools and enums); with `nan` NaN, too.
 
-    Infinities are among the floats where an end is one.
+    Infinities are included if an end is one.
     """
 
     low: float
@@ -43,7 +43,7 @@ class Range:
         return Range(low, high, self.nan or other.nan)
 
     def has(self, value: float) -> bool:
-        """Whether a number is in it."""
+        """Whether a number is in the range."""
         return self.low <= value <= self.high
 
 
@@ -59,12 +59,12 @@ class Faults:
         self.possible = False
 
     def unless(self, fine: bool) -> None:
-        """Notes a fault that is possible where it is not `fine`."""
+        """Notes that a fault is possible, unless `fine`."""
         self.possible |= not fine
 
 
 def truth(surely: bool, never: bool) -> Range:
-    """A truth value of which one of these is known, or neither."""
+    """The range of a truth value that is surely true, never true, or unknown."""
     return TRUE if surely else FALSE if never else EITHER
 
 
@@ -77,7 +77,7 @@ def negated(a: Range) -> Range:
 
 
 def compared(op: str, a: Range, b: Range, *, same: bool = False) -> Range:
-    """A comparison; `same`: both sides are one expression, so equal but for a NaN."""
+    """The truth of a comparison; `same`: both sides are one expression, equal unless NaN."""
     if op == "!=":
         return negated(compared("==", a, b, same=same))
     if op in {">", ">="}:
@@ -97,7 +97,7 @@ def compared(op: str, a: Range, b: Range, *, same: bool = False) -> Range:
 
 
 def _of_ends(of: Callable[[float, float], float], a: Range, b: Range) -> Range:
-    """What a monotone operation makes of two ranges."""
+    """The range of a monotone operation's results on two ranges."""
     ends = [of(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
     if a.nan or b.nan or any(math.isnan(x) for x in ends):
         return ANY_FLOAT
@@ -115,7 +115,7 @@ def float_subtract(a: Range, b: Range) -> Range:
 
 
 def float_multiply(a: Range, b: Range, *, same: bool = False) -> Range:
-    """`a * b`; of zero and infinity it may be NaN."""
+    """`a * b`; NaN is possible for zero times infinity."""
     endless = any(math.isinf(x) for x in (a.low, a.high, b.low, b.high))
     if endless and (a.has(0.0) or b.has(0.0)):
         return ANY_FLOAT if not (same and not a.nan) else Range(0.0, INF)
@@ -137,7 +137,7 @@ def float_divide(a: Range, b: Range, faults: Faults) -> Range:
 
 
 def square_root(a: Range) -> Range:
-    """`sqrt(a)`; of a number below zero it is NaN."""
+    """`sqrt(a)`; NaN is possible for numbers below zero."""
     low, high = max(a.low, 0.0), max(a.high, 0.0)
     return Range(math.sqrt(low), math.sqrt(high), a.nan or a.low < 0.0)
 
@@ -165,7 +165,7 @@ def absolute(a: Range) -> Range:
 
 
 def whole(low: int, high: int, faults: Faults) -> Range:
-    """A result of 64 bits: a fault where it may be outside."""
+    """A result cut to 64 bits; a fault is possible if it may lie outside."""
     faults.unless(low >= INT_MIN and high <= INT_MAX)
     return Range(max(low, INT_MIN), max(min(high, INT_MAX), low, INT_MIN))
 
@@ -192,7 +192,7 @@ def int_operation(op: str, a: Range, b: Range, faults: Faults) -> Range:
 
 
 def _quotient(a: int, b: int) -> int:
-    """Truncated towards zero; of any size."""
+    """`a / b` truncated towards zero, for ints of any size."""
     quotient = abs(a) // abs(b)
     return quotient if (a < 0) == (b < 0) else -quotient
 
@@ -205,6 +205,6 @@ def int_of_float(a: Range, faults: Faults) -> Range:
 
 
 def narrowed(a: Range, low: int, high: int, faults: Faults) -> Range:
-    """An int that goes into a place of [low, high]."""
+    """An int that is put into a place of [low, high]; a fault if it may lie outside."""
     faults.unless(low <= a.low and a.high <= high)
     return Range(min(max(a.low, low), high), max(min(a.high, high), low))

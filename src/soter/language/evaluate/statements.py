@@ -1,9 +1,8 @@
-"""The big-step meaning of typed expressions, statements and functions.
+"""The big-step meaning of typed statements and functions; expressions are in `expressions.py`.
 
-Purpose: what the constant evaluator of the checker and the reference interpreter both run. A
-typed tree is compiled once into Python closures, because a random program takes its steps a
-thousand times; each closure is the meaning of one kind of node and reads like its docstring in
-`typed.py`.
+Purpose: the checker's evaluation of constants and the reference interpreter both run this. A typed
+tree is compiled once into Python closures, because a step may run a thousand times; each closure
+is the meaning of one kind of node and reads like its docstring in `typed.py`.
 Non-goals: when a step runs and what becomes of its publications (`semantics/`), speed beyond
 that, C (`core/` and `codegen/` are the other meaning, on purpose written apart from this one).
 

@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from soter.language.model.types import Type
 
 BUDGET = 600
-"""Expressions of a condition and of what it calls: a millisecond or two."""
+"""Most expressions of a condition and its calls that are evaluated: a millisecond or two."""
 PARTS_MAX, CUTS_MAX = 64, 12
-"""So many parts of what a condition reads are looked at, and so many cuts made of one number."""
+"""How many parts of the read values are examined, and how many cuts one number gets at most."""
 MOST = sys.float_info.max
 
 
@@ -55,7 +55,7 @@ def narrowed(
     ages_ns: Mapping[int, int | None],
     leaves_within: Mapping[tuple[int, int], tuple[float, float]] | None = None,
 ) -> Callable[[ReadPlace], Range]:
-    """`declared`, with the greatest age of topics in ns, and ranges of some (topic, leaf)."""
+    """As `declared`, with greatest ages of topics in ns, and ranges of some (topic, leaf)."""
     otherwise, within = declared(system), leaves_within or {}
 
     def read(place: ReadPlace) -> Range:
@@ -75,7 +75,7 @@ def narrowed(
 
 
 def declared(system: System) -> Callable[[ReadPlace], Range]:
-    """What a `RangeEvaluator` asks for the ranges of all that is read: `TooHardError` of lists."""
+    """A `read` for a `RangeEvaluator` by the declared sets; `TooHardError` for lists."""
 
     def read(place: ReadPlace) -> Range:
         if place.kind == "topic" and not has_list(system.topics[place.index].type):
@@ -89,7 +89,7 @@ def declared(system: System) -> Callable[[ReadPlace], Range]:
 
 
 def always(condition: TypedExpr, system: System, scope: Scope) -> bool | None:
-    """What a condition is wherever it is judged, as the declared sets say; None if they do not."""
+    """Whether a condition is always true or always false by the declared sets; None: unknown."""
     evaluator = RangeEvaluator(scope, 0, declared(system))
     evaluator.left = BUDGET
     try:
@@ -105,10 +105,10 @@ def always_by_parts(
     scope: Scope,
     read: Callable[[ReadPlace], Range] | None = None,
 ) -> bool | None:
-    """The same, of each part by itself: what is read is cut at the numbers of the condition.
+    """As `always`, but the ranges of read values are cut at the numbers in the condition.
 
-    So comparisons that exclude each other, or leave nothing out, are known as that. `read`: as
-    `narrowed` gives it; None: the declared sets.
+    So it recognizes comparisons that exclude each other, or of which one always holds. `read`: a
+    function as from `narrowed`; None: the declared sets.
     """
     read, cuts = read or declared(system), _numbers(condition, scope)
     found: bool | None = None
@@ -140,7 +140,7 @@ def always_by_parts(
 
 
 def _numbers(condition: TypedExpr, scope: Scope) -> list[float]:
-    """What a condition, and what it calls, may compare with: its constants, of either sign."""
+    """The constants in a condition and its calls, with either sign, in rising order."""
     todo: list[object] = [condition]
     called, found = set(), set()
     while todo:
@@ -153,12 +153,12 @@ def _numbers(condition: TypedExpr, scope: Scope) -> list[float]:
             if isinstance(value, (int, float)):
                 found |= {value, -value}
             if isinstance(value, int) and isinstance(getattr(n, "type", None), DurationType):
-                found.add(value / 1e9)  # as `seconds` gives it, to an age
+                found.add(value / 1e9)  # `seconds(d)` may be compared with an age
     return sorted(found)
 
 
 def _cut(of: Range, cuts: Sequence[float]) -> list[Range]:
-    """A range in pieces: each of the cuts inside by itself, and what is between them."""
+    """A range in pieces: each cut inside it as a piece of one number, and those between cuts."""
     whole = isinstance(of.low, int)
     if whole and of.high - of.low < CUTS_MAX:
         cuts = range(int(of.low), int(of.high) + 1)
@@ -178,12 +178,12 @@ def _cut(of: Range, cuts: Sequence[float]) -> list[Range]:
 
 
 def published(topic: Topic, place: ReadPlace) -> Range:
-    """All values that may be published there: what is not finite never is."""
+    """The range of values that may be published at a place; they are finite."""
     return _inside(place.type, topic.bounds[_leaf(topic, place.path)])
 
 
 def _leaf(topic: Topic, path: tuple[int, ...]) -> int:
-    """The number of a leaf, as bounds are counted: all elements of a list share those of one."""
+    """The index of a leaf in `Topic.bounds`; all elements of a list share those of one."""
     at, of = 0, topic.type
     for index in path:
         parts: Sequence[Type]
@@ -213,7 +213,7 @@ BELOW, ABOVE = {"<", "<="}, {">", ">="}
 
 
 OPENED_MAX = 8
-"""Functions inside functions that are opened."""
+"""How deep calls of functions inside functions are replaced by what these return."""
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class _ScaledSignal:
-    """`scale * signal + offset`, or with `folded` of the amount of the signal."""
+    """`scale * signal + offset`; with `folded` of `abs(signal)`."""
 
     signal: str
     scale: float
@@ -236,7 +236,7 @@ class _ScaledSignal:
 
 
 def limits(system: System) -> list[Limit]:
-    """The limits of every module's `safe` and of every property `always`, each once."""
+    """The limits in every module's `safe` and in every `always`, without duplicates."""
     unique_limits: dict[Limit, None] = {}
     for m in system.modules:
         for limit in _LimitReader(system, m.scope).limits(m.symbol.safe, f"safe of {m.name}"):
@@ -249,7 +249,7 @@ def limits(system: System) -> list[Limit]:
 
 
 class _LimitReader:
-    """Reads bounds off predicates of one scope."""
+    """Reads limits of signals off predicates of one scope."""
 
     def __init__(self, system: System, scope: Scope) -> None:
         self.system = system
@@ -257,7 +257,7 @@ class _LimitReader:
         self.evaluator = Evaluator.of(scope)
 
     def limits(self, predicate: typed.TypedExpr, by: str) -> Iterator[Limit]:
-        """The limits of single signals among the parts of a predicate."""
+        """Yields the limits that conjuncts of a predicate set to single signals."""
         for part in conjuncts(_opened(predicate)):
             opened = _opened(part)
             parts = conjuncts(opened) if opened is not part else [part]
@@ -281,7 +281,7 @@ class _LimitReader:
             yield Limit(line.signal, value, by)
 
     def _line(self, e: typed.TypedExpr) -> _ScaledSignal | None:
-        """A side of a comparison as a line over one signal; over none where it is constant."""
+        """A side of a comparison as a line over one signal, or over none; None: it is no line."""
         e = _opened(e)
         constant = self._constant(e)
         if constant is not None:
@@ -357,7 +357,7 @@ def _scaled(line: _ScaledSignal | None, by: float) -> _ScaledSignal | None:
 
 
 def _opened(e: typed.TypedExpr) -> typed.TypedExpr:
-    """What calls of functions that only return something stand for."""
+    """The expression that a call of a function which only returns something stands for."""
     for _ in range(OPENED_MAX):
         inner = returned(e) if isinstance(e, typed.TypedCall) else None
         if inner is None:

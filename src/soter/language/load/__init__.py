@@ -1,1 +1,1 @@
-"""From paths to trees: program files, imports, data."""
+"""Reads the files of a program: sources, imports, data."""

@@ -46,9 +46,9 @@ if TYPE_CHECKING:
 
 MAX_DATA_BYTES = 16 * 1024 * 1024
 MAX_TABLE_BYTES = 128 * 1024 * 1024
-"""Of a file that holds a table."""
+"""Most bytes of a file that holds a table."""
 MAX_ITEMS = 10_000_000
-"""Lists and numbers in an array; more than twice what a table has. Empty lists need no bytes."""
+"""Most lists and numbers in a file's array, since nested empty lists take few bytes."""
 NPY_MAGIC = b"\x93NUMPY"
 NUMBER_BYTES = 8
 TOLD_EVERY = 4096
@@ -56,14 +56,14 @@ KINDS = {".json", ".csv", ".npy"}
 
 
 class DataError(Exception):
-    """A data file that is no value of the declared type; the text says why."""
+    """The content of a data file is no value of the declared type; the text says why."""
 
 
 def read_data(path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
     """The value of type `t` in the file and the file's bytes (for the program's hash).
 
-    `tell` is called with what is being done, again and again where that takes long. Raises
-    `ReadError` where the file cannot be read, `DataError` where its content is wrong.
+    `tell` is called with what is being done, again and again if that takes long. Raises
+    `ReadError` if the file cannot be read, `DataError` if its content is wrong.
     """
     suffix = path.suffix.lower()
     if suffix not in KINDS:
@@ -88,7 +88,7 @@ def read_data(path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, 
 
 
 def _value(t: Type, document: object, tell: Callable[[int], None]) -> Value:
-    """The value that a document stands for, a `Table` where the type is one."""
+    """The value of a parsed document, a `Table` if values of the type are kept as one."""
     if isinstance(document, Table):
         check_length(t, len(document), "")
         return document
@@ -106,7 +106,7 @@ def _elements(t: Type, documents: list[object], tell: Callable[[int], None]) -> 
 
 
 def _not_finite(t: Type, value: Value, path: str) -> str | None:
-    """Where a NaN or an infinity stands in the value, if one does."""
+    """The path of a NaN or an infinity in the value; None if there is none."""
     if isinstance(t, FloatType):
         if math.isfinite(value):
             return None
@@ -124,7 +124,7 @@ def _not_finite(t: Type, value: Value, path: str) -> str | None:
 
 
 def _json(raw: bytes) -> object:
-    """The document without its `"$comment"`, where a data file says whose data it is."""
+    """The document without its `"$comment"`, in which a file may name its source."""
     try:
         document: object = parse_json(raw.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
@@ -135,7 +135,7 @@ def _json(raw: bytes) -> object:
 
 
 def _csv(raw: bytes, t: Type) -> object:
-    """Rows of a csv: with a header line for records, plain numbers otherwise."""
+    """The rows of a csv file: records with a header line, or plain numbers without one."""
     if not isinstance(t, (ArrayType, ListType)):
         raise DataError(f"a csv file gives an array or a list, not `{t}`")
     try:
@@ -152,7 +152,7 @@ def _csv(raw: bytes, t: Type) -> object:
 
 
 def _records(rows: list[list[str]], element: RecordType) -> list[dict[str, object]]:
-    """One object a row; the header says which field each column is, other columns are left out."""
+    """An object for each row; the header names the field of a column, others are left out."""
     if not rows:
         raise DataError("it is empty: a header line is expected")
     header = [h.strip() for h in rows[0]]
@@ -214,7 +214,7 @@ def _npy(raw: bytes, t: Type) -> object:
 
 
 def _shape(t: Type) -> tuple[int, ...] | None:
-    """The shape of floats that a value is, None for anything but floats in arrays."""
+    """The shape of a value that is a float or nested arrays of floats; None for any other type."""
     if isinstance(t, FloatType):
         return ()
     inner = _shape(t.element) if isinstance(t, ArrayType) else None
@@ -228,20 +228,19 @@ PRELUDE_DIR = Path(__file__).resolve().parents[1] / "prelude"
 
 
 class SourceAccess:
-    """How the files of a program are read: from the disk, each time anew.
+    """How the files of a program are read: here from the disk, anew each time.
 
-    An editor's (`editor/documents.py`) knows texts that are not saved, and remembers what it
-    parsed.
+    The editor's subclass (`editor/documents.py`) knows texts that are not saved, and caches trees.
     """
 
     def text(
         self, path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
     ) -> str | None:
-        """The text of a source file; None, with a diagnostic, where it cannot be had."""
+        """The text of a source file; None, with a diagnostic, if it cannot be read."""
         return read_text(path, shown, diagnostics, span)
 
     def parsed(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
-        """The tree of a text, and the source that its spans are of."""
+        """The tree of a text, and the source that the tree's spans refer to."""
         source = Source(shown, text)
         return source, parse(source, diagnostics)
 
@@ -250,9 +249,9 @@ class SourceAccess:
         return read_data(path, t, tell)
 
     def constants(self, _: LoadedFile) -> dict[str, tuple[Value, int]]:
-        """Of constants of this file, imports and data as they are: value, and operations it took.
+        """Known constants of a file, for unchanged imports and data: name -> value, operations.
 
-        What is found here is not computed again, and what was computed is entered.
+        The checker does not compute these again, and enters those that it computes.
         """
         return {}
 
@@ -262,7 +261,7 @@ FROM_DISK = SourceAccess()
 
 @dataclass(eq=False)
 class LoadedFile:
-    """One parsed file. `imports` maps the local name of an import to its file, None if unread."""
+    """A parsed file. `imports` maps the local name of an import to its file, None if unread."""
 
     path: Path
     source: Source
@@ -270,41 +269,41 @@ class LoadedFile:
     prefix: str
     """Prefix of the full names of its declarations: "" for the main file, else `name.`"""
     library: bool
-    """Imported or prelude: unused declarations are not worth a warning."""
+    """Whether it is imported or of the prelude: then unused declarations get no warning."""
     prelude: bool = False
     imports: dict[str, LoadedFile | None] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
 class LoadedProgram:
-    """Everything that was read; `digest` is still open so that data files can be added."""
+    """All files of a program; `digest` is not finished, so that data files can be added."""
 
     main: LoadedFile
     files: list[LoadedFile]
     prelude: list[LoadedFile]
     digest: hashlib._Hash
     reading: SourceAccess = FROM_DISK
-    """How it was read, and data files are."""
+    """How the sources were read, and how data files are."""
     data: dict[Path, str] = field(default_factory=dict)
-    """SHA-256 of the data files that were read so far, by path."""
+    """Path of a data file that was read so far -> its SHA-256."""
 
     def add_data(self, name: str, path: Path, raw: bytes) -> None:
-        """Count a data file, called `name` by the program, among what it is made of."""
+        """Adds a data file, called `name` by the program, to the program's files and hash."""
         self.digest.update(f"data {name}\0{len(raw)}\0".encode())
         self.digest.update(raw)
         self.data[path] = hashlib.sha256(raw).hexdigest()
 
     def shows(self, path: Path) -> bool:
-        """Whether words of a data file are told: only where it lies in the program's folder.
+        """Whether messages may quote a data file: only one in the program's folder.
 
-        Or in that of what the program is a link to. A stranger's program may name any file.
+        Or in the folder of the link's target. A stranger's program may name any file.
         """
         folders = (self.main.path.parent, _resolved(self.main.path).parent)
         return any(_resolved(path).is_relative_to(_resolved(f)) for f in folders)
 
     @property
     def contents(self) -> dict[Path, str]:
-        """SHA-256 of every file as it was read, by path: of a source, of its text as UTF-8."""
+        """Path -> SHA-256 of every file as it was read, for a source of its text as UTF-8."""
         texts = {f.path: f.source.text.encode("utf-8", "surrogatepass") for f in self.files}
         return {**{p: hashlib.sha256(raw).hexdigest() for p, raw in texts.items()}, **self.data}
 
@@ -312,7 +311,7 @@ class LoadedProgram:
 def read_text(
     path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
 ) -> str | None:
-    """Read a UTF-8 file; None, with a diagnostic (D001, D005), when that is not possible."""
+    """Reads a UTF-8 file; None, with a diagnostic (D001, D005), if that is not possible."""
     if (name := utf8_text(shown)) != shown:
         why = "its name is not UTF-8, which everything that is written of it is"
         diagnostics.error("D005", f"cannot read `{name}`: {why}", span)
@@ -344,9 +343,9 @@ def read_text(
 
 
 def is_program(text: str) -> bool:
-    """Whether a text begins as every program does, behind comments.
+    """Whether a text begins as every program does, after comments.
 
-    Of any other file that a program names, whosever it is, not a word is told.
+    Messages quote nothing of any other file that a program names.
     """
     begun = BEFORE.match(text)
     return begun is not None and text.startswith("soter", begun.end())
@@ -355,7 +354,7 @@ def is_program(text: str) -> bool:
 def load(
     path: str, diagnostics: Diagnostics, text: str | None = None, reading: SourceAccess = FROM_DISK
 ) -> LoadedProgram | None:
-    """Load `path` (or `text` in its place) and all it imports; None when nothing was read."""
+    """Loads `path` (or `text` in its place) and all its imports; None if nothing was read."""
     main_path = Path(path)
     if text is None:
         text = reading.text(main_path, path, diagnostics)
@@ -377,7 +376,7 @@ def _prelude_paths() -> tuple[Path, ...]:
 
 @cache
 def _prelude_file(path: Path) -> LoadedFile:
-    """A file of the prelude: the same for every program, so parsed once a process."""
+    """A file of the prelude, parsed once for all programs of this process."""
     source = Source(f"<prelude>/{path.name}", path.read_text(encoding="utf-8"))
     problems = Diagnostics()
     parsed = parse(source, problems)
@@ -415,7 +414,7 @@ class _Loader:
         self.digest.update(data)
 
     def follow_imports(self, main: LoadedFile) -> None:
-        """Depth first, in written order; without recursion, as chains may be long."""
+        """Loads imports depth first, in written order, without recursion, as chains may be long."""
         chain = {_resolved(main.path): main}
         waiting = [iter(main.file.imports)]
         while waiting:
@@ -446,7 +445,7 @@ class _Loader:
     def _import(
         self, importer: LoadedFile, imported: tree.ImportDecl, chain: dict[Path, LoadedFile]
     ) -> tuple[LoadedFile | None, bool]:
-        """The file, None where it cannot be had; whether its imports are still to follow."""
+        """The imported file, None if it cannot be read; whether its imports must be followed."""
         path = importer.path.parent / imported.path
         resolved = _resolved(path)
         if resolved in chain:

@@ -23,14 +23,14 @@ from soter.diagnostics.similar_names import closest
 
 MIB = 2**20
 TEXT_MAX = 64 * MIB
-"""Bytes of what other commands wrote as text: reports, mappings, times."""
+"""Most bytes of a text file that another command wrote: report, mapping, times."""
 PIPE_MAX = 1024 * MIB
-"""Bytes that are read of a log that comes through a pipe."""
+"""Most bytes that are read of a log from a pipe."""
 NONBLOCK = getattr(os, "O_NONBLOCK", 0)
 
 
 class ReadError(OSError):
-    """A file that cannot be read; `missing` where there is none. The text says why."""
+    """A file cannot be read; the text says why; `missing`: it does not exist."""
 
     def __init__(self, why: str, *, missing: bool = False) -> None:
         super().__init__(why)
@@ -40,8 +40,8 @@ class ReadError(OSError):
 def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> bytes:
     """The content of a file of at most `limit` bytes; raises `ReadError`.
 
-    Pipes and devices are read only where they are `special`ly allowed: an import of one would
-    wait for ever. Nobody waits for a pipe that nobody writes.
+    Pipes and devices are only read if `special` allows them: an import of one could wait for ever.
+    A pipe without a writer is not waited for.
     """
     with opened(path, limit, pipes=special, devices=special) as file:
         try:
@@ -55,7 +55,7 @@ def read_bytes(path: Path, limit: int = TEXT_MAX, *, special: bool = False) -> b
 
 
 def _read(file: BinaryIO, most: int, size: int) -> bytes:
-    """All of it, at most so many bytes; memory for what is there, not for what might be."""
+    """Reads at most `most` bytes, with memory for those that are there only."""
     parts, room = [], most
     while part := file.read(min(room, size + MIB)):
         parts.append(part)
@@ -64,16 +64,16 @@ def _read(file: BinaryIO, most: int, size: int) -> bytes:
 
 
 def read_json_text(path: Path) -> str:
-    """The text of a file that another command wrote, UTF-8; raises `ReadError`, ValueError."""
+    """The text of a UTF-8 file that another command wrote; raises `ReadError`, ValueError."""
     return read_bytes(path, special=True).decode("utf-8")
 
 
 def opened(
     path: Path, limit: int = PIPE_MAX, *, pipes: bool = True, devices: bool = False
 ) -> BinaryIO:
-    """A file to read from, whose end comes; raises `ReadError`.
+    """Opens a file that surely has an end; raises `ReadError`.
 
-    Of a pipe at most `limit` bytes and one are read, at once.
+    A pipe is read at once, up to `limit` bytes and one.
     """
     try:
         _require(path.stat().st_mode, pipes=pipes, devices=devices)
@@ -101,9 +101,9 @@ def _require(mode: int, *, pipes: bool, devices: bool) -> None:
 
 
 def _piped(handle: int, most: int) -> bytes:
-    """What comes through a pipe; its handle is closed."""
+    """Reads at most `most` bytes from a pipe, and closes its handle."""
     with os.fdopen(handle, "rb", buffering=0) as pipe:
-        first = pipe.read(most)  # None: there is nothing yet, and somebody who writes
+        first = pipe.read(most)  # None: there is a writer, but nothing yet
         if first == b"":
             raise ReadError("nobody writes into this pipe")
         content = bytearray(first or b"")
@@ -114,10 +114,10 @@ def _piped(handle: int, most: int) -> bytes:
 
 
 def beside(path: Path, name: str) -> Path | None:
-    """The file that `path` calls `name`: in the folder of `path` as that is named.
+    """The path of file `name` in the folder of `path`, as `path` is written.
 
-    None where it leads out of that folder; a link may lead to what lies beside what `path` itself
-    is a link to, as where both are kept elsewhere.
+    None if it leads out of that folder; but a link may lead into the folder of the file that `path`
+    itself is a link to.
     """
     at = path.parent / name
     try:
@@ -129,7 +129,7 @@ def beside(path: Path, name: str) -> Path | None:
 
 
 def near_names(path: Path) -> tuple[str, ...]:
-    """A help line about a file that is missing: one with a similar name, or the folder."""
+    """A help line for a missing file: a file with a similar name, or that the folder is missing."""
     try:
         with os.scandir(path.parent) as entries:
             names = sorted(entry.name for entry in entries if _leads_to_a_file(entry))
@@ -142,12 +142,12 @@ def near_names(path: Path) -> tuple[str, ...]:
 def _leads_to_a_file(entry: os.DirEntry[str]) -> bool:
     try:
         return entry.is_file()
-    except OSError:  # links in a circle, say
+    except OSError:  # for instance links in a circle
         return False
 
 
 def parse_json(text: str | bytes) -> Any:  # noqa: ANN401  any JSON document
-    """The document; ValueError where it is none or gives a name twice, RecursionError too deep."""
+    """The JSON document; ValueError if it is none or repeats a name, RecursionError if too deep."""
     return json.loads(text, object_pairs_hook=_named_once)
 
 
@@ -161,14 +161,14 @@ def _named_once(pairs: list[tuple[str, object]]) -> dict[str, object]:
 
 
 NAMED = ("python", "c")
-"""Kinds with a name inside of the file."""
+"""Kinds of bindings that name something inside the file."""
 NO_STATISTICS = "none"
-"""In the place of a file of statistics: there is none, whatever lies beside the policy."""
+"""Stands in the place of a statistics file: use none, whatever lies beside the policy."""
 POLICIES = ("onnx", "sb3")
 """Kinds of files that hold a learned policy."""
 CLIP = "clip"
 OF_ONNX = re.compile(rf"({CLIP}|[^=,]+=[^=,]+)(,[^=,]+=[^=,]+)*(,{CLIP})?")
-"""Of an ONNX file: answers are put into their sets; which output is the next value of an input."""
+"""What may follow an ONNX file: to clip answers to their sets; `input=output` pairs to remember."""
 FORMS = {
     "python": "python:file.py:name",
     "c": "c:file.c:name",
@@ -178,9 +178,9 @@ FORMS = {
 
 
 class BindingText(NamedTuple):
-    """The parts; `name`: of what is in the file.
+    """The parts of a binding; `name`: what is meant inside the file.
 
-    Of a policy the file of its statistics, or which outputs are remembered, or "".
+    For a policy `name` is its statistics file, or which outputs it remembers, or "".
     """
 
     kind: str
@@ -189,17 +189,17 @@ class BindingText(NamedTuple):
 
     @property
     def is_policy(self) -> bool:
-        """Whether a file of a learned policy answers."""
+        """Whether the extern is answered by a file of a learned policy."""
         return self.kind in POLICIES
 
     @property
     def in_python(self) -> bool:
-        """Whether Python answers: what is in no C that is linked."""
+        """Whether Python answers, as for every binding but one to linked C."""
         return self.kind != "c"
 
     @property
     def files(self) -> tuple[str, ...]:
-        """All files that are named."""
+        """All files that the binding names."""
         return (self.file, self.name) if self.statistics else (self.file,)
 
     @property
@@ -210,7 +210,7 @@ class BindingText(NamedTuple):
 
     @property
     def remembered(self) -> str:
-        """Which outputs of an ONNX file are next values of inputs; "" where nothing is said."""
+        """The pairs `input=output` by which an ONNX policy remembers outputs; "" for none."""
         return ",".join(part for part in self.name.split(",") if part != CLIP)
 
     @property
@@ -219,7 +219,7 @@ class BindingText(NamedTuple):
         return self.kind == "onnx" and CLIP in self.name.split(",")
 
     def beside(self, folder: Path) -> BindingText:
-        """The same with its files looked for in a folder."""
+        """The same binding with its files looked for in `folder`."""
         name = str(folder / self.name) if self.statistics else self.name
         return BindingText(self.kind, str(folder / self.file), name)
 
@@ -228,7 +228,7 @@ class BindingText(NamedTuple):
 
 
 def binding_of(text: str | None) -> BindingText | None:
-    """The parts of a text; None where it can be no binding."""
+    """The parts of a text; None if it is no binding."""
     parts = (text or "").split(":")
     if not all(parts) or parts[0] not in FORMS:
         return None
@@ -240,6 +240,6 @@ def binding_of(text: str | None) -> BindingText | None:
 
 
 def is_in_python(text: str | None) -> bool:
-    """Whether a text binds to what Python answers."""
+    """Whether a text is a binding that Python answers."""
     binding = binding_of(text)
     return binding is not None and binding.in_python

@@ -1,1 +1,1 @@
-"""The checked tree and the flat system: data, and walks over it."""
+"""The records of a checked program and of a flat system, walks over them, types and values."""

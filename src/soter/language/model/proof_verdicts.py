@@ -1,6 +1,6 @@
-"""The record of what was proved of a module, below `verify/` and `simulate/`, for runs to tell.
+"""The record of what was proved of a module.
 
-Purpose: `Proof`: verdicts by property, and what they rest on.
+Purpose: `Proof` has verdicts by property and what they rest on, here so that runs can tell them.
 Non-goals: proving (`verify/`), and where a proof is kept (`verify/proof_cache.py`).
 """
 
@@ -9,23 +9,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 NOT_FOR_SAFETY = frozenset({"P2b", "failsafe"})
-"""What the theorem does without: AC's return, and what acts once the trusted part stops."""
+"""Properties that safety does not need: AC's return, and what acts after the trusted part."""
 
 
 @dataclass(frozen=True)
 class Proof:
-    """`verdicts`: property -> proved, assumed, undecided or refuted; of one module of a system."""
+    """The verdicts on a module; `verdicts`: property -> proved, assumed, undecided or refuted."""
 
     verdicts: dict[str, str]
     assumptions: tuple[str, ...]
 
     def of(self, verdict: str, *names: str) -> list[str]:
-        """Which of these properties (none: of all) have that verdict."""
+        """Those of the properties `names` (without names: of all) that have this verdict."""
         return [n for n, v in self.verdicts.items() if v == verdict and (not names or n in names)]
 
     @property
     def open(self) -> list[str]:
-        """What safety needs and is neither proved nor an assumption that was told."""
+        """The properties that safety needs and that are neither proved nor a told assumption."""
         return [
             n
             for n, v in self.verdicts.items()

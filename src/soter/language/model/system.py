@@ -1,7 +1,7 @@
 """One system of a program, flattened: every number known, every instance named.
 
-Purpose: the static half of a transition system: what runs, how often, on which topics, in
-which deployed order. Interpreter, lowering, simulation and reach all start here.
+Purpose: the static half of a transition system: what runs, how often, on which topics, and in
+which order. The interpreter, the lowering to Core, simulation and proofs all start from it.
 Non-goals: behaviour (`semantics/`), storage (`core/layout.py`).
 """
 
@@ -52,21 +52,21 @@ class Topic:
     default: Value
     max_age_ns: int | None
     driver: str
-    """Name of the plant or node that drives it, "M" for a module, "input", or "" (nobody)."""
+    """Who drives it: a plant's or node's name, "M" for a module, "input", or "" for nobody."""
     queue_of: int | None = None
     """For the queue of a subscription: the topic whose values it collects. Its type is a list."""
     policy: str = ""
-    """Of a queue that is full: drop_oldest, drop_newest or fault (of the subscriber)."""
+    """What a full queue does: drop_oldest, drop_newest or fault (of the subscriber)."""
     queues: tuple[int, ...] = ()
     """The queues that take what is published here."""
     held: bool = False
-    """Whether it is no topic of the program: it holds what a node that `takes` time published, or
-    what a DM saw, for those who read `margin`."""
+    """Whether it is hidden, no topic of the program: it holds what a node that `takes` time
+    published, or, for code that reads `margin`, what a DM saw."""
 
 
 @dataclass(eq=False)
 class Scope:
-    """What names of a declaration mean in one instance."""
+    """What the names in a declaration mean in one instance of it."""
 
     topics: dict[TopicSymbol, int]
     params: dict[ParamSymbol, Value]
@@ -103,10 +103,10 @@ class Measurement:
 class StandIn:
     """What a component stands for that a test replaced by its contract.
 
-    `of`: full name of the module or node; `role`: of the node in it that is stood for, which has
-    its place in the deployed order; `clauses`: what its publications satisfy; `left`: the clauses
-    that nobody could ask for there; `asked`: the conditions of the others; `tried`: of which topics
-    values were picked that are tried, those of its contract being more.
+    `of`: full name of the replaced module or node; `role`: that of the node in it whose place in
+    the deployed order it takes; `clauses`: what its publications satisfy; `left`: the clauses that
+    could not be used; `asked`: the conditions of the others; `tried`: the statements (`assumes`) by
+    which only some of the values that the contract allows are tried.
     """
 
     of: str
@@ -136,7 +136,7 @@ class Component:
     scope: Scope
     span: Span
     module: int | None = None
-    """For dm, sc and ac: index of the module."""
+    """Index of the module of a dm, sc or ac; None for others."""
     node: NodeSymbol | None = None
     plant: PlantSymbol | None = None
     initial: tuple[Value, ...] = ()
@@ -154,7 +154,7 @@ class Component:
     takes_ns: tuple[int, int] | None = None
     """How long a step lasts, at least and at most; None: what it publishes counts at once."""
     held: int | None = None
-    """Where steps last: the topic that holds its publications (`elaborate/step_times.py`)."""
+    """The hidden topic for outputs of steps that take time (`elaborate/step_times.py`), or None."""
     wcet_ns: int | None = None
     """What a step, or a decision, needs of its processor at most; None: not declared."""
     jitter_ns: int = 0
@@ -169,14 +169,14 @@ class Component:
 
     @property
     def published(self) -> list[TopicSymbol]:
-        """What it publishes, or drives, by the names of its declaration."""
+        """The topics that it publishes or drives, as symbols of its declaration."""
         if self.plant is not None:
             return [t for t, _ in self.plant.drives]
         return [] if self.node is None else list(self.node.publishes)
 
     @property
     def writes(self) -> list[int]:
-        """The same as topics of the system."""
+        """The topics that it publishes or drives, as indices of `System.topics`."""
         return [self.scope.topics[t] for t in self.published]
 
     @property
@@ -193,11 +193,11 @@ class Component:
 class Shield:
     """How a module judges the commands of its AC (docs/semantics.md, Shields).
 
-    `cells`: into how many each number of a command is cut; `topic`: the hidden topic that holds of
-    each cell until when (s) a command of it was held. `held` is its next value where a command is
-    published, `permits` whether all commands that may act then may do so until SC's first output
-    acts; both None until they are computed. Of `toward sc` the hidden topic `proposed` has the
-    numbers that AC would have published last, and behind them SC's; `moved` what AC does instead.
+    `cells`: into how many each number of a command is cut; `topic`: the hidden topic with, for each
+    cell, until when (s) a command in it was held. `held`: that topic's next value after a
+    publication; `permits`: whether all commands that may act then may act until SC's first output
+    does; both None until they are computed. With `toward sc` the hidden topic `proposed` has the
+    numbers that AC last wanted to publish and then SC's, and `moved` the numbers AC publishes.
     """
 
     cells: int
@@ -233,10 +233,10 @@ class Module:
     around: dict[ParamSymbol, Value] = field(default_factory=dict)
     """Parameters of the system whose topics it reads and gates; its own are those of `scope`."""
     over: int | None = None
-    """The module that stands in the place of AC; `ac` is then that one's."""
+    """Index of the module that stands in the place of AC, whose AC `ac` then is; or None."""
     view: str = ""
-    """As a view sees it (`elaborate/views_for_proofs.py`): `symbol` is a part, `whole` the one that
-    flies."""
+    """Name of the view, if it is one of a module (`elaborate/views_for_proofs.py`): `symbol` then
+    has the view's part of the proof, `whole` is the module that flies."""
     whole: ModuleSymbol | None = None
     law: dict[int, Value] = field(default_factory=dict)
     """The fail-safe law: topic index -> what its actuator holds once the lease has ended; empty:
@@ -244,23 +244,23 @@ class Module:
     late_ns: int = 0
     """How late a release of its DM may be (`late dm`)."""
     levels: int = LEVELS_DEFAULT
-    """Of its predicates, where they are computed."""
+    """Number of levels that its predicates have if they are computed."""
     computed: bool = False
     """Whether `ttf` and `safer` were computed: a level of each group is compared with 1 and 2."""
     grid_ends: dict[str, tuple[float, float]] = field(default_factory=dict)
     """Where they were: both ends of the axes of grids, by leaf of a topic."""
     unshown: str = ""
-    """What decisions of a module with `rest` are based on, and nothing shows; "" with any other."""
+    """What decisions of a module with `rest` rely on though nothing shows it; "" for others."""
     looks: int = 1
-    """For how many periods of its DM AC keeps control after a look that found `safer` true."""
+    """How many periods of its DM the AC surely keeps control after the DM found `safer` true."""
     looked: int | None = None
-    """The topic that says what the DM saw last; None where nobody reads the module's `margin`."""
+    """The hidden topic with what the DM saw last; None if nothing reads the module's `margin`."""
     latch: int | None = None
-    """Where its DM does not give control back by itself: the topic in which it remembers why not
-    (`elaborate/topics.py`)."""
+    """The hidden topic in which a DM remembers that it may not give control back by itself
+    (`elaborate/topics.py`); None: it may."""
     acknowledgement: int | None = None
-    """With a `latch`: the topic after a press on which it gives control back; None: it never does,
-    once AC has had it."""
+    """With a `latch`: the topic of the button after whose press it gives control back; None: once
+    it has taken control from AC it never does."""
     shield: Shield | None = None
 
     @property
@@ -271,11 +271,11 @@ class Module:
         return (*self.inputs, self.acknowledgement)
 
     def looks_left(self, *, unsafe: bool, safer: bool) -> int:
-        """How many periods from a look on AC surely keeps control; `unsafe`: not even this one."""
+        """How many periods AC surely keeps control from a DM step on; with `unsafe` none."""
         return 0 if unsafe else self.looks if safer else 1
 
     def margin_ns(self, looks: int, age_ns: int) -> int:
-        """What is left of `looks` periods when the look is `age_ns` old; 0 or more."""
+        """The ns that are left of `looks` periods `age_ns` after the DM's step; 0 or more."""
         return max(looks * self.period_ns - self.late_ns - age_ns, 0)
 
 
@@ -311,10 +311,10 @@ class InputDrive:
 
 @dataclass(eq=False)
 class External:
-    """A topic that somebody outside of the system publishes or reads.
+    """A topic that something outside of the system publishes or reads.
 
-    What was said of what comes from outside, None where nothing was: it comes at least every
-    `every_ns`, at most `delay_ns` after it was measured, and leaf k is at most `errors[k]` off.
+    The program may state for a publisher (else None): it publishes at least every `every_ns`, at
+    most `delay_ns` after it measured, and leaf k is wrong by at most `errors[k]`.
     """
 
     topic: int
@@ -326,7 +326,7 @@ class External:
 
 @dataclass(eq=False)
 class Metric:
-    """What a campaign tells of runs: a number, looked at after instants, `every_ns` apart.
+    """A number that campaigns report: it is measured at the end of instants `every_ns` apart.
 
     Its histogram has `bins` equal parts of [low, high], and two for what lies below and above.
     """
@@ -359,7 +359,7 @@ class TimedProperty:
     span: Span
     asks: str = ""
     promises: str = ""
-    """The premise and the condition as people read them: in a loop with its variables filled in."""
+    """`asks` is the premise, `promises` the condition as text, loop variables filled in."""
 
 
 @dataclass(eq=False)
@@ -379,18 +379,18 @@ class TimingFault:
 
 @dataclass(eq=False)
 class Fault:
-    """What goes wrong with one component in the runs of a system (docs/semantics.md, Faults).
+    """A fault that one component has in the runs of a system (docs/semantics.md, Faults).
 
-    `kind`: "late" or "skip" of its releases; "nan", "stuck", "silent", "saturated", "bias",
-    "noise", "scale" of the leaves (indices) of a topic that it publishes, or "scale" of one of its
+    `kind`: "late" or "skip" change its releases; "nan", "stuck", "silent", "saturated", "bias",
+    "noise", "scale" change leaves (indices) of a topic that it publishes, "scale" also one of its
     disturbances. Time is cut into slots of `slot_ns` (0: every release is one), each of them faulty
-    with `probability`, drawn from `stream`. `amount`: of "late" times in ns, between which each
-    release is late (the quantiles of the lateness); with a slot the longest time for which the
-    component is held up. "wait": a release that falls together with one of the component `on`
-    happens no earlier than that (`language/elaborate/step_times.py`). "overrun": a
-    step that begins while it is there lasts `amount` longer, ns (`Component.held`). `apart`: never
-    in two slots in a row. `inside`: None, or the assumption that it does not break; `text`: as it
-    was written.
+    with `probability`, drawn from `stream`. `amount`: for "late" times in ns, the quantiles of the
+    lateness between which each release is late; with slots the longest time for which the component
+    is held up. "wait": a release at the same time as one of the component `on` happens no earlier
+    than that one (`language/elaborate/step_times.py`). "overrun": a step that begins while the
+    fault is active lasts `amount` ns longer (`Component.held`). `apart`: the fault is never in two
+    slots in a row. `inside`: the assumption that it does not break, or None; `text`: the fault as
+    it was written.
     """
 
     kind: str
@@ -409,7 +409,7 @@ class Fault:
 
     @property
     def of_time(self) -> bool:
-        """Whether it moves releases."""
+        """Whether the fault moves or drops releases."""
         return self.kind in {"late", "skip", "wait"}
 
 
@@ -429,7 +429,7 @@ class TestPlan:
     span: Span
     ordered: bool = False
 
-    __test__ = False  # not a test of pytest's
+    __test__ = False  # pytest must not collect this class
 
 
 @dataclass(eq=False)
@@ -452,17 +452,17 @@ class System:
     test: TestPlan | None = None
     """Set when the system was flattened for a `test` block, with its properties."""
     faults: tuple[Fault, ...] = ()
-    """What goes wrong in its runs; no proof and no test is about them."""
+    """Faults of its runs; proofs and tests leave them out."""
     measures: tuple[Metric, ...] = ()
-    """What campaigns tell of its runs."""
+    """Numbers that campaigns report about its runs."""
     externals: tuple[External, ...] = ()
-    """Topics that somebody outside publishes or reads: it stands in the world, without plants."""
+    """Topics that something outside publishes or reads: such a system runs without plants."""
     proved: System | None = None
-    """Of one that deploys another: that one, flattened under the same parameters."""
+    """For a system that deploys another one: that one, flattened with the same parameters."""
     certificate: str = ""
-    """Of one that deploys another: the seal of the certificate whose verdicts it carries."""
+    """For a system that deploys another one: the seal of the certificate of its verdicts."""
     shuffled: bool = False
-    """Whether the nodes of an instant step in an order that is drawn, not in the deployed one."""
+    """Whether nodes of one instant step in an order that is drawn, not in the deployed one."""
 
     def topic(self, name: str) -> Topic:
         """The topic with this full name; KeyError when there is none."""
@@ -480,7 +480,7 @@ class System:
 
 
 def environment_topics(system: System) -> tuple[int, ...]:
-    """The topics that only the environment sets: input topics, and what a driver draws."""
+    """Indices of topics that only the environment sets: input topics, and what a driver draws."""
     drawn = {d.topic for d in system.inputs}
     return tuple(
         [
@@ -500,13 +500,13 @@ def queues_of(system: System, component: Component) -> tuple[int, ...]:
 
 
 def modules_above(system: System, module: int) -> tuple[Module, ...]:
-    """The modules in which this one stands in the place of AC, the next one first."""
+    """The modules that have this one, directly or not, in the place of AC; the next one first."""
     above = next((m for m in system.modules if m.over == module), None)
     return () if above is None else (above, *modules_above(system, above.index))
 
 
 def tower_of(system: System, module: int) -> tuple[Module, ...]:
-    """A module with those above and below it, the topmost first; itself where it stands alone."""
+    """A module with those above and below it, the topmost first; may be the module alone."""
     tower = [*reversed(modules_above(system, module)), system.modules[module]]
     while (below := tower[-1].over) is not None:
         tower.append(system.modules[below])
@@ -514,10 +514,10 @@ def tower_of(system: System, module: int) -> tuple[Module, ...]:
 
 
 def holder_of(system: System, module: Module) -> str:
-    """The name of the sub-system that holds a module, or its tower; "" where no other one does."""
+    """The name of the sub-system that a module (by its topmost one) is in; "" for none."""
     return tower_of(system, module.index)[0].name.rpartition(".")[0]
 
 
 def claims_nothing(system: System, module: Module) -> bool:
-    """Whether a module is there for comfort: another one is above it, and it says no `verify`."""
+    """Whether safety does not rest on a module: one is above it, and it has no `verify` block."""
     return module.symbol.verify.span is None and bool(modules_above(system, module.index))

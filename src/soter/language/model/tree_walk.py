@@ -1,6 +1,6 @@
 """Walks over checked trees: what an expression or a body contains, and what a step may cost.
 
-Purpose: one definition of "the parts of a node", and the questions the later passes ask of it.
+Purpose: defines the parts of a node once, and answers the questions that later passes have.
 `conjuncts` takes `a && b` apart, also where it stands in a function that only returns it;
 `premise_of` says what an implication asks for; `same_expression` tells that `x - 1 < x - 1` has one
 value on both sides. Every loop has a bound and nothing is recursive, yet loops in loops, or calls
@@ -10,11 +10,11 @@ Non-goals: meaning; any other rewriting; expressions that are equal and written 
 times and the machine's stack need a machine and its compiler.
 
 An operation is a statement, a round of a loop, a call, an operator, a built-in function, an index
-or a choice; what handles a value of n numbers counts n. Of branches the dearest counts, of `&&` and
-`||` both sides. The bytes are those of named values where the calls nest deepest: locals, what is
-published, the sequences of loops, arguments and results, eight a number. An argument counts eight
-numbers at most: what has more is passed by address (decision 109). Code of externs is counted in
-neither.
+or a choice; one that handles a value of n numbers counts n. Of branches the most costly one counts,
+of `&&` and `||` both sides. The bytes are those of named values at the deepest nesting of calls:
+locals, publications, sequences of loops, arguments and results, eight for each number. An argument
+counts eight numbers at most, as larger ones are passed by address (decision 109). Code of externs
+is not counted.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ PARTS_MAX = 16
 
 @cache
 def _part_names(kind: type) -> tuple[str, ...]:
-    """The fields of a class in which parts may stand."""
+    """The fields of a class that may hold parts of a node."""
     if issubclass(kind, typed.Literal):
-        return ()  # its value may be large, and is no code
+        return ()  # a literal's value may be large, and is no code
     return tuple(n for n in getattr(kind, "__dataclass_fields__", {}) if n not in _SKIPPED)
 
 
@@ -77,9 +77,9 @@ def nodes(roots: Iterable[object]) -> Iterator[object]:
 
 
 def rewritten(node: Any, instead: Callable[[Any], Any]) -> Any:  # noqa: ANN401 - any part of a tree
-    """Code with other expressions in the places of some; expressions have no effects.
+    """Code in which `instead` has replaced expressions, which have no effects.
 
-    `instead` is asked of each, parts before the whole, and gives what it was given where it stays.
+    `instead` is called with each expression, parts before the whole, and returns it or another.
     """
     if isinstance(node, tuple):
         parts_ = tuple(rewritten(x, instead) for x in node)
@@ -94,12 +94,12 @@ def rewritten(node: Any, instead: Callable[[Any], Any]) -> Any:  # noqa: ANN401 
 
 
 def calls_in(*roots: object) -> list[typed.TypedCall]:
-    """Calls of declared functions."""
+    """All calls of declared functions below `roots`."""
     return [n for n in nodes(roots) if isinstance(n, typed.TypedCall)]
 
 
 def topic_reads(*roots: object) -> dict[typed.TopicSymbol, typed.TypedExpr]:
-    """Topics that are read, each with its first reading."""
+    """Topic -> the first expression below `roots` that reads it."""
     read_by_topic: dict[typed.TopicSymbol, typed.TypedExpr] = {}
     for node in nodes(roots):
         if isinstance(node, (typed.TopicRead, typed.AgeRead)):
@@ -108,7 +108,7 @@ def topic_reads(*roots: object) -> dict[typed.TopicSymbol, typed.TypedExpr]:
 
 
 def mode_reads(*roots: object) -> dict[typed.ModuleSymbol | str, typed.TypedExpr]:
-    """Modules whose mode or margin is read, each with its first reading."""
+    """Module -> the first expression below `roots` that reads its mode or margin."""
     read_by_module: dict[typed.ModuleSymbol | str, typed.TypedExpr] = {}
     for node in nodes(roots):
         if isinstance(node, (typed.ModeRead, typed.MarginRead)):
@@ -117,7 +117,7 @@ def mode_reads(*roots: object) -> dict[typed.ModuleSymbol | str, typed.TypedExpr
 
 
 def margin_reads(*roots: object) -> set[typed.ModuleSymbol | str]:
-    """Modules whose margin is read."""
+    """Modules whose margin is read below `roots`."""
     return {n.module for n in nodes(roots) if isinstance(n, typed.MarginRead)}
 
 
@@ -148,7 +148,7 @@ def topics_beside(system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
 
 
 def chooses(*roots: object) -> bool:
-    """Whether some of it leaves a choice open."""
+    """Whether anything below `roots` is a `choose`."""
     return any(isinstance(n, typed.TypedChoose) for n in nodes(roots))
 
 
@@ -166,17 +166,17 @@ def chosen_lets(plant: typed.PlantSymbol) -> tuple[typed.Variable, ...]:
 def first_lets(
     plant: typed.PlantSymbol,
 ) -> tuple[tuple[typed.Variable, typed.TypedExpr], ...]:
-    """The lets that a step evaluates first of all: up to the last one that chooses."""
+    """The lets that a step evaluates first: all up to the last one that chooses."""
     last = max((i for i, (_, e) in enumerate(plant.lets) if chooses(e)), default=-1)
     return plant.lets[: last + 1]
 
 
 MAX_OPERATIONS = 100_000_000
-"""Operations of a step: a tenth of a second of the fastest possible machine."""
+"""Most operations of a step: a tenth of a second on the fastest possible machine."""
 BYTES = 8
-"""Of a number in memory, at most."""
+"""Most bytes of a number in memory."""
 ARGUMENT = 8
-"""Numbers of an argument: more are passed by address."""
+"""Most numbers of an argument that is passed by value; larger ones are passed by address."""
 FREE = (
     typed.Literal,
     typed.ParamRead,
@@ -187,7 +187,7 @@ FREE = (
     typed.TypedLength,
     typed.Place,
 )
-"""Expressions that only say where a value is."""
+"""Expressions that cost nothing, as they only name a value."""
 MOVING = (
     typed.TypedDeclare,
     typed.TypedAssign,
@@ -198,7 +198,7 @@ MOVING = (
 
 
 def count_costs(program: typed.TypedProgram, diagnostics: Diagnostics) -> None:
-    """Fill in `program.costs`; T007 for what may take more than `MAX_OPERATIONS`."""
+    """Fills in `program.costs`; reports T007 for code that may take over `MAX_OPERATIONS`."""
     counter = _Counter(diagnostics)
     for fun in program.funs.values():
         counter.function(fun)
@@ -220,14 +220,14 @@ def count_costs(program: typed.TypedProgram, diagnostics: Diagnostics) -> None:
 
 
 def cost_of(fun: typed.FunSymbol) -> typed.Cost:
-    """The cost of a call of a function that was checked."""
+    """The cost of a call of a checked function."""
     counter = _Counter(Diagnostics())
     counter.function(fun)
     return counter.costs[fun]
 
 
 class _Counter:
-    """Counts; every function once, callees before callers."""
+    """Counts costs; every function once, callees before callers."""
 
     def __init__(self, diagnostics: Diagnostics) -> None:
         self.diagnostics = diagnostics
@@ -245,13 +245,13 @@ class _Counter:
         return cost
 
     def plant(self, plant: typed.PlantSymbol) -> None:
-        """Hold a step of a plant against the limit."""
+        """Compares the cost of a plant's step with the limit."""
         exprs = [e for _, e in plant.lets]
         exprs += [*plant.der.values(), *plant.next.values(), *(e for _, e in plant.drives)]
         self.expressions(exprs, f"`{plant.name}`", plant.span)
 
     def module(self, module: typed.ModuleSymbol) -> typed.Cost:
-        """The cost of a decision; what only a proof evaluates is held against the limit, too."""
+        """The cost of a decision; code that only a proof evaluates is compared with the limit."""
         decided = [e for e in (module.ttf, module.safer) if e is not None]
         others = [e for e in module.expressions if e not in decided]
         blocks = (module.verify, *(v.block for v in module.verify.views))
@@ -262,7 +262,7 @@ class _Counter:
         return cost
 
     def function(self, root: typed.FunSymbol) -> None:
-        """Count a function and, before it, what it calls, however deep that nests."""
+        """Counts a function and before it all that it calls, however deep that nests."""
         path = [(root, iter(_callees(root)))]
         while path:
             fun, callees = path[-1]
@@ -280,7 +280,7 @@ class _Counter:
     def body(self, body: Sequence[typed.TypedStmt], what: str, span: Span, size: int) -> typed.Cost:
         """The cost of a body, whose other values have `size` bytes.
 
-        Reported where it is absurd, once for a chain of calls and of loops.
+        A cost over the limit is reported once for a chain of calls and loops.
         """
         called = dict.fromkeys(_callees_in(body))
         for fun in called:
@@ -296,7 +296,7 @@ class _Counter:
         )
 
     def expressions(self, exprs: Iterable[typed.TypedExpr], what: str, span: Span) -> typed.Cost:
-        """The cost of evaluating all of them."""
+        """The cost of evaluating all of the expressions."""
         return self.body([typed.TypedReturn(e.span, e) for e in exprs], what, span, 0)
 
     def _bounded(self, count: int, what: str, span: Span) -> int:
@@ -357,12 +357,12 @@ def _callees(fun: typed.FunSymbol) -> list[typed.FunSymbol]:
 
 
 def _passed(parameters: Iterable[typed.Variable]) -> int:
-    """The numbers that a call hands over."""
+    """How many numbers a call copies for its arguments."""
     return sum(min(leaf_count(p.type), ARGUMENT) for p in parameters)
 
 
 def _declared(s: object) -> int:
-    """The numbers that a statement makes room for."""
+    """How many numbers a statement needs room for."""
     if isinstance(s, (typed.TypedDeclare, typed.ForRange)):
         return leaf_count(s.variable.type)
     if isinstance(s, typed.ForEach):
@@ -376,13 +376,13 @@ def _shown(count: int) -> str:
 
 
 def conjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
-    """Expressions whose conjunction is the predicate, from left to right; at most `PARTS_MAX`."""
+    """The expressions whose conjunction is the predicate, left to right, at most `PARTS_MAX`."""
     parts = _parts(predicate)
     return parts if len(parts) <= PARTS_MAX else [predicate]
 
 
 def disjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
-    """Expressions whose disjunction is the predicate: `a || b`, and `!e` by the parts of e."""
+    """The expressions whose disjunction is the predicate: from `a || b`, and `!e` by De Morgan."""
     inner = returned(predicate) if isinstance(predicate, typed.TypedCall) else None
     if inner is not None and len(parts := disjuncts(inner)) > 1:
         return parts
@@ -394,7 +394,7 @@ def disjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:
 
 
 def premise_of(predicate: typed.TypedExpr) -> typed.TypedExpr | None:
-    """Of an implication, `!p || q`, `q || !p` or `p ? q : true`, the p; None of anything else."""
+    """The p of an implication `!p || q`, `q || !p` or `p ? q : true`; None for any other."""
     e = returned(predicate) if isinstance(predicate, typed.TypedCall) else predicate
     if isinstance(e, typed.Conditional) and isinstance(e.otherwise, typed.Literal):
         return e.condition if e.otherwise.value is True else None
@@ -417,7 +417,7 @@ def _parts(e: typed.TypedExpr) -> list[typed.TypedExpr]:
 
 
 def returned(call: typed.TypedCall) -> typed.TypedExpr | None:
-    """What a call stands for, where the function is nothing but one `return`."""
+    """The expression that a call stands for if its function is one `return` only; else None."""
     body = call.fun.body
     if body is None or len(body) != 1 or not isinstance(body[0], typed.TypedReturn):
         return None
@@ -431,14 +431,14 @@ def returned(call: typed.TypedCall) -> typed.TypedExpr | None:
 
 
 def same_expression(a: typed.TypedExpr, b: typed.TypedExpr) -> bool:
-    """Whether two expressions are written alike, and so have one value where they are judged."""
+    """Whether two expressions are written alike, and so have the same value at one moment."""
     return _form(a) == _form(b)
 
 
 def _form(e: Any) -> object:  # noqa: ANN401 - any part of an expression
-    """What an expression is made of, but for where it stands.
+    """The structure of an expression without its place, to be compared.
 
-    A choice, and what an extern answers, is alike to nothing.
+    That of a choice, or of an extern's answer, equals no other.
     """
     if isinstance(e, typed.TypedChoose) or (isinstance(e, typed.TypedCall) and _may_differ(e.fun)):
         return object()
@@ -455,7 +455,7 @@ def _form(e: Any) -> object:  # noqa: ANN401 - any part of an expression
 
 
 def _may_differ(fun: typed.FunSymbol) -> bool:
-    """Whether two calls with equal arguments may differ: an extern may keep something."""
+    """Whether two calls with equal arguments may differ: by a choice, or an extern's memory."""
     todo, seen = [fun], {fun}
     while todo:
         body = todo.pop().body

@@ -1,7 +1,7 @@
 """The checked program: declarations with their types, names resolved, conversions explicit.
 
-Purpose: what the checker hands to everyone above: the reference interpreter and the lowering
-read exactly this and nothing of the syntax tree.
+Purpose: the records that the checker hands to every later pass: the reference interpreter and the
+lowering to Core read these, and nothing of the syntax tree.
 Non-goals: numbers that depend on parameters (periods, ranges): `elaborator.py` computes them.
 
 Rules that hold of every tree built by the checker:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 SYNTHESIZED = "synthesized"
 """Name of the extern node that stands where SC is to be synthesized."""
 CELLS_MAX = 64
-"""Into how many cells a number of a command is cut at most, and by `shield;`."""
+"""The most cells that a number of a command is cut into; `shield;` cuts it into as many."""
 
 # ---------------------------------------------------------------- variables
 
@@ -276,7 +276,7 @@ class TypedDeclare(TypedStmt):
 
 @dataclass(eq=False, repr=False)
 class Place(Shown):
-    """What may be assigned: a variable and a path of field indices (int) and index expressions."""
+    """A place to assign to: a variable, and a path of field indices (int) and index expressions."""
 
     variable: Variable
     path: tuple[int | TypedExpr, ...]
@@ -304,7 +304,7 @@ class TypedPush(TypedStmt):
 class TypedPublish(TypedStmt):
     """`publish topic = value;`: takes effect when the step ends without a fault; the last wins.
 
-    With a `limit` that many messages of a step are kept, in order, and one more is a fault.
+    With a `limit` a step may publish that many messages, kept in order; one more is a fault.
     """
 
     topic: TopicSymbol
@@ -408,7 +408,7 @@ class RangeSet(Shown):
 class TopicSymbol(Symbol):
     """A topic. `values` maps leaf paths (or prefixes of them, () for all) to bounds.
 
-    `static`: it says of the world what stays true.
+    `static`: it describes a part of the world that never changes.
     """
 
     type: Type
@@ -421,7 +421,7 @@ class TopicSymbol(Symbol):
 
 @dataclass(eq=False, repr=False)
 class Subscribed(Shown):
-    """A subscription, with its queue where it asks for one."""
+    """A subscription, with its queue if it asks for one."""
 
     topic: TopicSymbol
     queue: int | None
@@ -447,27 +447,27 @@ class NodeSymbol(Symbol):
     takeover: tuple[TypedStmt, ...] | None
     step: tuple[TypedStmt, ...]
     bursts: dict[TopicSymbol, int] = field(default_factory=dict)
-    """Topics of which a step may publish several messages, and how many."""
+    """Topic of which a step may publish several messages -> how many at most."""
     takes: tuple[TypedExpr, TypedExpr] | None = None
-    """How long a step lasts, at least and at most; None: its publications count at once."""
+    """How long a step lasts, at least and at most; None: its publications take effect at once."""
     wcet: TypedExpr | None = None
     jitter: TypedExpr | None = None
-    """What a step needs of its processor at most, and how late its release may be."""
+    """How much of its processor's time a step needs at most; how late its release may be."""
 
     @property
     def answers(self) -> list[tuple[str, Type]]:
-        """What an extern node answers: short name and type of each output; of a burst a list."""
+        """Short name and type of each output that an extern node answers; a burst is a list."""
         return [(t.name.rpartition(".")[2], self.given(t)) for t in self.publishes]
 
     def given(self, topic: TopicSymbol) -> Type:
-        """What a step gives for a topic that it publishes: a value, or of a burst a list."""
+        """The type of what a step gives for a topic: the topic's own, or a list for a burst."""
         limit = self.bursts.get(topic)
         return topic.type if limit is None else ListType(topic.type, limit)
 
     def doing(
         self, step: tuple[TypedStmt, ...], subscribes: tuple[Subscribed, ...] = ()
     ) -> NodeSymbol:
-        """A node that does this and keeps nothing, in the place of this one."""
+        """A node of this name that does `step` and has no locals, to stand for this one."""
         return replace(
             self,
             extern=False,
@@ -527,7 +527,7 @@ class TypedCommandSet(Shown):
 
 @dataclass(eq=False, repr=False)
 class TypedVerifyBlock(Shown):
-    """What a `verify` block says; absent parts are None or empty. Times are durations."""
+    """The parts of a `verify` block, None or empty if absent; times are durations."""
 
     groups: tuple[TypedAxisGroup, ...] = ()
     abstracts: tuple[AbstractionLink, ...] = ()
@@ -546,19 +546,19 @@ class TypedVerifyBlock(Shown):
     stays: Span | None = None
     """`recover never`: SC may keep control for ever."""
     late_of: dict[str, TypedExpr] = field(default_factory=dict)
-    """Nodes between plant and module, by name in the flying system: how late they start."""
+    """Node between plant and module, by its name in the flying system -> how late it starts."""
     response_of: dict[str, TypedExpr] = field(default_factory=dict)
     dropout: TypedExpr | None = None
-    """For how long a sensor may be silent beyond its period."""
+    """How long a sensor may be silent beyond its period."""
     views: tuple[ViewSymbol, ...] = ()
-    """Each with groups and abstractions of its own; then there are none here."""
+    """Views, each with groups and abstractions of its own; this block then has none."""
     induction: Span | None = None
-    """Where it asks for a proof by induction (`verify/induction/`)."""
+    """The place of `induction;`, which asks for a proof by it (`verify/induction/`); or None."""
     lemmas: tuple[TypedExpr, ...] = ()
     progress: tuple[TypedExpr, ...] = ()
-    """What P2b takes for granted: nobody proves it."""
+    """Conditions that P2b assumes to hold at all times; nothing proves them."""
     enters: TypedExpr | None = None
-    """What holds of a node's step in which topics change that the maps of views read."""
+    """Holds in every step in which a node changes a topic that the map of a view reads."""
     span: Span | None = None
 
 
@@ -612,7 +612,7 @@ class RestMove(Shown):
 
 @dataclass(eq=False, repr=False)
 class RestSymbol(Shown):
-    """`rest e moves x by d, ... within T;`: where SC ends, and what it then still moves."""
+    """`rest e moves x by d, ... within T;`: SC reaches `e` within T, and then only moves these."""
 
     condition: TypedExpr
     moves: tuple[RestMove, ...]
@@ -643,38 +643,38 @@ class ModuleSymbol(Symbol):
     """Topics that `ttf` and `safer` read, in order of first use: the DM's inputs."""
     ac_span: Span | None = None
     sc_span: Span | None = None
-    """Where the module names its controllers."""
+    """Where the module names its controllers, AC and SC."""
     over: ModuleSymbol | None = None
     contract: tuple[ClauseSymbol, ...] = ()
-    """What it relies on and promises, judged as its controllers step."""
+    """Its `assumes` and `guarantees`, which are judged when its controllers step."""
     failsafe: dict[TopicSymbol, TypedExpr] = field(default_factory=dict)
     """The fail-safe law: a value for each output, which actuators hold once the lease has ended."""
     wcet: TypedExpr | None = None
     jitter: TypedExpr | None = None
-    """Of its decision module, as of a node."""
+    """The execution time and the jitter of its decision module, as `NodeSymbol` has them."""
     latch: Latch | None = None
-    """Where its decision module does not give control back by itself."""
+    """Keeps its decision module from giving control back by itself; None: it may."""
     shield: TypedExpr | None = None
-    """Into how many cells each number that it publishes is cut, where commands are judged, too."""
+    """If single commands are judged: into how many cells each number of them is cut."""
     toward_sc: bool = False
     """Whether a command that is not permitted is moved toward SC's before it is judged."""
     rest: RestSymbol | None = None
-    """In the place of `ttf` and `safer`: the DM follows SC from each estimate to where it rests."""
+    """Replaces `ttf` and `safer`: the DM follows SC from each estimate to where it rests."""
 
     @property
     def own(self) -> tuple[NodeSymbol, ...]:
-        """The controllers that belong to itself: not those of a module below it."""
+        """Its own controllers, without those of a module below it."""
         return (self.ac, self.sc) if self.over is None else (self.sc,)
 
     @property
     def acknowledgements(self) -> tuple[TopicSymbol, ...]:
-        """The topic that releases its latch, where there is one."""
+        """The topic that releases its latch, or ()."""
         topic = None if self.latch is None else self.latch.topic
         return () if topic is None else (topic,)
 
     @property
     def moved(self) -> tuple[TopicSymbol, ...]:
-        """The topics of what SC still moves where `rest` holds."""
+        """The topics that SC still moves once `rest` holds."""
         return () if self.rest is None else tuple(m.topic for m in self.rest.moves)
 
     @property
@@ -696,13 +696,13 @@ class ModuleSymbol(Symbol):
 
     @property
     def predicates(self) -> tuple[TypedExpr, ...]:
-        """What it says about its topics: `safe`, `ttf`, `safer` and the hint `core`."""
+        """Its predicates over topics: `safe`, `ttf`, `safer` and the hint `core`, those it has."""
         predicates = (self.safe, self.ttf, self.safer, self.verify.core)
         return tuple(e for e in predicates if e is not None)
 
     @property
     def spoken(self) -> tuple[TypedExpr, ...]:
-        """The same, lemmas and what progress rests on: everything that names topics."""
+        """`predicates`, and those of lemmas, `progress`, `enters` and `rest`."""
         verify = self.verify
         enters = () if verify.enters is None else (verify.enters,)
         rest = () if self.rest is None else (self.rest.condition,)
@@ -710,7 +710,7 @@ class ModuleSymbol(Symbol):
 
     @property
     def expressions(self) -> tuple[TypedExpr, ...]:
-        """The same and the contract: everything that names topics."""
+        """`spoken` and the conditions of the contract: every expression that names topics."""
         return (*self.spoken, *(c.condition for c in self.contract))
 
 
@@ -760,7 +760,7 @@ class PlantSymbol(Symbol):
     measured: tuple[MeasuredSymbol, ...]
     truth: RecordType
     read_spans: tuple[Span, ...] = ()
-    """Where it names the topics of `reads`, in that order."""
+    """Where the plant names the topics of `reads`, in that order."""
 
 
 @dataclass(eq=False, repr=False)
@@ -779,10 +779,10 @@ class InstanceSymbol(Shown):
 class PropertySymbol(Shown):
     """A property of a system or test: kind always, never, eventually, leadsto or invariant.
 
-    "invariant" (tests only) has no expressions: `module` is the instance path it is about, None
-    for `invariants`, all of them. `whole` is what people read where its place in the program does
-    not say it: in a loop, with the loop variables filled in; so are `text`, of the condition, and
-    `asks`, of the premise.
+    "invariant" (tests only) has no expressions: `module` is the path of its instance, None for
+    `invariants` (all modules). `whole`, `text` and `asks` are the property, its condition and its
+    premise as text for people, with the variables of a loop filled in, which its place in the
+    program does not show.
     """
 
     kind: str
@@ -850,7 +850,7 @@ class InputSymbol(Shown):
 
 @dataclass(eq=False, repr=False)
 class StatedSymbol(Shown):
-    """`guarantees t.x in { values };` or `assumes ...` of a test: of what stands for a publisher.
+    """`guarantees t.x in { values };` or `assumes ...` of a test, for a publisher's stand-in.
 
     `read` is `t.x`: a read of a topic, or of a field of one; `text` is all of it, as it is written.
     """
@@ -875,7 +875,7 @@ class ExternalSymbol(Shown):
 
 @dataclass(eq=False, repr=False)
 class SetSymbol(Shown):
-    """`set K = 3;`, of the instance `path` of the system; of everything in it where that is ""."""
+    """`set K = 3;` for the instance `path` of the system, or for all of it if `path` is ""."""
 
     path: str
     param: ParamSymbol
@@ -903,10 +903,10 @@ class SystemSymbol(Symbol):
     faults: tuple[SystemFaultSymbol, ...] = ()
     measures: tuple[MeasureSymbol, ...] = ()
     inlines: tuple[tuple[str, Span], ...] = ()
-    """Nodes that run in the thread of the trusted part, and where that is said."""
+    """Nodes that run in the trusted part's thread, each with where the system says so."""
     externals: tuple[ExternalSymbol, ...] = ()
     deploys: SystemSymbol | None = None
-    """The system in which its modules were proved."""
+    """The system that this one deploys: its modules were proved there; or None."""
 
     @cached_property
     def by_name(self) -> dict[str, InstanceSymbol]:
@@ -957,23 +957,23 @@ class TypedProgram(Shown):
     systems: dict[str, SystemSymbol] = field(default_factory=dict)
     tests: dict[str, TestSymbol] = field(default_factory=dict)
     stand_ins: dict[TopicSymbol, tuple[tuple[str, ...], TopicSymbol]] = field(default_factory=dict)
-    """Topics of sub-systems that a system mentions: instance path and the topic itself."""
+    """Symbol for a sub-system's topic in the system around it -> instance path, topic itself."""
     damaged: set[object] = field(default_factory=set)
-    """Symbols whose declarations have errors: what they lack is no error of others."""
+    """Symbols whose declarations have errors, so that others' uses of them report no more."""
     system_sizes: dict[SystemSymbol, tuple[int, int]] = field(default_factory=dict)
-    """Components and levels of a system, once counted (`SizeCounter`)."""
+    """System -> how many components and levels `SizeCounter` has counted in it."""
     doubted: set[object] = field(default_factory=set)
-    """Nodes and plants whose steps were looked at for warnings, with the parameters they had."""
+    """(Node or plant, its parameters) pairs whose steps were examined for warnings."""
     trials: dict[tuple[object, ...], list[Any]] = field(default_factory=dict)
-    """Predicates of modules at values that were tried (`contradictory_predicates.py`)."""
+    """Results of module predicates at values that `contradictory_predicates.py` has tried."""
     costs: dict[NodeSymbol | ModuleSymbol, Cost] = field(default_factory=dict)
-    """Of the step of every node that is not extern, and of every decision module whose predicates
-    are known."""
+    """Costs of the steps of all nodes but externs, and of the decision modules that have their
+    predicates."""
     incomplete: bool = False
-    """Whether a declaration of the main file could not be read at all."""
+    """Whether the parser could not read a declaration of the main file at all."""
 
     def param(self, name: str) -> ParamSymbol | None:
-        """The parameter that a full name means, `GAIN`, or `r[0].GAIN` of an instance; or None."""
+        """The parameter that a name means, such as `GAIN` or an instance's `r[0].GAIN`; or None."""
         while name not in self.params and "." in name:
             name = name.partition(".")[2]
         return self.params.get(name)

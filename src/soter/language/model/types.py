@@ -48,7 +48,7 @@ class BoolType(Type):
 class IntType(Type):
     """`int`, or `int in [low, high]`, which is stored packed; arithmetic is on 64 bits.
 
-    `unit`: what it counts, for people; types that differ in it only are the same.
+    `unit`: what the number counts, for people; types that differ only in it are the same.
     """
 
     low: int = INT_MIN
@@ -66,7 +66,7 @@ class IntType(Type):
 
 @dataclass(frozen=True, slots=True)
 class FloatType(Type):
-    """`float`: binary64. `unit` as of `IntType`."""
+    """`float`: binary64; `unit` as in `IntType`."""
 
     unit: str = field(default="", compare=False, repr=False)
 
@@ -145,7 +145,7 @@ class ListType(Type):
 
 @dataclass(frozen=True, slots=True)
 class ErrorType(Type):
-    """The type of something already reported; compatible with everything."""
+    """The type of a wrong expression that was reported; it fits everything, to report no more."""
 
     def __str__(self) -> str:
         return "<error>"
@@ -157,7 +157,7 @@ FLOAT = FloatType()
 DURATION = DurationType()
 ERROR = ErrorType()
 MODE = EnumType("Mode", ("SC", "AC"))
-"""What `mode(M)` gives; SC is 0 because every module starts there."""
+"""The type of `mode(M)`; SC is 0 because every module starts there."""
 
 
 def default_value(t: Type) -> Value:
@@ -199,7 +199,7 @@ def is_vector(t: Type) -> bool:
 
 
 def is_vector_part(t: Type) -> bool:
-    """Whether a vector may consist of such parts: a float or a vector."""
+    """Whether `t` may be a part of a vector: a float or a vector."""
     return isinstance(t, FloatType) or is_vector(t)
 
 
@@ -218,7 +218,7 @@ def leaves(t: Type, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...
 
 
 def leaf_name(name: str, path: Iterable[str]) -> str:
-    """A leaf as programs name it: `j.q[0]`. Streams of draws say `j.q.[0]` (semantics.md)."""
+    """The name of a leaf in programs, `j.q[0]`; streams of draws say `j.q.[0]` (semantics.md)."""
     return ".".join((name, *path)).replace(".[", "[")
 
 
@@ -238,7 +238,7 @@ def positions(t: Type, path: Iterable[str]) -> list[int]:
 
 
 def has_list(t: Type) -> bool:
-    """Whether it is a list, or a part of it is."""
+    """Whether `t` is a list or has a part that is one."""
     if isinstance(t, RecordType):
         return any(has_list(f) for _, f in t.fields)
     return isinstance(t, ListType) or (isinstance(t, ArrayType) and has_list(t.element))
@@ -277,7 +277,7 @@ DURATION_NS_MAX = 2**62
 """About 146 years: the sum of a time and a period still fits 64 bits."""
 
 TEXT_MAX = 100
-"""No number needs more characters."""
+"""Most characters of a duration that a person gives."""
 
 _DURATION = re.compile(r"([0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?)\s*([a-z]+)")
 
@@ -286,7 +286,7 @@ UNITS = (("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1))
 
 
 def _parts(ns: int) -> tuple[str, str]:
-    """Number and unit: the largest unit that is not larger than the duration, exactly."""
+    """The exact number and its unit, the largest one that is not larger than the duration."""
     if ns and ns % HOUR == 0:
         return f"{ns // HOUR}", "h"
     for unit, size in UNITS:
@@ -308,7 +308,7 @@ def write_ns(ns: int) -> str:
 
 
 class WrongTextError(Exception):
-    """A text or number that is no value of what is asked for; the message says what is."""
+    """A text or number is no valid value; the message says which values are."""
 
 
 def duration_ns(given: float | str) -> int:

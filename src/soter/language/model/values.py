@@ -1,7 +1,7 @@
-"""Values in Python: tables, and conversions across the border to people's Python and JSON.
+"""Values of Soter in Python: tables, and conversions to and from users' Python and JSON.
 
 Purpose: `Table` keeps a constant that was read from a file packed, 8 bytes a number. One conversion
-serves extern nodes, functions and plants of both engines, and one serves `data` files and logs.
+serves extern nodes, functions and plants of both engines, another one `data` files and logs.
 `singles` says how far beyond an end of a set a float32 is still that end (docs/decisions.md, 257).
 Non-goals: whether a value lies in a topic's set (the gate decides), reading files
 (`language/load/`), images of states (`core/layout.py`).
@@ -42,21 +42,21 @@ if TYPE_CHECKING:
 
 
 VALUE_MAX = 100_000
-"""Numbers in a value that steps, states and messages may hold: they copy it whole."""
+"""Most numbers in a value of a step, state or message, which copy it whole."""
 TABLE_MAX = 4_000_000
-"""Numbers in a table."""
+"""Most numbers in a table."""
 
 
 def is_table(t: Type) -> TypeGuard[ArrayType | ListType]:
-    """Whether values of the type are too large to be copied."""
+    """Whether values of the type are too large to be copied, and so are kept as a `Table`."""
     return isinstance(t, (ArrayType, ListType)) and leaf_count(t) > VALUE_MAX
 
 
 class Table(Sequence[Value]):
-    """The elements of an array or list, never changed; equal where all bits are equal.
+    """The elements of an array or list, which never change; equal if all bits are equal.
 
-    `packed`: the leaves of all elements, little-endian: floats as binary64, all else as 64-bit
-    ints or one byte a bool, of a list its length and its whole capacity.
+    `packed`: the leaves of all elements, little-endian: floats as binary64, a bool as one byte, all
+    others as 64-bit ints; a list inside with its length and its whole capacity.
     """
 
     __slots__ = ("_read", "_row", "_sha256", "_size", "element", "packed")
@@ -81,7 +81,7 @@ class Table(Sequence[Value]):
         return is_vector_part(self.element)
 
     def first_not_finite(self) -> int | None:
-        """The first element with a NaN or an infinity; None where there is none."""
+        """Index of the first element with a NaN or an infinity; None if there is none."""
         rows = enumerate(self._row.iter_unpack(self.packed))
         return next((at for at, leaves in rows if not all(map(math.isfinite, leaves))), None)
 
@@ -108,7 +108,7 @@ class Table(Sequence[Value]):
 
     @property
     def sha256(self) -> str:
-        """What it is kept and told apart by."""
+        """SHA-256 over the packed bytes, by which tables are stored and compared."""
         if not self._sha256:
             self._sha256 = hashlib.sha256(self.packed).hexdigest()
         return self._sha256
@@ -138,7 +138,7 @@ def _format(t: Type) -> str:
 
 
 def _reader(t: Type) -> Callable[[Iterator[Value]], Value]:
-    """From the leaves of a value, in order, to the value."""
+    """The function from an iterator over a value's leaves, in order, to the value."""
     if isinstance(t, RecordType):
         readers = [_reader(f) for _, f in t.fields]
         return lambda leaves: tuple([read(leaves) for read in readers])
@@ -159,7 +159,7 @@ def _reader(t: Type) -> Callable[[Iterator[Value]], Value]:
 
 
 def _flattener(t: Type) -> Callable[[Value], list[Value]]:
-    """From a value to its leaves, in order."""
+    """The function from a value to the list of its leaves, in order."""
     if isinstance(t, RecordType):
         parts = [_flattener(f) for _, f in t.fields]
         return lambda v: [x for part, each in zip(parts, v, strict=True) for x in part(each)]
@@ -182,7 +182,7 @@ def _flattener(t: Type) -> Callable[[Value], list[Value]]:
 
 
 def _leaves(t: Type) -> list[Value]:
-    """As many zeros as a value has leaves here."""
+    """A list of as many zeros as a value has leaves in a table."""
     if isinstance(t, RecordType):
         return [x for _, f in t.fields for x in _leaves(f)]
     if isinstance(t, ArrayType):
@@ -213,7 +213,7 @@ class ValueStructureError(ValueShapeError):
 
 
 def to_python(t: Type, value: Value, record: Callable[..., Any] = SimpleNamespace) -> Any:  # noqa: ANN401
-    """The value as a Python programmer wants it; any type of Soter.
+    """The value in the form that users' Python gets; for any type of Soter.
 
     Records become namespaces, or what `record` makes of their fields; arrays and lists of (arrays
     of) floats NumPy arrays, other arrays and lists Python lists, enums the name of the member,
@@ -322,7 +322,7 @@ def _record(t: RecordType, given: object, path: str) -> Value:
 
 
 def _is_sequence(given: object) -> bool:
-    """Lists, tuples, tensors: anything with a length and positions, but text and named tuples."""
+    """Whether it is a list, tuple, tensor or the like; a text or named tuple is none."""
     if isinstance(given, (str, bytes, bytearray, Mapping)) or hasattr(given, "_fields"):
         return False
     return hasattr(given, "__len__") and hasattr(given, "__getitem__")
@@ -332,12 +332,12 @@ def _is_sequence(given: object) -> bool:
 
 
 def inputs_to_python(named: Iterable[tuple[str, Type, Value]]) -> SimpleNamespace:
-    """What an extern step gets: one attribute for each (short name, type, value)."""
+    """The argument of an extern step: one attribute for each (short name, type, value)."""
     return SimpleNamespace(**{name: to_python(t, value) for name, t, value in named})
 
 
 def outputs_from_python(named: Sequence[tuple[str, Type]], given: object) -> list[Value | None]:
-    """What an extern step gave, in the order of `named`; None for what it left out.
+    """The values in an extern step's answer, in the order of `named`; None for one left out.
 
     A mapping from short names to values; where only one is asked for also that value itself.
     None, as the whole answer or as a value, leaves out. Raises `ValueShapeError`,
@@ -396,7 +396,7 @@ def from_json(t: Type, given: object, path: str = "") -> Value:
             raise _wrong(path, f"an array for `{t}`", given)
         check_length(t, len(given), path)
         if isinstance(t.element, FloatType) and {float} == set(map(type, given)):
-            return tuple(given)  # as below, and quick
+            return tuple(given)  # a fast path with the same result as below
         return tuple([from_json(t.element, v, f"{path}[{i}]") for i, v in enumerate(given)])
     return from_python(t, given, path)
 
@@ -417,14 +417,14 @@ def _below(path: str, name: str) -> str:
 
 
 def _wrong(path: str, expected: str, given: object, *, parts: bool = False) -> ValueShapeError:
-    """`parts`: whether a value of several parts was expected."""
+    """The error for `given`; `parts`: a value of several parts was expected."""
     structure = parts or isinstance(given, Mapping) or _is_sequence(given)
     error = ValueStructureError if structure else ValueShapeError
     return error(path, f"expected {expected}, found {_described(given)}{_meant(given)}")
 
 
 def _meant(given: object) -> str:
-    """What to write instead; "" where nothing is close."""
+    """A hint at what to write instead; "" if nothing is close."""
     if isinstance(given, (list, tuple)) and len(given) == 1:
         return ": give its one element, `float(y[0])`"
     if isinstance(given, Mapping) and given and all(isinstance(k, str) for k in given):
@@ -460,7 +460,7 @@ def check_length(t: Type, length: int, path: str) -> None:
 
 
 def widened(t: Type) -> Type:
-    """The same with plain ints: whether one is in its set is another question."""
+    """The type with plain `int` for every ranged one, so that ranges are not checked."""
     if isinstance(t, IntType):
         return INT
     if isinstance(t, RecordType):
@@ -471,12 +471,12 @@ def widened(t: Type) -> Type:
 
 
 def singles(bound: Bound) -> tuple[float, float]:
-    """For each end the float32 that is nearest to it, where that lies outside; else the end."""
+    """For each end of a bound the nearest float32 if that lies outside, else the end itself."""
     return min(bound.low, _single(bound.low)), max(bound.high, _single(bound.high))
 
 
 def _single(number: float) -> float:
-    """The nearest float32; of what is too large for one, the number itself."""
+    """The nearest float32; the number itself if it is too large for one."""
     try:
         nearest: float = struct.unpack("<f", struct.pack("<f", number))[0]
     except OverflowError:

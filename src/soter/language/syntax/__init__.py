@@ -1,1 +1,1 @@
-"""Text to tree and back: the lexer, the parser, the tree, the printer."""
+"""Reads and prints source text: the lexer, the parser, the syntax tree, the printer."""

@@ -1,13 +1,13 @@
-"""Phrases of other languages: which one stands where the parser cannot go on.
+"""Recognizes a phrase of another language where the parser cannot go on.
 
 Purpose: `find` says whether the text there is a phrase of C, C++, Python, Rust, ROS or a textbook,
 and which edit makes it Soter. The phrases are the tables of `phrases/`, in the order in which they
 are tried. They are read at the first error, and a phrase counts only where it covers the error.
 Non-goals: single words (`words.py`); how parsing goes on (`parsing/token_cursor.py`).
 
-A row is headed by what is said. `find` is its pattern, whose lines are joined; in it `<name>` is a
-group of one word, `<NAME>` one of `FRAGMENTS`, and the group `at` is where the phrase is told, the
-whole match without one. `write` is Soter with gaps for the groups: `<a,b>` is the first that is
+The header of a row is the message. `find` is its pattern, whose lines are joined; in it `<name>` is
+a group of one word, `<NAME>` one of `FRAGMENTS`, and the group `at` is where the message points,
+without it the whole match. `write` is Soter with gaps for the groups: `<a,b>` is the first that is
 there, `<a|change>` one that a function here changes; where gaps do not do, `by` names the one that
 writes the whole match, or None. `advise` is the help without an edit, or its title. `places` are
 the bodies in which it counts; `far`: over several lines; `only_shown`: the edit is not offered.
@@ -50,12 +50,12 @@ _ENUM = re.compile(r"^type\s+(\w+)\s*=\s*enum\s*\{([^{}]*)\}", re.MULTILINE)
 
 
 def soter_type(word: str) -> str:
-    """The type of Soter for one of another language; the word itself where it is none."""
+    """The Soter type for a type of another language; the word itself if there is none."""
     return type_meant(" ".join(word.split()[-1:])) or word
 
 
 def type_of(value: str) -> str | None:
-    """The type that a value says by itself."""
+    """The type that a literal value shows; None if it shows none."""
     value = value.strip()
     if value in ("true", "false"):
         return "bool"
@@ -66,12 +66,12 @@ def type_of(value: str) -> str | None:
 
 
 def next_number(text: str) -> str:
-    """`4` for `3`, `n + 1` for `n`."""
+    """The text for one more: `4` for `3`, `n + 1` for `n`."""
     return str(int(text) + 1) if text.isdigit() else f"{text} + 1"
 
 
 def parameters(text: str) -> str | None:
-    """`Motion m, float xs[4]` as `m: Motion, xs: float[4]`; None where that is no such list."""
+    """Writes `Motion m, float xs[4]` as `m: Motion, xs: float[4]`; None for any other text."""
     params: list[str] = []
     for part in text.split(",") if text.strip() else []:
         match = _PARAMETER.fullmatch(part)
@@ -108,13 +108,13 @@ def members(text: str) -> str | None:
 
 
 def factor(text: str) -> str:
-    """A value as it stands behind an operator: in brackets unless it is a simple one."""
+    """A value as an operand: in parentheses unless it is a simple one."""
     value = text.strip()
     return value if re.fullmatch(r"[\w.]+(?:\[\w+\])*(?:\([\w., ]*\))?", value) else f"({value})"
 
 
 def prelude(word: str) -> str:
-    """What the prelude calls a function of another language; the word itself where it has none."""
+    """The prelude's name for a function of another language; the word itself if it has none."""
     return meaning("function", word) or word
 
 
@@ -364,14 +364,14 @@ _SHORT = re.compile(r"(?<!P)<(\w+)>")
 _GAP = re.compile(r"<([\w,]+)(?:\|(\w+))?>")
 _DIVISION = re.compile(r"[ \t]*(//)[ \t]*[\w.(-][\w.()+* -]*[])};][^\n]*")
 _FAR = 400
-"""So many characters of a phrase that runs over several lines are looked at."""
+"""Most characters that are searched for a phrase over several lines."""
 _SHOWN_MAX = 200
-"""So many characters of what is to be written are shown; an editor writes all of them."""
+"""Most characters of an edit that a message shows; an editor inserts all of them."""
 
 
 @dataclass(frozen=True)
 class Form:
-    """A row of the tables: what is known of one phrase."""
+    """A row of the tables, for one phrase."""
 
     message: str
     find: str
@@ -384,18 +384,18 @@ class Form:
 
     @cached_property
     def pattern(self) -> re.Pattern[str]:
-        """Its pattern in full."""
+        """The row's pattern with its fragments filled in."""
         text = "".join(line.lstrip() for line in self.find.split("\n"))
         text = _SHORT.sub(lambda m: FRAGMENTS.get(m[1]) or rf"(?P<{m[1]}>\w+)", text)
         return re.compile(text, re.MULTILINE | (re.DOTALL if self.far else 0))
 
     def soter(self, match: re.Match[str]) -> str | None:
-        """What is written for a match; None where it is no such phrase after all."""
+        """The Soter text for a match; None if it is no such phrase after all."""
         return WRITERS[self.by](match) if self.by else filled(self.write or "", match)
 
 
 def filled(form: str, match: re.Match[str]) -> str | None:
-    """A form with its gaps filled by the groups of a match; None where one cannot be."""
+    """A form with its gaps filled by the groups of a match; None if one cannot be filled."""
     texts: list[str] = []
     for gap in _GAP.finditer(form):
         group = next((match[name] for name in gap[1].split(",") if match[name]), "")
@@ -417,7 +417,7 @@ def forms() -> tuple[Form, ...]:
 
 @dataclass(frozen=True)
 class Phrase:
-    """One phrase found: where it stands, what is said, and the edit or advice."""
+    """A phrase that was found: its place, the message, and the edit or advice."""
 
     span: Span
     message: str
@@ -467,7 +467,7 @@ def find(
 
 
 def _phrase(source: Source, form: Form, match: re.Match[str]) -> Phrase | None:
-    """What is said of a match; None where it is no such phrase after all."""
+    """The message and edit for a match; None if it is no such phrase after all."""
     blanks = len(match[0]) - len(match[0].lstrip())
     whole = Span(source, match.start() + blanks, match.end())
     start, end = match.span("at") if "at" in form.pattern.groupindex else match.span()
@@ -488,7 +488,7 @@ def _phrase(source: Source, form: Form, match: re.Match[str]) -> Phrase | None:
 
 
 def place_of(items: Collection[str], blocks: int) -> str:
-    """The kind of body at hand, by the words that begin its items and the blocks around."""
+    """The kind of the present body, by the words that begin its items and the blocks around."""
     for word, kind in (("subscribes", NODE), ("der", PLANT), ("ac", MODULE)):
         if word in items:
             return kind

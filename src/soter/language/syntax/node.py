@@ -1,7 +1,7 @@
-"""Classes of trees: dataclasses that are cheap to make, as every start of a command makes them all.
+"""Base classes of trees: dataclasses that are cheap to define, as every command defines them all.
 
-Purpose: `node`: a dataclass that is never changed; `Node`: how its objects are compared, hashed and
-shown, written once instead of compiled anew for each class; `Shown`: the last of these alone.
+Purpose: `node` makes a dataclass whose objects never change; `Node` compares, hashes and shows its
+objects by code written once, not compiled anew for each class; `Shown` only shows them.
 Non-goals: what the trees are (`tree.py`, `core/core.py`, `codegen/c_tree.py`).
 """
 
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 else:
 
     def node(*, kw_only: bool = False) -> Callable[[type], type]:
-        """The same; that nobody changes its objects is for the type checker to see."""
+        """The same at run time, where nothing enforces that a node is never changed."""
         return dataclass(slots=True, eq=False, repr=False, kw_only=kw_only)
 
 
 class Shown:
-    """Shown as dataclasses are."""
+    """Gives a class the `repr` of a dataclass."""
 
     __slots__ = ()
 
@@ -43,7 +43,7 @@ class Shown:
 
 
 class Node(Shown):
-    """Equal to what is of the same class and has equal parts."""
+    """Gives a class equality and hash by class and parts, as dataclasses have them."""
 
     __slots__ = ()
 
@@ -70,6 +70,6 @@ def _getter(of: Any) -> Callable[[object], tuple[object, ...]]:  # noqa: ANN401 
 
 
 def parts(node: object) -> tuple[object, ...]:
-    """What a node is made of, in declared order."""
+    """The fields of a node, in declared order."""
     own: Any = type(node)
     return _getter(own)(node)

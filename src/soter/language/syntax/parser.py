@@ -1,8 +1,8 @@
-"""Declarations and whole files: tokens to tree.
+"""Parses whole files and their declarations: from tokens to a tree.
 
-Purpose: `parse(source, diagnostics)`: one tree and every syntax error of the file in one pass,
-in the order of the text. A declaration with a mistake keeps what could be read of it; its name
-goes into `File.broken`, so that later passes do not complain about what is missing.
+Purpose: `parse(source, diagnostics)` makes one tree and reports every syntax error of the file in
+one pass, in the order of the text. A declaration with a mistake keeps what could be read of it; its
+name goes into `File.broken`, so that later passes do not report what is missing.
 Non-goals: anything that needs another declaration or file (`language/load/`, `language/check/`).
 """
 
@@ -45,12 +45,12 @@ EDITION = 1
 
 
 def parse(source: Source, diagnostics: Diagnostics) -> tree.File:
-    """Read one file; errors go to `diagnostics`, and a tree always comes back."""
+    """Parses one file; errors go to `diagnostics`, and it always returns a tree."""
     return parse_tokens(source, diagnostics)[0]
 
 
 def parse_tokens(source: Source, diagnostics: Diagnostics) -> tuple[tree.File, Parser]:
-    """Read one file and keep the parser, whose tokens and marks the printer needs."""
+    """Parses one file; also returns the parser, whose tokens and marks the printer needs."""
     parser = Parser(lex(source))
     file = parser.file()
     problems = parser.tokens.problems + parser.problems
@@ -147,7 +147,7 @@ class Parser(BodyParser):
         self.semicolon("the edition")
 
     def _recovered(self, read: Callable[[], tree.Decl | None]) -> tree.Decl | None:
-        """What stands here at the top level, or None past a phrase of another language."""
+        """What `read` returns; None after a phrase of another language, which it steps over."""
         self.items, self.blocks = frozenset(), 0
         before = self.i
         try:
@@ -160,7 +160,7 @@ class Parser(BodyParser):
             return None
 
     def _top_level(self) -> tree.Decl | None:
-        """One declaration, or one step past what is none."""
+        """Parses one declaration, or steps over a token that begins none."""
         i = self.i
         kind = self.kinds[i]
         parse = _DECLARATIONS.get(kind)
@@ -326,7 +326,7 @@ class Parser(BodyParser):
         return tree.EnumTypeExpr(self.span_from(start), tuple(members))
 
     def misplaced_declaration(self) -> None:
-        """Report a declaration inside another one, read it, and leave it out."""
+        """Reports a declaration inside another one, parses it, and leaves it out."""
         word = self.texts[self.i]
         local = word in ("const", "param") and place_of(self.items, self.blocks) in (
             NODE,

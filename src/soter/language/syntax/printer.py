@@ -1,7 +1,7 @@
-"""Text to the same text, well laid out: `soter fmt`; and expressions for messages.
+"""Formats source text for `soter fmt`, and prints expressions for messages.
 
 Purpose: `format_source` lays out the tokens of a file that parses. Only white space changes,
-so the tree and the comments stay what they are. In the manner of gofmt the writer decides
+so the tree and the comments stay as they are. As with gofmt, the author of the text decides
 where lines break and the printer decides the rest: two spaces a level, one space around
 operators, at most one blank line, two spaces before a trailing comment. Lines over
 `WIDTH_MAX` characters are broken, one-line blocks first, then at the outermost comma or the
@@ -63,7 +63,7 @@ def format_source(source: Source, diagnostics: Diagnostics) -> str | None:
 
 
 def _same_tokens(source: Source, text: str) -> bool:
-    """Whether white space is all that changed: a formatter must never lose a character."""
+    """Whether only white space has changed: a formatter must never lose a character."""
     before, after = lex(source), lex(Source(source.name, text))
     return before.texts == after.texts and _comments(before) == _comments(after)
 
@@ -175,7 +175,7 @@ class _Layout:
         return elements
 
     def _track(self, element: _Element) -> None:
-        """Open and close brackets; know where items end."""
+        """Follows brackets that open and close, and where items end."""
         kind, index = element.kind, element.index
         base = self._base()
         if kind in _OPEN:
@@ -197,14 +197,14 @@ class _Layout:
         return _OpenBracket(False, False, content, content)
 
     def _base(self) -> int:
-        """Indentation of the items around."""
+        """The indentation of the surrounding items."""
         for frame in reversed(self.frames):
             if frame.block:
                 return frame.content
         return 0
 
     def _hanging(self) -> int:
-        """Indentation of a further line of the item at hand."""
+        """The indentation of a further line of the present item."""
         if self.frames and not self.frames[-1].block:
             return self.frames[-1].content
         return self._base() + _HANGING
@@ -299,7 +299,7 @@ class _Layout:
         self.lines[-1].pieces.append(piece)
 
     def _level(self, element: _Element, previous: _Element) -> int:
-        """How good it is to break here: the fewer open brackets and the looser the better."""
+        """How good it is to break here: better with fewer open brackets and looser operators."""
         depth = sum(not f.block for f in self.frames) * 10
         if previous.kind == ",":
             return depth + _AFTER_COMMA
@@ -310,7 +310,7 @@ class _Layout:
         return depth + (_AFTER_ASSIGN if previous.kind == "=" else _ELSEWHERE)
 
     def _space(self, element: _Element, previous: _Element) -> str:
-        """What stands between two elements of one line inside an item."""
+        """The space between two elements of one line inside an item: "" or " "."""
         kind, before, index = element.kind, previous.kind, previous.index
         if index < 0:
             return " "
@@ -329,7 +329,7 @@ class _Layout:
         return " "
 
     def _belongs(self, bracket: _Element, previous: _Element) -> bool:
-        """Whether a bracket is one of what stands before it, as those of a call."""
+        """Whether a bracket belongs to the element before it, as that of a call does."""
         if bracket.index in self.tight:
             return True
         fun = self.tokens.kinds[previous.index - 1] == "fun"
@@ -338,7 +338,7 @@ class _Layout:
     # ------------------------------------------------------------ long lines
 
     def _fit(self, line: _Line) -> list[_Line]:
-        """The line, or the shorter lines it is broken into."""
+        """The line, or the shorter lines into which it is broken."""
         if _width(line) <= WIDTH_MAX:
             return [line]
         parts = _unfold(line)
@@ -384,7 +384,7 @@ def _width(line: _Line) -> int:
 
 
 def _unfold(line: _Line) -> list[_Line]:
-    """A long line with blocks that begin and end on it, these blocks laid out over lines."""
+    """The lines for a long line in which blocks begin and end, with these blocks spread out."""
     pieces = line.pieces
     breaks: set[int] = set()
     stack: list[int] = []
@@ -442,7 +442,7 @@ def print_expr(expr: tree.SyntaxExpr) -> str:
 
 
 def _print(expr: tree.SyntaxExpr, outer: int) -> str:
-    """`expr` inside something that binds as tightly as `outer`."""
+    """The text of `expr` inside an expression that binds as tightly as `outer`."""
     if isinstance(expr, tree.BinaryExpr):
         binding = _BINDING[expr.op]
         left = _print(expr.left, binding + 1 if binding == _COMPARING else binding)

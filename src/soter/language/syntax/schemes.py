@@ -1,8 +1,8 @@
-"""The schemes of integration: what may follow `integrate`.
+"""The schemes of integration that may follow `integrate`.
 
-Purpose: the one list of their names, with what everybody else wants to know about them.
-Non-goals: the arithmetic: each engine writes it down itself (docs/semantics.md, Plants), and looks
-it up by name, so that one it does not know is an error and never another scheme.
+Purpose: the one list of their names, with evaluations of the derivative and orders.
+Non-goals: the arithmetic: each engine has its own (docs/semantics.md, Plants), and looks it up by
+name, so that an unknown scheme is an error and never another scheme.
 """
 
 from __future__ import annotations

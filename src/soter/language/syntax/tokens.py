@@ -1,9 +1,9 @@
-"""Text to tokens, comments kept aside; lines that begin with `#`, as other languages have them.
+"""The lexer: makes tokens of text, keeps comments aside, and explains lines that begin with `#`.
 
-Purpose: the lexer of `docs/grammar.ebnf`. It never fails: what is no token is reported once per run
-of garbage, and either left out or replaced by the token that was most likely meant, so that the
-parser can go on. Places the lexer has complained about are remembered in `bad`, and the parser
-stays silent there. Of a line that begins with `#` it says what Soter has instead.
+Purpose: `lex` follows `docs/grammar.ebnf`. It never fails: text that is no token is reported once
+per run, and either left out or replaced by the token that was most likely meant, so that the parser
+can go on. `bad` has the places that it reported, and the parser reports nothing there. For a line
+that begins with `#`, as other languages have them, it says what Soter has instead.
 Non-goals: the meaning of literals beyond their shape; which contextual words are keywords where
 (the parser asks by text).
 """
@@ -132,7 +132,7 @@ class Tokens:
     lost: set[str] = field(default_factory=set)
 
     def add(self, kind: str, text: str, start: int, end: int) -> None:
-        """Append one token."""
+        """Appends a token."""
         self.kinds.append(kind)
         self.texts.append(text)
         self.starts.append(start)
@@ -149,13 +149,13 @@ class Tokens:
         notes: tuple[str, ...] = (),
         helps: tuple[Help, ...] = (),
     ) -> None:
-        """Keep a lexical error and silence the parser at the token that comes next."""
+        """Keeps a lexical error, and silences the parser at the next token."""
         primary = Label(Span(self.source, start, end), label)
         self.problems.append(made(code, message, primary, (), notes, helps))
         self.bad.add(len(self.kinds))
 
     def forget(self, start: int, end: int) -> None:
-        """Drop the lexical errors of a stretch of text that something better is said about."""
+        """Drops the lexical errors in a part of the text, for which there is a better message."""
         self.problems = [
             d for d in self.problems if d.primary is None or not start <= d.primary.span.start < end
         ]
@@ -209,10 +209,10 @@ def lex(source: Source) -> Tokens:
 
 
 def _soft_words(kinds: list[str]) -> None:
-    """`next x = e;` begins a rule and `m.next` reads a field: a neighbour tells which.
+    """Turns reserved words into names where neighbours show it: `next x = e;`, but `m.next`.
 
-    Such a word is a name behind one that a name follows, and before `=`, `:`, an operator or a
-    closing bracket, where nothing could begin.
+    Such a word is a name after a token that a name follows, and before `=`, `:`, an operator or a
+    closing bracket.
     """
     for i, kind in enumerate(kinds):
         if kind in SOFT and (kinds[i + 1] in _NAME_BEFORE or (i and kinds[i - 1] in _NAME_FOLLOWS)):
@@ -220,7 +220,7 @@ def _soft_words(kinds: list[str]) -> None:
 
 
 def _push_is_a_name_elsewhere(kinds: list[str]) -> None:
-    """Robots push: the word is only taken where `push list, value;` can stand."""
+    """Turns `push` into a name except where a statement `push list, value;` can begin."""
     for i, kind in enumerate(kinds):
         if kind == PUSH and not (i and kinds[i - 1] in ("{", "}", ";") and kinds[i + 1] == NAME):
             kinds[i] = NAME
@@ -439,7 +439,7 @@ _INCLUDE = re.compile(r"#\s*include\s*[<\"]([\w./-]+)[>\"]\s*(?://.*)?")
 
 @dataclass(frozen=True)
 class HashLine:
-    """What is said of it, where, and which names it would have declared."""
+    """A line that begins with `#`: the message, its place, and names that it would declare."""
 
     message: str
     span: Span
@@ -448,7 +448,7 @@ class HashLine:
 
 
 def preprocessed(source: Source, token: str, start: int) -> HashLine:
-    """Of the line `token`, from its `#` at offset `start` to its last character."""
+    """Explains the line `token`, which begins with `#` at offset `start`."""
     hash_, whole = Span(source, start, start + 1), Span(source, start, start + len(token))
     define, include = _DEFINE.fullmatch(token), _INCLUDE.fullmatch(token)
     message = "there is no preprocessor"
@@ -476,6 +476,6 @@ def preprocessed(source: Source, token: str, start: int) -> HashLine:
 
 
 def _called(stem: str, text: str) -> str:
-    """The name that a file goes by in the text that imports it; its own where that is not seen."""
+    """The name by which a text refers to an included file; the file's own if there is no use."""
     names = [stem, *reversed(stem.split("_"))]
     return next((n for n in names if n and re.search(rf"\b{n}\.(?!soter\b)[A-Za-z]", text)), stem)

@@ -1,4 +1,4 @@
-"""The syntax tree: what the text says, before anybody asks whether it makes sense.
+"""The syntax tree: what the text says, before names and types are checked.
 
 Purpose: immutable nodes with spans, one class per construct of `docs/grammar.ebnf`.
 Non-goals: names, types, meaning (`language/check/`); comments (the printer reads them from tokens).
@@ -19,7 +19,7 @@ class Name(Node):
 
     @property
     def word(self) -> Span:
-        """Of the word alone: that of an element has its index, too."""
+        """The span of the word alone; that of an element includes its index."""
         return Span(self.span.source, self.span.start, self.span.start + len(self.text))
 
 

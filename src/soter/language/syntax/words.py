@@ -1,11 +1,10 @@
-"""Words of Soter, where each belongs, and words of other languages, from `words.toml`.
+"""Explains misplaced words of Soter, and words of other languages, by the tables of `words.toml`.
 
-Purpose: the tables of `words.toml`, read at the first mistake and never for a right program. Of a
-word of Soter in a wrong place, in another body, behind another item or too late in its own: where
-it belongs. Of words of other languages: what Soter has instead, also for types with a range,
-quantities with a unit and rates. Parser and checker ask where a word is unknown.
-Non-goals: what a phrase is (`foreign_phrases.py`); how the parser goes on
-(`parsing/token_cursor.py`).
+Purpose: the tables are read at the first mistake and never for a correct program. For a word of
+Soter in a wrong place (in another body, after another item, or too late in its own) they say where
+it belongs; for a word of another language, what Soter has instead, also for types with a range,
+quantities with a unit and rates. Parser and checker ask here about unknown words.
+Non-goals: phrases (`foreign_phrases.py`); how the parser goes on (`parsing/token_cursor.py`).
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ _FOLDER = Path(__file__).parent
 
 
 def toml_of(text: str) -> dict[str, Any]:
-    """What a text in TOML says. Python 3.10 has no reader of its own."""
+    """The content of a text in TOML, for which Python 3.10 has no reader of its own."""
     toml = import_module("tomllib" if find_spec("tomllib") else "tomli")
     read: dict[str, Any] = toml.loads(text)
     return read
@@ -39,7 +38,7 @@ def word_table(name: str) -> dict[str, Any]:
 
 
 def meaning(sort: str, word: str, body: str = "") -> str | None:
-    """What a table of `words.toml` has for a word, in this body if it is about bodies."""
+    """The entry of a table of `words.toml` for a word, in this body if the table has bodies."""
     return _meanings(sort, body).get(word)
 
 
@@ -68,7 +67,7 @@ class Home:
 
 
 _LED = re.compile(r"(\w+): (.*)")
-"""A line of the table that another word leads than the one it is about."""
+"""Matches a line of the table that begins with another word than the one it explains."""
 
 
 @cache
@@ -96,18 +95,18 @@ _BODY_BY_ITEM = (
 )
 
 _CLAUSE = re.compile(r"\s*[\w\"{(!\[-]")
-"""What follows a word of an item or clause; `=`, `.` or `;` follow a name."""
+"""Matches the text after a word of an item or clause; after a name follow `=`, `.` or `;`."""
 _TIMES = re.compile(r"\s*\[[^\];]*,[^\];]*\]\s*;")
 _RANGE = re.compile(r"\s*[\[{]")
 _VALUES = (r'"[^"]*"', r"\[[^\]]*\]", r"\d[\d._]*(?:[num]?s|min|h)\b", r"-?\d[\d._]*\b")
 """Kinds of values: a text, a range, a time, a number."""
 _SHOWN_MAX = 80
-"""So many characters of an item are shown."""
+"""Most characters of an item that a message shows."""
 
 
 @dataclass(frozen=True)
 class Misplaced:
-    """What is said of a word that stands in a wrong place."""
+    """The message about a word in a wrong place."""
 
     message: str
     note: str
@@ -115,7 +114,7 @@ class Misplaced:
 
 
 def body_of(items: Collection[str], blocks: int) -> str:
-    """The kind of body at hand, by the words that begin its items and the blocks around."""
+    """The kind of the present body, by the words that begin its items and the blocks around."""
     for word, kind in _BODY_BY_ITEM:
         if word in items:
             return STEP if kind == NODE and blocks else kind
@@ -141,7 +140,7 @@ def _in_its_block(home: Home, form: str) -> str:
 
 
 def misplaced(word: str, body: str, item: str, written: str) -> Misplaced | None:
-    """What is said of a word in this body, behind the item that `item` leads; None if unknown.
+    """The message about a word in this body, after the item that `item` leads; None if unknown.
 
     `written` is the item that the word begins, as far as its `;` or a brace.
     """
@@ -200,7 +199,7 @@ _SIZED = re.compile(r"(u?)(?:int|i)(8|16|32)(?:_t)?|u(8|16|32)")
 LIBRARIES = frozenset(
     ["math", "np", "numpy", "cmath", "std", "Math", "torch", "jnp", "jax", "scipy", "tf", "libm"]
 )
-"""What the prelude stands in for."""
+"""Names of libraries whose functions the prelude replaces."""
 
 
 def type_meant(word: str) -> str | None:
@@ -216,7 +215,7 @@ def type_meant(word: str) -> str | None:
 
 
 def type_advice(word: str) -> str | None:
-    """What to do without a type that Soter has nothing for."""
+    """Advice for a type of another language that Soter has no counterpart for."""
     return meaning("no_text", word.lower()) or meaning("no_type", word)
 
 

@@ -34,7 +34,7 @@ AC_COLOUR, SC_COLOUR = "@ac", "@sc"
 
 
 def signals_drawn(figures: Sequence[Figure]) -> dict[str, tuple[int, int]]:
-    """Signal -> (figure, trace) of the first time line that draws it: its trace has the name."""
+    """Map each signal to the (figure, trace) that draws it first: the trace has its name."""
     trace_by_signal: dict[str, tuple[int, int]] = {}
     for i, figure in enumerate(figures):
         for k, trace in enumerate(figure.data):
@@ -44,7 +44,7 @@ def signals_drawn(figures: Sequence[Figure]) -> dict[str, tuple[int, int]]:
 
 
 def digits_of(values: NDArray[np.float64]) -> int:
-    """How many digits behind the point a drawing of (N,) values needs: a 10,000th of its span."""
+    """How many decimals a drawing of (N,) values needs: those of a 10,000th of their span."""
     finite = values[np.isfinite(values)]
     span = float(np.ptp(finite)) if finite.size else 0.0
     span = span or (float(np.abs(finite).max()) if finite.size else 0.0)
@@ -182,7 +182,7 @@ def decision_hover(decision: Decision) -> str:
 
 
 def _hover(text: str) -> str:
-    """Without code: a figure knows few tags."""
+    """Drop the code marks of a text: hover boxes know few tags."""
     return prose(text.replace("`", ""))
 
 
@@ -192,7 +192,7 @@ def violation_hover(violation: Violation) -> str:
 
 
 DENSE_STEPS = 300
-"""More of them touch each other in a drawing."""
+"""More steps of a signal than that touch each other in a drawing."""
 POINTS_MAX = 2500
 """Points of one trajectory on the page; four screens' worth of pixels."""
 
@@ -212,14 +212,14 @@ def runs(in_control: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
 
 
 def dense(series: Series) -> bool:
-    """Whether its steps are so many that they would cover their panel."""
+    """Whether the steps of a series are so many that they would cover their panel."""
     return series.held and int(np.count_nonzero(np.diff(series.values))) > DENSE_STEPS
 
 
 def by_controller(
     rows: NDArray[np.float64], in_control: NDArray[np.bool_], *, ac: bool
 ) -> NDArray[np.float64]:
-    """Return the rows (N, k) flown by AC (or SC), stretches parted by a row of NaN: (M, k)."""
+    """Return those of the rows (N, k) that AC (or SC) flew, with a NaN row between stretches."""
     gap = np.full((1, rows.shape[1]), np.nan)
     parts: list[NDArray[np.float64]] = []
     for first, last, is_ac in runs(in_control):
@@ -290,7 +290,7 @@ def flight_indices(flight: Flight, points_max: int = POINTS_MAX) -> NDArray[np.i
 
 
 def place(flight: Flight, time_s: float, position: Vec3 | None) -> Vec3:
-    """Return where an event took place in m: as told, else read off the flight at `time_s`."""
+    """Return where an event took place, in m: `position`, else that of the flight at `time_s`."""
     if position is not None:
         return position
     index = nearest_indices(flight.time_s, [time_s])[0]
@@ -336,7 +336,7 @@ LABEL_CHAR_PX, PHONE_PX = 6.3, 330
 
 
 def levels_of(series: Sequence[Series]) -> dict[float, str]:
-    """The levels of a panel, each once, with everybody's label for it."""
+    """The levels of a panel, each once, with the labels of all series that have it."""
     labels_by_value: dict[float, list[str]] = {}
     for each in series:
         for threshold in each.thresholds:
@@ -359,7 +359,7 @@ def levels_range(series: Sequence[Series]) -> tuple[float, float] | None:
 
 @dataclass(frozen=True)
 class Curves:
-    """The curves of a panel of `end_s` seconds and of the range `span`: where they leave room."""
+    """The curves of a panel of `end_s` seconds and the range `span`, to find room for labels."""
 
     time_s: NDArray[np.float64]
     series: Sequence[Series]
@@ -455,13 +455,13 @@ def takeover_density(decisions: Sequence[Decision], axis: str, end_s: float) -> 
 
 
 def density_title(decisions: Sequence[Decision], end_s: float, module: str = "") -> str:
-    """The title of the bars."""
+    """The title above the bars of `takeover_density`."""
     whose = f" of {module}" if module else ""
     each = f"{end_s / BINS:.3g} s"
     return f"takeovers{whose} in each {each}, {len(takeovers(decisions)):,} in all"
 
 
 def violations_title(violations: Sequence[Violation]) -> str:
-    """A property that fails again and again has a mark where it failed first."""
+    """The title of the row of violations: a property is marked where it failed first."""
     again = any(violation.times > 1 for violation in violations)
     return "violations, the first of each property" if again else "violations"

@@ -1,9 +1,9 @@
 """What the diagram of a program shows while a run or a log is replayed, as plain data.
 
-Purpose: `Live`: rows of values, when components step, who is in control and what the decision
-modules saw. `LedPicture` shows where SC would lead from each look of a decision module, as boxes of
-states, rounded outwards and joined where there are many. All of it becomes JSON, as small as a
-screen allows. Times are seconds.
+Purpose: `Live` holds rows of values, when components step, who is in control and what the decision
+modules saw. `LedPicture` holds where SC would lead from each look (a decision of a module on its
+estimate), as boxes of states, rounded outwards and joined where they are many. Both become JSON,
+as small as a screen allows. Times are in seconds.
 Non-goals: the diagram, the scripts (`assets/replay.js`, `assets/led.js`), reading runs and logs,
 the boxes (`simulate/led_looks.py`).
 """
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 
 
 BOXES_MAX = 16
-"""Of a look; more of them touch each other in a drawing."""
+"""Boxes that are drawn for one look; more would touch each other."""
 DIGITS = 3
-"""Of the span of a state over all looks."""
+"""Digits that count, in parts of the span of a state over all looks."""
 BY_SC, FAILED = 1, 2
-"""What the first number of a box says: SC leads, it is not shown; 0: before SC acts."""
+"""The first number of a box: SC leads here, or that is not shown; 0: before SC acts."""
 
 
 @dataclass(frozen=True, eq=False)
 class LedLook:
-    """A look at `time_s`; `told`: how it ends, as HTML.
+    """One look at `time_s`; `told`: how it ends, as HTML.
 
-    `boxes` (k, 3 + 2 n): a kind, from and until when in s after the estimate, the least and the
-    largest of each of n states.
+    `boxes` (k, 3 + 2 n): the kind; from and until when, in s after the estimate; the least and
+    the largest value of each of n states.
     """
 
     time_s: float
@@ -47,7 +47,7 @@ class LedLook:
 
 @dataclass(frozen=True, eq=False)
 class LedPicture:
-    """Of a module: n states by name and unit, and some of its `of` looks, in order of time."""
+    """One module: n states by name and unit, and some of its `of` looks, in order of time."""
 
     module: str
     names: tuple[str, ...]
@@ -57,7 +57,7 @@ class LedPicture:
 
 
 def led_json(picture: LedPicture) -> dict[str, Any]:
-    """As the page's script reads it: times in ms, states in whole numbers over `scale`."""
+    """The picture as the page's script reads it: ms, and states as whole numbers over `scale`."""
     every = np.concatenate([look.boxes for look in picture.looks])
     shown = every[every[:, 0] != FAILED] if (every[:, 0] != FAILED).any() else every
     spans = np.maximum(shown[:, 4::2].max(axis=0) - shown[:, 3::2].min(axis=0), 1e-9)
@@ -78,7 +78,7 @@ def led_json(picture: LedPicture) -> dict[str, Any]:
 
 
 def _whole(boxes: NDArray[np.float64], scale: NDArray[np.float64]) -> list[list[int]]:
-    """Boxes in whole numbers, rounded outwards."""
+    """Round boxes outwards to whole numbers."""
     joined = _joined(boxes)
     rounded = joined.copy()
     rounded[:, 1] = np.floor(joined[:, 1] * 1e3)
@@ -89,7 +89,7 @@ def _whole(boxes: NDArray[np.float64], scale: NDArray[np.float64]) -> list[list[
 
 
 def _joined(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Next boxes of SC as their hull, where they are many."""
+    """Join boxes of SC that follow each other to their hull, where they are many."""
     ours = boxes[:, 0] == BY_SC
     many = -(-int(ours.sum()) // BOXES_MAX) if ours.any() else 1
     number = np.where(ours, np.cumsum(ours) // max(many, 1), -1 - np.arange(len(boxes)))
@@ -103,25 +103,25 @@ def _joined(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 ALONE_MAX, BESIDE_MAX = 100_000, 4_000
-"""Numbers that a page may carry for its diagram, where it has no time lines and where it has."""
+"""How many numbers a page may carry for its diagram, without time lines and with them."""
 POINTS_MIN = 180
-"""Of a row at least, however many there are."""
+"""Points that a row has at least, however many rows there are."""
 CHANGES_MAX = 2000
-"""Changes of a module that a page knows; later ones are not shown."""
+"""Changes of mode that a page has for a module; later ones are not shown."""
 STEPS_MAX = 2000
-"""Steps of a component that does not keep its calendar."""
+"""Steps that a page has for a component that does not keep its calendar."""
 DIGITS_MAX = 4
 HALF_S = 5e-5
 """Half of the last digit that times are written with."""
 SMALL = 0.01
-"""Numbers that stay below are written with an exponent."""
+"""Rows whose numbers all stay below are written with an exponent."""
 
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """A row of a box: from `time_s` (N,) on it holds each of `values`, (N,) each.
+    """A row of a box: `values`, (N,) for each of its signals `names`, hold from `time_s` (N,) on.
 
-    `key`, `label`, `unit`, `words`: as the diagram's row has them; `names`: of the signals.
+    `key`, `label`, `unit`, `words`: as the diagram's row has them.
     """
 
     key: str
@@ -137,7 +137,7 @@ class Values:
 class Steps:
     """When a component steps: `period_ns` from `phase_ns` on, or, where it is late, `times_ns`.
 
-    `latched_ns`: since when it does not step any more.
+    `latched_ns`: from when on it steps no more, after a fault.
     """
 
     component: str
@@ -149,13 +149,13 @@ class Steps:
 
 @dataclass(frozen=True)
 class Control:
-    """A module: components AC and SC; since when (s) who is in control, and what the DM saw."""
+    """One module: its components AC and SC, who is in control from when (s), what its DM saw."""
 
     module: str
     ac: str
     sc: str
     modes: tuple[tuple[float, bool], ...]
-    """True: AC."""
+    """(time in s, whether AC is in control from then on)."""
     saw_key: str
     saw: tuple[tuple[float, str], ...]
 
@@ -171,13 +171,13 @@ class Live:
 
 
 def live_json(live: Live, drawn: Mapping[str, tuple[int, int]] | None = None) -> dict[str, object]:
-    """As the page's script reads it.
+    """The record as the page's script reads it.
 
-    `drawn`: signals whose numbers stand on the page already: (figure, trace). They are taken from
-    there; rows that change oftener than the page has room for stand on a grid of times.
+    `drawn`: signals whose numbers stand on the page already, as (figure, trace), where the script
+    takes them from. Rows that change oftener than the page has room for are on a grid of times.
     """
     told = Counter(name for v in live.values for name in v.names)
-    drawn = {n: at for n, at in (drawn or {}).items() if told[n] < 2}  # else whose is it?
+    drawn = {n: at for n, at in (drawn or {}).items() if told[n] < 2}  # else it is unclear whose
     own = [v for v in live.values if any(n not in drawn for n in v.names)]
     many = sum(len(v.values) + 1 for v in own)
     points = max((BESIDE_MAX if drawn else ALONE_MAX) // max(many, 1), POINTS_MIN)
@@ -224,7 +224,7 @@ def _row(
 
 
 def _digits(v: Values) -> int | None:
-    """Digits behind the point for four that count; none of whole numbers; None for an exponent."""
+    """Decimals that leave four digits that count; 0 for whole numbers; None for an exponent."""
     finite = [np.abs(each[np.isfinite(each)]) for each in v.values]
     if all(bool(np.all(each == np.rint(each))) for each in finite):
         return 0
@@ -235,7 +235,7 @@ def _digits(v: Values) -> int | None:
 
 
 def _changes(v: Values) -> NDArray[np.intp]:
-    """The samples in which a row changed, the first among them."""
+    """The indices at which a row changed, with the first sample."""
     changed = np.zeros(len(v.time_s), dtype=np.bool_)
     changed[:1] = True
     for each in v.values:

@@ -76,14 +76,14 @@ def headline(page: ReportPage) -> list[str]:
 
 
 def figures(summary: Summary) -> list[tuple[str, str]]:
-    """Return caption and value of each figure but the lap and the violations, known ones first."""
+    """Return caption and value of every figure except lap and violations, known ones first."""
     known = [key for key in KNOWN if key in summary and key not in ("lap_s", "violations")]
     others = [key for key in summary if key not in KNOWN]
     return [(_caption(key), value_text(key, summary[key])) for key in (*known, *others)]
 
 
 def value_text(key: str, value: float | str) -> str:
-    """Write one figure of a summary with its unit, which its key tells."""
+    """Write one figure of a summary with its unit, which the end of its key gives."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool):
@@ -112,7 +112,7 @@ def _caption(key: str) -> str:
 
 
 def _is_mixed(summary: Summary) -> bool:
-    """Tell whether both controllers had their turn."""
+    """Tell whether both controllers were in control at some time."""
     share = summary.get("ac_share")
     return isinstance(share, (int, float)) and 0 < share < 1
 
@@ -134,7 +134,7 @@ def longest_s(arms: Sequence[Flight | Chart]) -> float:
 def program_section(
     picture: Picture | None, drawn: Mapping[str, tuple[int, int]] | None = None
 ) -> str:
-    """The section, empty without a picture; without anything live there is no player.
+    """The section with the diagram, "" without a picture; a player if something is live.
 
     `drawn`: signals whose numbers are in figures of the page, as (figure, trace).
     """
@@ -157,7 +157,7 @@ def program_section(
 def _kept(
     data: Mapping[str, Any], end_s: float, drawn: Mapping[str, tuple[int, int]] | None
 ) -> str:
-    """How exactly values are known here."""
+    """The sentence on how exactly the page knows the values in between."""
     sparse = [r for r in data["values"] if "drawn" not in r and "t" not in r]
     told = "Numbers that a time line draws are those of its points" if drawn else ""
     if sparse:
@@ -211,7 +211,7 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
 
 
 def _cards(page: ReportPage, end_s: float) -> list[tuple[Flight | Chart, str, list[Bar]]]:
-    """The arms side by side: each with its map, and bars of who was in control of its modules."""
+    """Each arm with its map and, by module, a bar of who was in control."""
     cards: list[tuple[Flight | Chart, str, list[Bar]]] = []
     if page.scene is not None:
         for f in page.flights:

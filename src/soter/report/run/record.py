@@ -1,6 +1,6 @@
 """The records a report is made of: plain data, filled by the caller from a run's trace.
 
-Purpose: the interface of this room. Everything is in SI units; arrays are NumPy; N is the
+Purpose: the interface of this folder. Everything is in SI units; arrays are NumPy; N is the
 number of samples, which share one time axis.
 Non-goals: computing any of it. Clearance, violations and summaries are the engines' findings;
 a report that recomputed them could disagree with the run.
@@ -26,7 +26,7 @@ Summary = Mapping[str, "float | int | str"]
 Controller = Literal["SC", "AC"]
 Json = dict[str, object]
 SHARED_MIN = 50
-"""Longer lists of x are written once."""
+"""Lists of x with more numbers than that are written once for all traces that share them."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,9 @@ class Decision:
 
 
 class Violation(NamedTuple):
-    """A system property that failed on the truth: when, which, and where (m) if it has a place.
+    """A system property that the true states violated: when, which, and where (m) if anywhere.
 
-    `times`: how often it began to fail; the others came after `time_s`.
+    `times`: how often it began to fail, the first time at `time_s`.
     """
 
     time_s: float
@@ -62,9 +62,9 @@ class Violation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Way:
-    """A plan as it was made: `points` (k, 3) in m, from where it starts to its goal.
+    """A planned path: `points` (k, 3) in m, from where it starts to its goal.
 
-    `text`: what is told of it: its number, since when it is in force, why it is `refused`.
+    `text`, for people: its number, since when it is in force, why it was `refused`.
     """
 
     points: NDArray[np.float64]
@@ -120,7 +120,7 @@ class Figure:
     def to_json(self) -> Json:
         """Return what the page's script hands to the drawing library.
 
-        Where traces have the same x, the later ones say whose.
+        Where traces have the same x, the later ones give the number of the first.
         """
         first: dict[tuple[object, ...], int] = {}
         data: list[Json] = []
@@ -170,7 +170,7 @@ class Series:
 class ModeBand:
     """Who is in control of `module`: `in_control` (N,) bool, true where it is AC.
 
-    `told`: its figures in words, as the run counted them.
+    `told`: the run's figures of the module, in words.
     """
 
     module: str
@@ -183,7 +183,7 @@ class Chart:
     """One arm of a program without geometry, such as the cart before the wall.
 
     `time_s` (N,) increasing; `series`, `modes` on that axis; `summary` as in `Flight`;
-    `properties`: the text of each that was watched, None where nobody tells.
+    `properties`: the text of each that was watched, None where that is not known.
     """
 
     name: str
@@ -206,7 +206,7 @@ class Chart:
 
 @dataclass(frozen=True)
 class Cell:
-    """A figure of ours and the paper's beside it, as texts with units; `paper` may be empty."""
+    """Our number and the paper's, as texts with units; `paper` may be empty."""
 
     ours: str
     paper: str = ""
@@ -216,8 +216,8 @@ class Cell:
 class Comparison:
     """The table beside the paper's figures.
 
-    `columns`: one title an arm; `rows`: a quantity and one cell for each column; `note`: what
-    makes the figures comparable, or not.
+    `columns`: one title for each arm; `rows`: a quantity and one cell for each column; `note`:
+    what makes the figures comparable, or not.
     """
 
     columns: tuple[str, ...]
@@ -237,7 +237,7 @@ class Picture:
     """A drawing of the program, and what is replayed on it.
 
     Elements of the SVG with a component's name in `data-component` are lit up, those with the key
-    of a row in `data-value` filled. `led`: where the SC of its modules would lead.
+    of a row in `data-value` are filled. `led`: where the SC of each module would lead.
     """
 
     svg: str

@@ -57,14 +57,14 @@ if TYPE_CHECKING:
 
 BAND_PX, PANEL_PX, GAP_PX, MARGIN_PX, MARGIN_TOP_PX = 16, 132, 30, 62, 20
 NUMBERS_MAX, POINTS_MIN = 20_000, 500
-"""Numbers of all signals of a chart together, and points of one at least: pages stay light."""
+"""Numbers of all signals of a chart at most, and points of each at least: pages stay small."""
 STEPS_SHARE = 0.1
-"""Part of a chart's points that the steps of one signal may take to stand where they were."""
+"""Part of a chart's points that may go to the steps of one signal, to draw them exactly."""
 MARKS_MAX = 80
-"""More decisions than that cover each other: their density is drawn."""
+"""With more decisions than that, which cover each other, their density is drawn."""
 DENSITY_PX, BAND_OPACITY = 44, 0.3
 FEW = 4
-"""Whole numbers that a panel has a tick for each of."""
+"""A panel of whole numbers that span no more than that has a tick for each."""
 MINUS = "\N{MINUS SIGN}"
 OVERLAYS = (("@ink", "solid"), ("@muted", "dash"), ("@muted", "dot"), ("@muted", "dashdot"))
 DASH_NAMES = {"dash": "dashed", "dot": "dotted", "dashdot": "dash-dotted"}
@@ -202,7 +202,7 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
 
 
 def _frame(stack: _Stack) -> Json:
-    """Return the axes and the margins all stacks share."""
+    """Return the axes and margins that all stacks share."""
     return {
         **stack.axes,
         "margin": {"l": 40, "r": 16, "t": MARGIN_TOP_PX, "b": MARGIN_PX - MARGIN_TOP_PX},
@@ -229,7 +229,7 @@ def _panel_title(name: str, members: Sequence[Series]) -> str:
 
 
 def _few_whole(series: Sequence[Series]) -> bool:
-    """Whether a panel shows only a few whole numbers, as of modes and booleans."""
+    """Whether a panel shows only a few whole numbers, such as modes and booleans."""
     return all(
         each.held
         and bool(np.all(each.values == np.rint(each.values)))

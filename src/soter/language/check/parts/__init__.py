@@ -1,1 +1,1 @@
-"""Nodes, modules, plants, systems, `verify` and `test` blocks."""
+"""Checks nodes, modules, plants, systems, `verify` and `test` blocks."""

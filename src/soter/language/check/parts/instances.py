@@ -33,17 +33,17 @@ _VARIABLE = re.compile(r"[A-Za-z_]\w*")
 _Item = TypeVar("_Item")
 
 ITEMS_MAX = 10_000
-"""Items that the loops of one system or test may come to."""
+"""Most items that the loops of one system or test may make."""
 
 
 class _LostError(Exception):
-    """An item that cannot be read; reported."""
+    """An item is left out, because of an error that has been reported."""
 
 
 class Unroller:
     """Unrolls the loops of one system or test.
 
-    `instances`: those that elements may be named of, once they are known.
+    `instances`: those whose elements items may name, once they are known.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Unroller:
     def names(
         self, items: Sequence[tree.Instance | tree.Repeated]
     ) -> Iterator[tuple[tree.Name, tree.Instance, Values]]:
-        """Every instance with its name and the loop variables around it."""
+        """Yields every instance with its name and the values of loop variables around it."""
         for item, values in self._each(items, {}):
             assert isinstance(item, tree.Instance)
             try:
@@ -75,7 +75,7 @@ class Unroller:
         self._arrays.clear()  # now that all instances are known
 
     def items(self, items: Sequence[_Item | tree.Repeated]) -> list[_Item]:
-        """Every item, loop variables and elements filled in."""
+        """All items, with loop variables and elements replaced."""
         concrete_items = []
         for item, values in self._each(items, {}):
             filled = self.filled(item, values)
@@ -84,7 +84,7 @@ class Unroller:
         return concrete_items
 
     def filled(self, item: object, values: Values) -> object | None:
-        """One item with its loop variables and elements filled in; None after a report."""
+        """An item with its loop variables and elements replaced; None after a report."""
         try:
             concrete_item = self._rewritten(item, values)
         except _LostError:
@@ -117,7 +117,7 @@ class Unroller:
 
     @property
     def too_many(self) -> bool:
-        """Whether there was no end to the items; reported."""
+        """Whether the items were more than ITEMS_MAX, which has been reported."""
         return self._left < 0
 
     def _too_many(self, item: tree.Repeated) -> None:
@@ -133,9 +133,9 @@ class Unroller:
         )
 
     def _backwards(self, item: tree.Repeated, low: int, high: int) -> None:
-        """W011: the loop ends before it begins, and no loop around it has set its bounds.
+        """Warns W011 of a loop that ends before it begins, unless a loop around it sets its bounds.
 
-        Where it ends as it begins, that may be meant.
+        A loop that ends where it begins may be meant.
         """
         name = item.name.text
         self.shared.diagnostics.warning(
@@ -149,7 +149,7 @@ class Unroller:
         )
 
     def _int(self, expr: tree.SyntaxExpr, values: Values, what: str, code: Code = "T008") -> int:
-        """The value of a constant expression over loop variables."""
+        """The value of a constant expression over loop variables; raises `_LostError`."""
         expr = self._expr(expr, values)
         if isinstance(expr, tree.IntLit):
             return expr.value
@@ -166,7 +166,7 @@ class Unroller:
         return concrete_expr
 
     def _rewritten(self, node: object, values: Values) -> object:
-        """The same syntax with numbers for loop variables and names for elements."""
+        """The syntax with numbers in place of loop variables, and names in place of elements."""
         if isinstance(node, tuple):
             parts = tuple(self._rewritten(x, values) for x in node)
             return parts if any(a is not b for a, b in zip(parts, node, strict=True)) else node
@@ -199,7 +199,7 @@ class Unroller:
     # ------------------------------------------------------------ elements
 
     def _name(self, name: tree.Name, values: Values) -> tree.Name:
-        """`r[i]` as the name `r[0]`."""
+        """The name `r[0]` for `r[i]`."""
         if not isinstance(name, tree.ElementName):
             return name
         what = f"the index of `{name.text}`"
@@ -210,7 +210,7 @@ class Unroller:
         return tree.Name(text, name.span)
 
     def _path(self, path: tree.DottedPath, values: Values) -> tree.DottedPath:
-        """A path with its elements named; each of them is one of an array that there is."""
+        """A path with names in place of elements; reports an element that does not exist."""
         if not any(isinstance(p, tree.ElementName) for p in path.parts):
             return path
         names: list[tree.Name] = []
@@ -225,7 +225,7 @@ class Unroller:
         return tree.DottedPath(tuple(names), path.span)
 
     def _index(self, node: tree.IndexExpr, values: Values) -> tree.SyntaxExpr:
-        """`r[i]` as the name of an element where `r` is an array of instances."""
+        """The name of an element for `r[i]` if `r` is an array of instances."""
         base: tree.SyntaxExpr = node
         indices: list[tree.SyntaxExpr] = []
         while isinstance(base, tree.IndexExpr):
@@ -253,7 +253,7 @@ class Unroller:
         return result
 
     def _inside(self, names: Sequence[tree.Name]) -> Mapping[str, typed.InstanceSymbol] | None:
-        """The instances beside the last part of a path; None where there is no such system."""
+        """The instances in the system that holds the last part of a path; None if there is none."""
         inside = self.instances
         for name in names:
             instance = inside.get(name.text)
@@ -263,7 +263,7 @@ class Unroller:
         return inside
 
     def _dimensions(self, inside: Mapping[str, typed.InstanceSymbol], array: str) -> int:
-        """How many indices the elements of an array of instances have; 0 where there is none."""
+        """How many indices the elements of an array of instances have; 0 if there is no array."""
         known = self._arrays.get(id(inside))
         if known is None:
             known = self._arrays[id(inside)] = {
@@ -322,11 +322,11 @@ _FILLED = (
     tree.TimingFaultItem,
     tree.SystemFault,
 )
-"""What has expressions or paths inside; references and types have none."""
+"""Classes of syntax that may contain expressions or paths; references and types do not."""
 
 
 class Wires:
-    """Finds topics that instances are wired to."""
+    """Finds the topics that instances are wired to."""
 
     def __init__(self, shared: Shared) -> None:
         self.shared = shared
@@ -337,7 +337,7 @@ class Wires:
         instances: dict[str, typed.InstanceSymbol],
         scope: FileScope,
     ) -> typed.TopicSymbol | None:
-        """`topic`, `file.topic` or `instance.topic`; None after a report."""
+        """The topic that `topic`, `file.topic` or `instance.topic` means; None after a report."""
         names = path.parts
         what, depth = find_instance(instances, names)
         if depth == 0 or (len(names) == 1 and "[" not in names[0].text):
@@ -354,7 +354,7 @@ class Wires:
         return None
 
     def is_parameter(self, inner: tree.Ref, outer: tree.DottedPath, scope: FileScope) -> bool:
-        """Whether a parameter stands where a topic is wired: N003, as it is set."""
+        """Whether a wire names a parameter, which is set instead; then it reports N003."""
         entry = scope.entries.get(inner.name.text) if inner.qualifier is None else None
         if entry is None or entry.kind != "parameter":
             return False
@@ -373,7 +373,7 @@ class Wires:
         outer: tree.DottedPath,
         topic: typed.TopicSymbol,
     ) -> None:
-        """M011 for a wire from the publisher to the input of another instance."""
+        """Reports M011 for a wire that a publisher has to the input of another instance."""
         helps: tuple[Help, ...] = ("wire it to a topic that is declared without `input`",)
         names = outer.span.text.rpartition(".")
         if names[0]:
@@ -417,7 +417,7 @@ class Wires:
         return None
 
     def _no_topic(self, path: tree.DottedPath, what: object, depth: int) -> None:
-        """N004 for a path that leads to no topic."""
+        """Reports N004 for a path that leads to no topic."""
         helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ("right of `=` stands a topic, or a topic of another instance",)
         prefix = ".".join(n.text for n in path.parts[:depth])

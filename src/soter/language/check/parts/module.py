@@ -1,6 +1,6 @@
-"""Check RTA modules: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
+"""Checks RTA modules: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
 
-Purpose: `rta` declarations -> `ModuleSymbol`; `verify_block.py` adds the `verify` block.
+Purpose: turns an `rta` declaration into a `ModuleSymbol`; `verify_block.py` adds `verify`.
 Non-goals: P1a and P1b (`wellformed.py`), P2 and P3 (`verify/`).
 """
 
@@ -36,7 +36,7 @@ class ModuleChecker:
         self.verification = VerifyChecker(shared)
 
     def node_ref(self, ref: tree.Ref, scope: FileScope) -> typed.NodeSymbol | None:
-        """The node a reference means, or None after a report."""
+        """The node that a reference means, or None after a report."""
         entry = self.shared.names.find_ref(scope, ref, "node")
         if entry is None:
             return None
@@ -53,7 +53,7 @@ class ModuleChecker:
         return symbol if isinstance(symbol, typed.NodeSymbol) else None
 
     def _module_ref(self, ref: tree.Ref, scope: FileScope) -> typed.ModuleSymbol | None:
-        """The module a reference means, or None after a report."""
+        """The module that a reference means, or None after a report."""
         entry = self.shared.names.find_ref(scope, ref, "module")
         if entry is None:
             return None
@@ -73,7 +73,7 @@ class ModuleChecker:
     def _advanced(
         self, decl: tree.RtaDecl, scope: FileScope
     ) -> tuple[typed.NodeSymbol | None, typed.ModuleSymbol | None]:
-        """AC, and the module whose AC it is, where a module stands in its place."""
+        """The AC, and, if a module stands in its place, the module whose AC it is."""
         if not isinstance(decl.ac, tree.ModuleAsAc):
             return (self.node_ref(decl.ac, scope) if decl.ac else None), None
         over, name = self._module_ref(decl.ac.module, scope), decl.name.text
@@ -90,7 +90,7 @@ class ModuleChecker:
     def signature(
         self, decl: tree.RtaDecl, scope: FileScope, full: str
     ) -> typed.ModuleSymbol | None:
-        """Controllers and period; None where one of them is missing."""
+        """Checks controllers and period; the symbol, or None if one of them is missing."""
         context = Context(scope, f"the declaration of module `{decl.name.text}`")
         parts = {"ac": decl.ac, "sc": decl.sc, "period": decl.period, "safe": decl.safe}
         missing = [word for word, part in parts.items() if part is None]
@@ -150,15 +150,15 @@ class ModuleChecker:
         what: str,
         because: Because | None = None,
     ) -> typed.TypedExpr | None:
-        """None where nothing is written."""
+        """The typed expression of a number, None if the program gives none."""
         if expr is None:
             return None
         return self.shared.number(expr, context, expected, what, because)
 
     def _shield(self, decl: tree.RtaDecl, context: Context) -> typed.TypedExpr | None:
-        """Into how many cells commands are cut; of `shield;` as many as there may be.
+        """Into how many cells commands are cut; for `shield;` the most that there may be.
 
-        M027 for `shield;` in a module without `rest`.
+        Reports M027 for `shield;` in a module without `rest`.
         """
         if not isinstance(decl.shield, tree.EachCommand):
             return self._number(decl.shield, context, INT, "`shield`")
@@ -177,7 +177,7 @@ class ModuleChecker:
     ) -> typed.NodeSymbol | None:
         """An extern node in place of the controller that `soter verify --synthesize` finds.
 
-        It publishes what AC does; what it reads is known with the `verify` block.
+        It publishes the topics of AC; the `verify` block determines what it reads.
         """
         period = self.shared.number(decl.period, context, DURATION, "a period")
         if ac is None or period is None:
@@ -201,7 +201,7 @@ class ModuleChecker:
         )
 
     def body(self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope) -> None:
-        """Predicates and the `verify` block."""
+        """Checks predicates and the other clauses, and the `verify` block."""
         assert decl.safe is not None
         check = self.shared.check_expr
         where = f"module `{decl.name.text}`"
@@ -237,7 +237,7 @@ class ModuleChecker:
     def _rest(
         self, decl: tree.RtaDecl, rest: tree.Rest, scope: FileScope
     ) -> typed.RestSymbol | None:
-        """Where SC ends: a truth of what plants publish. M029 beside what it takes the place of."""
+        """Checks `rest`, a condition over topics of plants; M029 beside clauses it replaces."""
         where = f"`rest` of module `{decl.name.text}`"
         numbers = Context(scope, where)
         condition = self.shared.check_expr(
@@ -276,7 +276,7 @@ class ModuleChecker:
         return typed.RestSymbol(condition, kept, within, rest.span)
 
     def _of_a_state(self, condition: typed.TypedExpr, decl: tree.RtaDecl) -> bool:
-        """Whether `rest` asks of a state alone; M029 for an age and what is extern."""
+        """Whether `rest` reads only the state; reports M029 for ages and externs."""
         calls = self.shared.calls
         for node in nodes([condition]):
             if isinstance(node, typed.AgeRead):
@@ -296,7 +296,7 @@ class ModuleChecker:
         return True
 
     def _move(self, item: tree.Move, context: Context, scope: FileScope) -> typed.RestMove | None:
-        """How far a leaf moves; T001 where it is no `float`."""
+        """Checks how far a leaf moves; reports T001 if it is no `float`."""
         by = self.shared.number(item.by, context, FLOAT, "how far it moves")
         place = self.shared.topic_path(item.path, scope)
         if place is None or is_error(by):
@@ -320,7 +320,7 @@ class ModuleChecker:
         returns: tree.Returns,
         scope: FileScope,
     ) -> typed.Latch | None:
-        """M028 where the topic is no button: a `bool` that may only be so old."""
+        """Checks `returns`; reports M028 unless its topic is a `bool` with a `max_age`."""
         if returns.topic is None:
             if decl.verify is not None and decl.verify.recover is not None:
                 self.diagnostics.error(
@@ -354,7 +354,7 @@ class ModuleChecker:
     def _law(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
     ) -> dict[typed.TopicSymbol, typed.TypedExpr]:
-        """A constant for every output: M009 for other topics, M026 where one is left out."""
+        """Checks the fail-safe law; M009 for a topic that is no output, M026 for a missing one."""
         name = decl.name.text
         context = Context(scope, f"the fail-safe law of module `{name}`")
         value_by_topic: dict[typed.TopicSymbol, typed.TypedExpr] = {}
@@ -393,7 +393,7 @@ class ModuleChecker:
     def _contract(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
     ) -> Iterator[typed.ClauseSymbol]:
-        """What it relies on and promises: of topics, their ages, the time and modes."""
+        """Yields the checked `assumes` and `guarantees`, over topics, ages, the time and modes."""
         where = f"the contract of module `{decl.name.text}`"
         context = Context(scope, where, topics="any", has_time=True, has_modes=True)
         seen: dict[str, Span] = {}
@@ -411,7 +411,7 @@ class ModuleChecker:
     def _about_its_outputs(
         self, module: typed.ModuleSymbol, item: tree.Clause, condition: typed.TypedExpr
     ) -> None:
-        """M022: a guarantee speaks of what the module publishes, an assumption does not."""
+        """Reports M022: a guarantee must read an output of the module, an assumption must not."""
         outputs = set(module.sc.publishes)
         read = topic_reads(condition)
         own = [e for t, e in read.items() if t in outputs]
@@ -441,7 +441,7 @@ class ModuleChecker:
 
 
 def _beside_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
-    """What cannot stand beside `rest`: clauses of the module and of its `verify` block."""
+    """Yields clauses, of the module and of its `verify` block, that `rest` excludes."""
     for word in ("ttf", "safer", "shield"):
         part = getattr(decl, word)
         if part is not None and not isinstance(part, tree.EachCommand):
@@ -467,7 +467,7 @@ def _beside_rest(decl: tree.RtaDecl) -> Iterator[tuple[str, Span]]:
 
 
 def _same_outputs(name: str, scope: FileScope) -> list[str]:
-    """The other nodes of this file that publish what a node does, or anything without one."""
+    """Other nodes of this file with the outputs of node `name`; without it any with outputs."""
     known = [e.decl for e in scope.entries.values() if isinstance(e.decl, tree.NodeDecl)]
     outputs = {d.name.text: {p.topic.text for p in d.publishes} for d in known}
     wanted = outputs.get(name)
@@ -475,7 +475,7 @@ def _same_outputs(name: str, scope: FileScope) -> list[str]:
 
 
 def _parts(decl: tree.RtaDecl, scope: FileScope, missing: list[str]) -> str:
-    """What to add: nodes that this file has, where they would do."""
+    """Text of missing clauses to add, with nodes of this file that fit."""
     other = next((p.text for p in (decl.ac, decl.sc) if isinstance(p, tree.Ref)), "")
     alike = _same_outputs(other, scope)
     examples = {"ac": "ac ...;", "sc": "sc ...;", "period": "period 50ms;", "safe": "safe ...;"}

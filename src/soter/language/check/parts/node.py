@@ -1,8 +1,8 @@
-"""Check nodes: what they read and write, their locals, their step, what an extern one is bound to.
+"""Checks nodes: their topics, locals and steps, and the bindings of extern ones.
 
-Purpose: `node` and `extern node` declarations become `NodeSymbol`s; inputs and outputs must be
-disjoint. A binding (`"python:file.py:name"`, `"c:file.c:name"`, `"onnx:file.onnx"`) must be one
-that can be, with its file beside the file that declares it.
+Purpose: turns `node` and `extern node` declarations into `NodeSymbol`s; inputs and outputs must be
+disjoint. A binding (`"python:file.py:name"`, `"c:file.c:name"`, `"onnx:file.onnx"`) must have a
+known form; its file is relative to the file that declares it.
 Non-goals: modules (`module.py`), numbers (`elaborator.py`), whether there is such a file
 (`simulate/externs/`).
 """
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def check_binding(source: str | None, span: Span | None, diagnostics: Diagnostics) -> None:
-    """X009 for a binding text that cannot be one."""
+    """Reports X009 for a text that is no binding."""
     if source is None or binding_of(source) is not None:
         return
     form = FORMS.get(source.partition(":")[0], FORMS["python"])
@@ -44,7 +44,7 @@ def check_binding(source: str | None, span: Span | None, diagnostics: Diagnostic
 
 
 def located(source: str | None, scope: FileScope) -> str | None:
-    """A binding with its files made relative to the file that declares it."""
+    """A binding whose files are found from the folder of the file that declares it."""
     binding = binding_of(source)
     return source if binding is None else str(binding.beside(scope.loaded.path.parent))
 
@@ -54,12 +54,12 @@ UNKNOWN = "<error>"
 
 
 def period_or_unknown(period: typed.TypedExpr) -> typed.TypedExpr:
-    """The period, or a literal that `elaborator.py` says nothing about."""
+    """The period, or after a report a literal that `elaborator.py` ignores."""
     return typed.Literal(DURATION, period.span, 0, UNKNOWN) if is_error(period) else period
 
 
 def input_is_set(topic: typed.TopicSymbol, span: Span, diagnostics: Diagnostics) -> None:
-    """M011 for an input topic that the program itself would set."""
+    """Reports M011 for an input topic that the program itself would set."""
     diagnostics.error(
         "M011",
         f"`{topic.name}` is an input topic: only the environment sets it",
@@ -71,7 +71,7 @@ def input_is_set(topic: typed.TopicSymbol, span: Span, diagnostics: Diagnostics)
 
 
 MAX_OUTPUTS = 32
-"""Publications of a step are counted in one machine word."""
+"""Most outputs of a node: the publications of a step are bits of one machine word."""
 
 
 class NodeChecker:
@@ -82,7 +82,7 @@ class NodeChecker:
         self.diagnostics = shared.diagnostics
 
     def signature(self, decl: tree.NodeDecl, scope: FileScope, full: str) -> typed.NodeSymbol:
-        """Everything but the code."""
+        """Checks everything but the code, and returns the symbol."""
         context = Context(scope, f"the declaration of node `{decl.name.text}`")
         number = self.shared.number
         period = number(decl.period, context, DURATION, "a period")
@@ -122,7 +122,7 @@ class NodeChecker:
     def _takes(
         self, decl: tree.NodeDecl, context: Context
     ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
-        """How long a step lasts; None also after a report."""
+        """How long a step lasts, at least and at most; None if not declared or after a report."""
         if decl.takes is None:
             return None
         number, what = self.shared.number, "how long a step takes"
@@ -164,7 +164,7 @@ class NodeChecker:
         return subscription_by_topic
 
     def _burst(self, publication: tree.Publication, topic: typed.TopicSymbol) -> int | None:
-        """How many messages a step may publish; T011 where that is none, or too many."""
+        """How many messages a step may publish; reports T011 for 0 or too many."""
         count, span = publication.burst, publication.span
         if count is None:
             return None
@@ -188,7 +188,7 @@ class NodeChecker:
         subscribes: dict[typed.TopicSymbol, typed.Subscribed],
         bursts: dict[typed.TopicSymbol, int],
     ) -> dict[typed.TopicSymbol, Span]:
-        """I and O are disjoint (paper, Definition of a node): M001. Fills `bursts`."""
+        """Checks outputs, sets `bursts`; M001: I, O are disjoint (paper, Definition of a node)."""
         span_by_topic: dict[typed.TopicSymbol, Span] = {}
         for publication in decl.publishes:
             ref = publication.topic
@@ -234,7 +234,7 @@ class NodeChecker:
         spans: Mapping[typed.TopicSymbol, typed.Subscribed | Span],
         verb: str,
     ) -> None:
-        """M017 for topics that an extern could not tell apart: it knows them by their last name."""
+        """Reports M017 for an extern's topics with equal last names, by which it knows them."""
         taken: dict[str, typed.TopicSymbol] = {}
         for topic in topics:
             short = topic.name.rpartition(".")[2]
@@ -322,7 +322,7 @@ class NodeChecker:
     # ------------------------------------------------------------ code
 
     def body(self, node: typed.NodeSymbol, decl: tree.NodeDecl, scope: FileScope) -> None:
-        """Assumptions, the reset on takeover, the step."""
+        """Checks contracts, the code on takeover, and the step."""
         frame = {v.name: v for v in node.locals}
         inputs = {s.topic for s in node.subscribes}
         where = f"node `{decl.name.text}`"
@@ -365,7 +365,7 @@ class NodeChecker:
             self._warn(node, decl, context)
 
     def _contracts(self, node: typed.NodeSymbol, decl: tree.NodeDecl, step: Context) -> None:
-        """What it relies on and promises: about topics, the time and modes, not its locals."""
+        """Checks `assumes` and `guarantees`, over topics, the time and modes, not locals."""
         inputs = {s.topic for s in node.subscribes}
         context = Context(
             step.scope,

@@ -1,6 +1,6 @@
-"""Check plants: states, disturbances, dynamics, measurements.
+"""Checks plants: states, disturbances, dynamics, measurements.
 
-Purpose: `plant` and `extern plant` declarations -> `PlantSymbol`.
+Purpose: turns `plant` and `extern plant` declarations into `PlantSymbol`s.
 Non-goals: numbers (`elaborator.py`), integration (`semantics/`, `core/`).
 """
 
@@ -44,7 +44,7 @@ class PlantChecker:
         self.diagnostics = shared.diagnostics
 
     def signature(self, decl: tree.PlantDecl, scope: FileScope, full: str) -> typed.PlantSymbol:
-        """Everything but the right-hand sides."""
+        """Checks everything but the right-hand sides, and returns the symbol."""
         number = self.shared.number
         context = Context(scope, f"the declaration of plant `{decl.name.text}`")
         period = number(decl.period, context, DURATION, "a period")
@@ -152,7 +152,7 @@ class PlantChecker:
     def _start(
         self, s: tree.PlantState, t: Type, context: Context
     ) -> tuple[typed.TypedExpr, typed.TypedExpr] | None:
-        """The interval a state starts in, if it has one."""
+        """The interval in which a state starts, if it has one."""
         if s.interval is None:
             return None
         interval = self._interval(s.interval, context)
@@ -220,7 +220,7 @@ class PlantChecker:
     # ------------------------------------------------------------ body
 
     def body(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, scope: FileScope) -> None:
-        """Lets, dynamics, outputs and measurement errors."""
+        """Checks lets, dynamics, outputs and measurement errors."""
         frame = {v.name: v for v in plant.states}
         frame.update({d.variable.name: d.variable for d in plant.disturbances})
         context = Context(
@@ -264,7 +264,7 @@ class PlantChecker:
         states = {v.name: v for v in plant.states}
         given: dict[str, Span] = {}
         for name, _ in (*decl.der, *decl.next):
-            if name.text not in states:  # before expressions miss it, too
+            if name.text not in states:  # report it before expressions do
                 self._no_state(plant, decl, name, context)
         for table, items, word in ((plant.der, decl.der, "der"), (plant.next, decl.next, "next")):
             for name, expr in items:
@@ -298,7 +298,7 @@ class PlantChecker:
         given: dict[str, Span],
         context: Context,
     ) -> None:
-        """X010 for an extern plant with dynamics; M006 for another one without a state."""
+        """Reports X010 for an extern plant with dynamics, M006 for another one without states."""
         if plant.extern and given:
             self.diagnostics.error(
                 "X010",
@@ -340,7 +340,7 @@ class PlantChecker:
     def _drive_values(
         self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context
     ) -> None:
-        """The values of the driven topics, of each the one that was written first."""
+        """Checks the values of the driven topics; of two for one topic the first counts."""
         values: dict[typed.TopicSymbol, typed.TypedExpr] = {}
         for ref, expr in decl.drives:
             topic = self.shared.topic_ref(ref, context.scope)
@@ -397,7 +397,7 @@ class PlantChecker:
         unused.variables([d.variable for d in plant.disturbances])
         unused.variables([v for v, _ in plant.lets])
         if unmoved(plant):
-            return  # what it reads is for the rules that are not there yet
+            return  # its reads may be for dynamics that are not written yet
         for topic, span in zip(plant.reads, plant.read_spans, strict=True):
             if topic not in context.topics_read:
                 message = f"plant `{decl.name.text}` never reads `{topic.name}`"
@@ -405,7 +405,7 @@ class PlantChecker:
 
 
 def unmoved(plant: typed.PlantSymbol) -> list[typed.Variable]:
-    """States that nothing moves, unless they are unknown constants of a set or begin with `_`."""
+    """States without `der` and `next`, except constants of a set and names that begin with `_`."""
     if plant.extern:
         return []
     return [

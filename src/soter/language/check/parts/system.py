@@ -49,7 +49,7 @@ class SystemChecker(ItemChecker):
     # ------------------------------------------------------------ instances
 
     def signature(self, decl: tree.SystemDecl, scope: FileScope, full: str) -> typed.SystemSymbol:
-        """Instances only: what `other.truth` and sub-systems need."""
+        """Checks the instances, which `other.truth` and other systems need; returns the symbol."""
         instances: dict[str, typed.InstanceSymbol] = {}
         lost: set[str] = set()
         mark = self.shared.mark()
@@ -147,7 +147,7 @@ class SystemChecker(ItemChecker):
     def _instance_twice(
         self, name: tree.Name, item: tree.Instance, first: typed.InstanceSymbol
     ) -> None:
-        if first.span == name.span:  # the same line of a loop, again
+        if first.span == name.span:  # one line of a loop that made the name twice
             also: tuple[tuple[Span, str], ...] = ()
             helps = (f"give every round its own: `{item.name.text}[i]: {item.what.text};`",)
         else:
@@ -163,7 +163,7 @@ class SystemChecker(ItemChecker):
         )
 
     def _arrays_apart(self, instances: dict[str, typed.InstanceSymbol]) -> None:
-        """N002 where `r` is an instance and an array, or an array of one index and of two."""
+        """Reports N002 if `r` is an instance and an array, or an array of one index and of two."""
         seen: dict[str, tuple[int, typed.InstanceSymbol]] = {}
         for name, instance in instances.items():
             base, count = name.partition("[")[0], name.count("[")
@@ -184,7 +184,7 @@ class SystemChecker(ItemChecker):
         instances: dict[str, typed.InstanceSymbol],
         scope: FileScope,
     ) -> None:
-        """The wires and settings of an instance, once all instances beside it are known."""
+        """Checks wires and settings of an instance, once all instances beside it are known."""
         if not isinstance(item, tree.Instance):
             return
         self._renames(symbol, item, instances, scope)
@@ -197,7 +197,7 @@ class SystemChecker(ItemChecker):
         instances: dict[str, typed.InstanceSymbol],
         scope: FileScope,
     ) -> None:
-        """The wires of an instance, and where each inner topic is written."""
+        """Checks the wires of an instance, and notes where each inner topic is written."""
         renames, spans = symbol.renames, symbol.rename_spans
         for inner_ref, outer_ref in item.renames:
             if self.wires.is_parameter(inner_ref, outer_ref, scope):
@@ -227,7 +227,7 @@ class SystemChecker(ItemChecker):
     # ------------------------------------------------------------ properties and overrides
 
     def body(self, system: typed.SystemSymbol, decl: tree.SystemDecl, scope: FileScope) -> None:
-        """Properties, overrides, inputs."""
+        """Checks properties, overrides, inputs and the other items."""
         where = f"system `{decl.name.text}`"
         instances = {i.name: i for i in system.instances}
         system.until = self.time(decl.until, Context(scope, where), "`until`")
@@ -280,7 +280,7 @@ class SystemChecker(ItemChecker):
 
 
 def _its_module(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[str, ...]:
-    """A help line for a node where its module is meant."""
+    """Help for a node's name where that of its module is meant."""
     for name, instance in instances.items():
         what = instance.what
         if isinstance(what, typed.ModuleSymbol) and node in (what.ac.name, what.sc.name):
@@ -291,7 +291,7 @@ def _its_module(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[
 def deployed_system(
     shared: Shared, decl: tree.SystemDecl, scope: FileScope
 ) -> typed.SystemSymbol | None:
-    """The system that `deploys` names; None where nothing is named, or nothing that is one."""
+    """The system that `deploys` names; None without `deploys`, or after a report."""
     if decl.deploys is None:
         return None
     entry = shared.names.find_ref(scope, decl.deploys, "system")
@@ -312,12 +312,12 @@ def deployed_system(
 class TestChecker(SystemChecker):
     """Checks systems and tests of one program."""
 
-    __test__ = False  # not a test of pytest's
+    __test__ = False  # pytest must not collect this class
 
     def test_signature(
         self, decl: tree.TestDecl, scope: FileScope, full: str
     ) -> typed.TestSymbol | None:
-        """A test and the system it names."""
+        """The symbol of a test with the system that it names, or None after a report."""
         if decl.system is None:
             if decl.name.text not in scope.broken:
                 self.diagnostics.error(
@@ -343,7 +343,7 @@ class TestChecker(SystemChecker):
         return test
 
     def test_body(self, test: typed.TestSymbol, decl: tree.TestDecl, scope: FileScope) -> None:
-        """Properties, replacements, times, faults, inputs."""
+        """Checks properties, replacements, times, faults and inputs."""
         name = decl.name.text
         mark = self.shared.mark()
         context = Context(scope, f"test `{name}`")
@@ -376,7 +376,7 @@ class TestChecker(SystemChecker):
         return typed.FaultSymbol(item.kind, item.component.text, by, count, item.component.span)
 
     def _stated(self, item: tree.StatedValues, context: Context) -> typed.StatedSymbol | None:
-        """Values of a topic, or of a field of one; what publishes it is for the elaborator."""
+        """Checks stated values of a topic or a field; the elaborator checks who publishes it."""
         mentioned(item.topic, context.scope)
         read = self.shared.check_expr(path_expr(item.topic), context)
         if is_error(read):
@@ -410,7 +410,7 @@ class TestChecker(SystemChecker):
     def _asked(
         self, item: tree.PropertyItem, context: Context, test: typed.TestSymbol
     ) -> typed.PropertySymbol | None:
-        """A property, invariants by name included."""
+        """Checks a property, `invariant(M)` and `invariants` included."""
         call = invariant_call(item, context)
         if call is None or item.kind != "always":
             return self.property(item, context)
@@ -425,7 +425,7 @@ class TestChecker(SystemChecker):
     def _module_path(
         self, argument: tree.SyntaxExpr, context: Context, test: typed.TestSymbol
     ) -> str | None:
-        """The instance path of the module that is meant, None after a report."""
+        """The instance path of the module that an argument means; None after a report."""
         instances = context.instances or {}
         names = _names(argument)
         what, depth = find_instance(instances, names)
@@ -452,7 +452,7 @@ class TestChecker(SystemChecker):
 
 
 def _names(expr: tree.SyntaxExpr) -> list[tree.Name]:
-    """The parts of a dotted path; none where the expression is something else."""
+    """The parts of a dotted path; [] for any other expression."""
     if isinstance(expr, tree.NameExpr):
         return [expr.name]
     if isinstance(expr, tree.FieldExpr):

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class SettingReader:
-    """Reads what systems and tests set."""
+    """Checks the `set` items of systems and tests."""
 
     def __init__(self, shared: Shared) -> None:
         self.shared = shared
@@ -44,7 +44,7 @@ class SettingReader:
         system: typed.SystemSymbol,
         scope: FileScope,
     ) -> list[typed.SetSymbol]:
-        """Each `(instance whose braces it stands in, or "", item)`; N002 where one is set twice."""
+        """Checks pairs (instance in whose braces it stands or "", item); N002 for repeated ones."""
         setting_by_key: dict[tuple[str, typed.ParamSymbol], typed.SetSymbol] = {}
         for home, item in items:
             symbol = self._one(home, item, system, scope)
@@ -123,7 +123,7 @@ class SettingReader:
 
 
 def _instances_of(name: tree.Name, inside: Mapping[str, typed.InstanceSymbol]) -> tuple[Help, ...]:
-    """The instances of the plant, node or system `name`, which stands where one of them does."""
+    """Helps with the instances of `name`, a plant, node or system in place of an instance."""
     paths = [p for p, i in inside.items() if i.what.name.rpartition(".")[2] == name.text]
     if not paths:
         return ()
@@ -139,7 +139,7 @@ def campaigned(
     inside: Context,
     faults: list[tree.SystemFault],
 ) -> None:
-    """Fill in measures and faults; `inside`: the place of a property of the system."""
+    """Fills in measures and faults; `inside`: the context of a property of the system."""
     system.measures = tuple(_measures(shared, decl.measures, inside))
     place = Context(inside.scope, f"the faults of `{decl.name.text}`")
     system.faults = tuple(_fault(shared, f, place) for f in faults)
@@ -148,7 +148,7 @@ def campaigned(
 def _measures(
     shared: Shared, items: tuple[tree.MeasureItem, ...], context: Context
 ) -> Iterator[typed.MeasureSymbol]:
-    """What campaigns tell of its runs: a number each, with a name of its own."""
+    """Yields the checked measures, which are numbers with different names."""
     seen: dict[str, Span] = {}
     place = Context(context.scope, "a measure")
     number = shared.number
@@ -170,7 +170,7 @@ def _measures(
 
 
 def _fault(shared: Shared, item: tree.SystemFault, context: Context) -> typed.SystemFaultSymbol:
-    """One item of `faults { ... }`."""
+    """Checks one item of `faults { ... }`."""
     wanted = DURATION if item.kind in {"late", "overrun"} else FLOAT
 
     def checked(e: tree.SyntaxExpr | None, what: str, t: Type) -> typed.TypedExpr | None:
@@ -192,7 +192,7 @@ def _fault(shared: Shared, item: tree.SystemFault, context: Context) -> typed.Sy
 
 
 def mentioned(path: tree.DottedPath, scope: FileScope) -> None:
-    """A name that is only replaced or disturbed counts as used."""
+    """Marks the names of a path as used, which is only replaced or disturbed."""
     for part in path.parts:
         if part.text in scope.entries:
             scope.entries[part.text].used = True
@@ -211,7 +211,7 @@ class ItemChecker:
     def time(
         self, expr: tree.SyntaxExpr | None, context: Context, what: str
     ) -> typed.TypedExpr | None:
-        """A time, to be computed for each system."""
+        """The typed expression of a time, whose value each system computes; None without one."""
         return sound(self.shared.number(expr, context, DURATION, what)) if expr else None
 
     def inside(
@@ -221,7 +221,7 @@ class ItemChecker:
         instances: dict[str, typed.InstanceSymbol],
         lost: frozenset[str],
     ) -> Context:
-        """The place of a property or an input of the system or test called `name`."""
+        """The context of a property or an input in the system or test called `name`."""
         return Context(
             scope,
             f"a property of `{name}`",
@@ -234,7 +234,7 @@ class ItemChecker:
         )
 
     def property(self, item: tree.PropertyItem, context: Context) -> typed.PropertySymbol | None:
-        """A property that is an expression, or two."""
+        """Checks a property that consists of one or two expressions."""
         if invariant_call(item, context) is not None:
             self._only_in_a_test(item)
             return None
@@ -262,7 +262,7 @@ class ItemChecker:
     def _by_contract(
         self, item: tree.Replace, replacements: list[Replaced], *, in_test: bool
     ) -> None:
-        """`replace M by contract;`, of tests only."""
+        """Checks `replace M by contract;`, which only tests may have."""
         if in_test:
             by = typed.ByContract("contract", item.by.span)
             replacements.append((item.what.text, by, item.what.span))
@@ -278,7 +278,7 @@ class ItemChecker:
     def replaces(
         self, items: list[tree.Replace], scope: FileScope, *, in_test: bool = False
     ) -> list[Replaced]:
-        """`replace A by B;`: what stands in for what."""
+        """Checks `replace A by B;`; a list of what stands in for what."""
         replacements: list[Replaced] = []
         for item in items:
             if item.by.text == "contract" and "contract" not in scope.entries:
@@ -300,7 +300,7 @@ class ItemChecker:
         return replacements
 
     def inputs(self, items: list[tree.DriveInput], context: Context) -> list[typed.InputSymbol]:
-        """`input t [in { values }] every d;`: each an input topic, and once."""
+        """Checks `input t [in { values }] every d;`: each names an input topic, once."""
         input_by_topic: dict[typed.TopicSymbol, typed.InputSymbol] = {}
         for item in items:
             every = self.time(item.every, Context(context.scope, context.where), "`every`")
@@ -343,7 +343,7 @@ class ItemChecker:
         context: Context,
         of: str,
     ) -> tuple[typed.TypedExpr, ...]:
-        """The declared values `of` an input or a stand-in, numbers of the program."""
+        """Checks the values that are declared of an input or a stand-in (`of`)."""
         place = Context(context.scope, f"the value of {of}")
         because = (item.topic.span, f"this is {a_type(read.type)}")
         number = self.shared.number
@@ -404,7 +404,7 @@ def source_line(expr: tree.SyntaxExpr) -> str:
 
 
 def _whole(item: tree.PropertyItem) -> str:
-    """The property of a loop as it would be written outside of it."""
+    """The text of a property, with loop variables replaced as in the item."""
     within = f" within {source_line(item.within)}" if item.within is not None else ""
     if item.premise is not None:
         return f"{print_expr(item.premise)} leadsto {print_expr(item.condition)}{within}"
@@ -412,7 +412,7 @@ def _whole(item: tree.PropertyItem) -> str:
 
 
 def invariant_call(item: tree.PropertyItem, context: Context) -> tree.SyntaxExpr | None:
-    """The condition where it is `invariant(M)` or `invariants`, and nobody declared that name."""
+    """The condition, if it is `invariant(M)` or `invariants` and no declaration has that name."""
     e = item.condition
     if isinstance(e, tree.CallExpr) and isinstance(e.callee, tree.NameExpr):
         asked = e.callee.name.text == "invariant" and len(e.arguments) == 1
@@ -427,7 +427,7 @@ def invariant_call(item: tree.PropertyItem, context: Context) -> tree.SyntaxExpr
 def externals(
     checker: ItemChecker, decl: tree.SystemDecl, scope: FileScope
 ) -> tuple[typed.ExternalSymbol, ...]:
-    """Every external topic of a system, each once."""
+    """Checks the external topics of a system, each of which may be declared once."""
     shared = checker.shared
     context = Context(scope, f"system `{decl.name.text}`")
     external_by_topic: dict[typed.TopicSymbol, typed.ExternalSymbol] = {}
@@ -465,7 +465,7 @@ def _no_topic(shared: Shared, item: tree.ExternalTopic) -> None:
 def _measured(
     shared: Shared, item: tree.ExternalTopic, topic: typed.TopicSymbol, context: Context
 ) -> Iterator[typed.MeasuredSymbol]:
-    """The errors of its leaves, each given once."""
+    """Yields the checked errors of a topic's leaves, each of which may be given once."""
     taken: list[tuple[tuple[str, ...], Span]] = []
     for path, bound in item.measured:
         within = shared.number(bound, context, FLOAT, "the bound of an error")

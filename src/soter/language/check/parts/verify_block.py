@@ -1,6 +1,6 @@
-"""Check `verify` blocks: names, types and constants of what `soter verify` needs.
+"""Checks `verify` blocks: names, types and constants of what `soter verify` needs.
 
-Purpose: grids, polytopes, abstractions, commands and times -> `VerifyBlock`.
+Purpose: turns grids, polytopes, abstractions, commands and times into a `TypedVerifyBlock`.
 Non-goals: values of the numbers (`elaborator.py`), whether they determine a problem (`verify/`).
 """
 
@@ -35,7 +35,7 @@ class VerifyChecker:
         self.diagnostics = shared.diagnostics
 
     def check(self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope) -> None:
-        """Fill in `module.verify`, and what a synthesized SC subscribes to."""
+        """Fills in `module.verify`, and the subscriptions of a synthesized SC."""
         block = module.verify = typed.TypedVerifyBlock(span=verify.span)
         self._times(block, verify, scope)
         self._sets(module, verify, scope)
@@ -63,7 +63,7 @@ class VerifyChecker:
         where: tree.VerifyBlock | tree.View,
         scope: FileScope,
     ) -> None:
-        """Abstractions and groups, which belong to `module.verify`."""
+        """Checks the abstractions and groups of `where`, and enters them in `module.verify`."""
         links: list[typed.AbstractionLink] = []
         for instance, parts in where.abstracts:
             links += self._abstractions(module, instance, parts, scope)
@@ -115,7 +115,7 @@ class VerifyChecker:
             block.levels = sound(number(verify.levels, context, INT, "`levels`"))
 
     def _by_node(self, word: str, delays: tree.Delays) -> dict[str, tree.SyntaxExpr]:
-        """Node -> its time; whether a system has such a node is seen where it is verified."""
+        """Node name -> its time; `soter verify` checks whether a system has such a node."""
         expr_by_node: dict[str, tree.SyntaxExpr] = {}
         for path, expr in delays.nodes:
             if path.text in expr_by_node:
@@ -204,13 +204,13 @@ class VerifyChecker:
         verify: tree.VerifyBlock | tree.View,
         scope: FileScope,
     ) -> tuple[typed.TypedGridAxis, Type] | None:
-        """What an axis names: a state of a verification plant, otherwise a leaf of a topic."""
+        """The leaf that an axis names, of a verification plant's state or a topic; None: error."""
         first = path.parts[0].text
         plants = {link.name: link.plant for link in module.verify.abstracts}
         if first not in plants and any(
             part.name.text == first for _, parts in verify.abstracts for part in parts
         ):
-            return None  # its plant could not be read: that was reported
+            return None  # its plant has an error that was reported
         if not plants and first not in scope.entries and first not in scope.imports:
             plants = self._instances(module)
         if first in plants:
@@ -241,7 +241,7 @@ class VerifyChecker:
         return axis, below[1]
 
     def _instances(self, module: typed.ModuleSymbol) -> dict[str, typed.PlantSymbol]:
-        """Plants that stand beside the module in a system, by name of the instance."""
+        """Instance name -> plant, for all plants beside the module in some system."""
         plant_by_instance: dict[str, typed.PlantSymbol] = {}
         for home in self.shared.names.scopes:
             for entry in home.entries.values():
@@ -308,7 +308,7 @@ class VerifyChecker:
         parts: tuple[tree.Abstraction, ...],
         scope: FileScope,
     ) -> list[typed.AbstractionLink]:
-        """`abstracts d by along: Axis = e`: `e` is checked where `d` is, in every system."""
+        """Checks `abstracts d by along: Axis = e`, with `e` in every system that has `d`."""
         links: list[typed.AbstractionLink] = []
         homes = self._homes(module, instance, scope)
         names: dict[str, Span] = {}
@@ -350,7 +350,7 @@ class VerifyChecker:
     def _homes(
         self, module: typed.ModuleSymbol, instance: tree.Name, scope: FileScope
     ) -> list[Context]:
-        """A context in each system that has module and instance; M013 where all lack the latter."""
+        """A context in each system with module and instance; M013 if none has the instance."""
         contexts: list[Context] = []
         lacking: list[tuple[typed.SystemSymbol, dict[str, typed.InstanceSymbol]]] = []
         for home in self.shared.names.scopes:
@@ -381,7 +381,7 @@ class VerifyChecker:
         return contexts
 
     def _mentioned(self, expr: tree.SyntaxExpr, scope: FileScope) -> None:
-        """Names in an expression that nobody can check yet are used all the same."""
+        """Marks as used the names in an expression that cannot be checked."""
         for qualifier, name, _ in mentioned(expr):
             if qualifier is not None and qualifier in scope.imports:
                 scope.used_imports.add(qualifier)

@@ -1,1 +1,1 @@
-"""Warnings about modules that are well-formed and yet hardly what was meant."""
+"""Warnings about systems that are well-formed, but hardly do what their author meant."""

@@ -1,8 +1,8 @@
-"""Whether `ttf` and `safer`, as a program writes them, contradict each other or `safe`.
+"""Warns of a module whose `ttf` and `safer`, as written, contradict each other or `safe`.
 
-Purpose: W013 with a witness: values of the topics, of their sets, at which `ttf` and `safer` both
-hold, or at which the two have exchanged their roles or one says the opposite. A few hundred values
-are tried, the numbers of the predicates and what lies between them first.
+Purpose: W013 with a witness: allowed values of the topics at which `ttf` and `safer` both hold, or
+which show that the two are exchanged or that one says the opposite. It tries a few hundred values,
+preferring the numbers in the predicates and those between them.
 Non-goals: a proof that there is no such state (`soter verify`: P3); predicates that read ages,
 times or modes; states that the plant never reaches.
 """
@@ -51,18 +51,18 @@ TRIED = 300
 LEAVES_MAX = 24
 NUMBERS_MAX = 12
 LOST_MIN = 20
-"""So many of the values that were tried lose `safe`, before something is said of all of them."""
+"""The least number of tried values that violate `safe` before a warning speaks of all of them."""
 TURNED = {"<": ">=", "<=": ">", ">": "<=", ">=": "<"}
 ROLES = "`ttf` says when AC must not go on, `safer` when it may have control again"
 BUDGET = 400_000
-"""Operations for all values of one module: about a tenth of a second."""
+"""Most operations for all values of one module: about a tenth of a second."""
 
 Trial = tuple[bool, bool, bool, list["Value"]]
-"""`ttf`, `safer`, `safe` at values of the topics."""
+"""The truth of `ttf`, `safer` and `safe`, and the values of the topics that gave it."""
 
 
 def tried(system: System, module: Module) -> list[Trial]:
-    """Both predicates and `safe` at values of the topics; nothing where that cannot be done."""
+    """The trials of a module; [] where its predicates are computed or cannot be evaluated."""
     symbol = module.symbol
     if symbol.ttf is None or symbol.safer is None:
         return []
@@ -80,7 +80,7 @@ def tried(system: System, module: Module) -> list[Trial]:
 
 
 def _tried_key(system: System, module: Module, indices: Sequence[int]) -> tuple[object, ...]:
-    """All that the trials of a module rest on beside its declaration: several systems share it."""
+    """A key of everything that trials of a module depend on, so that systems can share them."""
     place = {index: k for k, index in enumerate(indices)}
     wires = ((t, place.get(i)) for t, i in module.scope.topics.items() if i in place)
     of_topics = ((t.type, t.bounds, t.default) for t in (system.topics[i] for i in indices))
@@ -90,7 +90,7 @@ def _tried_key(system: System, module: Module, indices: Sequence[int]) -> tuple[
 def doubt_predicates(
     system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> bool:
-    """W013 for a module whose program writes both predicates; whether something was said."""
+    """Warns W013 of a module for which the program writes both; returns whether it warned."""
     symbol = module.symbol
     ttf, safer = symbol.ttf, symbol.safer
     if ttf is None or safer is None or not trials:
@@ -125,14 +125,14 @@ def doubt_predicates(
 
 
 def _exchanged(trials: Sequence[Trial]) -> bool:
-    """Whether `ttf` and `safer` say what the other should: both where all is well and is lost."""
+    """Whether `ttf` and `safer` have exchanged roles, at values that keep and that lose `safe`."""
     lost = [t for t in trials if not t[2]]
     turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
     return turned and any(f and not s for f, s, held, _ in trials if held)
 
 
 def _which_is_turned(trials: Sequence[Trial]) -> tuple[str, bool] | None:
-    """Which of the two says the opposite, and whether it leaves a gap if turned round."""
+    """Which predicate is negated by mistake, and whether its opposite would fit; None: neither."""
     lost = [t for t in trials if not t[2]]
     if len(lost) < LOST_MIN:
         return None
@@ -146,7 +146,7 @@ def _which_is_turned(trials: Sequence[Trial]) -> tuple[str, bool] | None:
 def _turned_round(
     symbol: typed.ModuleSymbol, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> bool:
-    """W013 where one of the two says the opposite: `ttf` of all is well, `safer` of danger."""
+    """Warns W013 if one is negated by mistake: `ttf` false, or `safer` true, in danger."""
     turned = _which_is_turned(trials)
     if turned is None:
         return False
@@ -168,7 +168,7 @@ def _turned_round(
 
 
 def _opposite(e: typed.TypedExpr) -> str:
-    """The text of what holds where `e` does not."""
+    """Source text of the negation of `e`."""
     if isinstance(e, typed.TypedUnary) and e.op == "!":
         return e.operand.span.text
     if isinstance(e, typed.TypedBinary) and e.op in TURNED:
@@ -177,14 +177,14 @@ def _opposite(e: typed.TypedExpr) -> str:
 
 
 def tried_topics(module: Module) -> list[int]:
-    """The topics of which values are tried, in the order of a trial."""
+    """Indices of the topics that get tried values, in the order of a trial's values."""
     symbol, topics = module.symbol, module.scope.topics
     written = [e for e in (symbol.ttf, symbol.safer, symbol.safe) if e is not None]
     return sorted({topics[t] for t in topic_reads(*written) if t in topics})
 
 
 def of_topics_alone(predicates: Sequence[typed.TypedExpr]) -> bool:
-    """Whether they can be evaluated at values of topics: no ages, times, modes, foreign code."""
+    """Whether topic values are enough to evaluate them: no ages, times, modes, externs, choices."""
     late = (
         typed.AgeRead,
         typed.TimeRead,
@@ -199,7 +199,7 @@ def of_topics_alone(predicates: Sequence[typed.TypedExpr]) -> bool:
 
 
 def _alike(ttf: typed.TypedExpr, safer: typed.TypedExpr) -> bool:
-    """Whether a part of each compares the same thing with numbers, so that these must leave a gap.
+    """Whether a part of each compares the same thing with constants: then a gap must lie between.
 
     Predicates of other forms may exclude each other by what the plant can reach.
     """
@@ -208,7 +208,7 @@ def _alike(ttf: typed.TypedExpr, safer: typed.TypedExpr) -> bool:
 
 
 def _form(node: object) -> str:
-    """An expression as text with `#` for what is constant and `?` for a comparison."""
+    """An expression as text, with `#` for constants and `?` for <, <=, > and >=."""
     if isinstance(node, (typed.Literal, typed.ParamRead)):
         return "#"
     inner = [_form(child) for child in children(node)]
@@ -277,7 +277,7 @@ def trials_of(
 
 
 def _numbers(predicates: Sequence[typed.TypedExpr]) -> list[float]:
-    """The numbers that the predicates mention, what lies between neighbours, and both signs."""
+    """The numbers in the predicates, the middles between neighbours, and their negatives."""
     literals = [n.value for n in _everything(predicates) if isinstance(n, typed.Literal)]
     constants = {float(v) for v in literals if isinstance(v, (int, float)) and abs(v) < 1e12}
     own = sorted({s * v for v in constants for s in (1.0, -1.0)})[: 2 * NUMBERS_MAX]
@@ -285,7 +285,7 @@ def _numbers(predicates: Sequence[typed.TypedExpr]) -> list[float]:
 
 
 def _drawn(topic: Topic, numbers: list[float], draw: random.Random) -> Callable[[], Value]:
-    """Draws a value of a topic: numbers of the predicates, and what else is in its set."""
+    """The function that draws a topic's value: half numbers of the predicates, half uniform."""
     if not _plain(topic.type):
         return lambda: topic.default
     far = 2.0 * max(10.0, *(abs(n) for n in numbers))
@@ -322,16 +322,16 @@ def _drawn(topic: Topic, numbers: list[float], draw: random.Random) -> Callable[
 
 
 def _plain(t: Type) -> bool:
-    """Whether it is made of scalars, records and arrays only, one bound for each leaf."""
+    """Whether `t` contains no list, so that every leaf has its own bound."""
     return all("[]" not in path for path, _ in leaves(t))
 
 
 def shown(system: System, indices: Sequence[int], values: Sequence[Value]) -> str:
-    """`motion.x` is 9.0 and `motion.v` is 0.5, the first few."""
+    """Text for the first few numbers of values: `motion.x` is 9.0 and `motion.v` is 0.5."""
     parts: list[str] = []
     for index, value in zip(indices, values, strict=True):
         topic = system.topics[index]
-        if not _plain(topic.type):  # what lists hold has no names
+        if not _plain(topic.type):  # elements of lists have no names
             parts.append(f"`{topic.name}` has its first value")
             continue
         for (path, t), leaf in zip(leaves(topic.type), flat(value), strict=False):
@@ -344,12 +344,12 @@ def shown(system: System, indices: Sequence[int], values: Sequence[Value]) -> st
 
 
 def flat(value: Value) -> list[Value]:
-    """The scalars that a value is made of."""
+    """The scalars in a value, in order."""
     return [x for v in value for x in flat(v)] if isinstance(value, tuple) else [value]
 
 
 def rebuilt(values: Sequence[Value], scalars: Sequence[Value]) -> list[Value]:
-    """Values made of other scalars, as `flat` gives them."""
+    """`values` with other scalars in the order of `flat`."""
     given = iter(scalars)
 
     def whole(value: Value) -> Value:
@@ -359,11 +359,11 @@ def rebuilt(values: Sequence[Value], scalars: Sequence[Value]) -> list[Value]:
 
 
 Holds = Callable[["Sequence[typed.TypedExpr]", "Sequence[Value]"], list[bool]]
-"""Which of some predicates hold at values of the topics; one that faults does not."""
+"""(predicates, values of topics) -> whether each predicate holds; one that faults does not."""
 
 
 def predicates_at(system: System, module: Module, indices: Sequence[int]) -> Holds:
-    """Judges predicates of a module at values of the topics `indices`; BudgetExceeded."""
+    """Evaluates a module's predicates at values of the topics `indices`; raises BudgetExceeded."""
     evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
     topics = [t.default for t in system.topics]
     left = BUDGET

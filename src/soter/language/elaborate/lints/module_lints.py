@@ -63,11 +63,11 @@ if TYPE_CHECKING:
 
 
 WHOLE = RecordType, ArrayType
-"""Of their parts each is followed for itself."""
+"""Types whose parts are followed one by one."""
 
 
 def doubt_shield(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W033 for each declared group of a module with a shield."""
+    """Warns W033 of each declared group of a module's shield that several commands move."""
     symbol = module.symbol
     if symbol.shield is None:
         return
@@ -90,7 +90,7 @@ def doubt_shield(system: System, module: Module, diagnostics: Diagnostics) -> No
 
 
 def _rates(axis: typed.TypedGridAxis, plants: Sequence[typed.PlantSymbol]) -> Iterator[Leaf]:
-    """What moves the state that an axis names: the rate or the next value, and its part."""
+    """Yields what moves the state that an axis names: its `der` or `next`, and the part of it."""
     if axis.plant is not None:
         found = [
             (axis.plant, v, axis.path[1:]) for v in axis.plant.states if v.name == axis.path[0]
@@ -107,7 +107,7 @@ def _rates(axis: typed.TypedGridAxis, plants: Sequence[typed.PlantSymbol]) -> It
 def _state(
     plant: typed.PlantSymbol, e: typed.TypedExpr, path: Path
 ) -> tuple[typed.Variable, Path] | None:
-    """The state, and its part, that a part of an expression is."""
+    """The plant state, and the part of it, that part `path` of `e` just reads; or None."""
     if isinstance(e, typed.VarRead):
         given = dict(plant.lets).get(e.variable)
         return (e.variable, path) if given is None else _state(plant, given, path)
@@ -116,7 +116,7 @@ def _state(
 
 
 def _part(e: typed.TypedExpr, path: Path) -> tuple[typed.TypedExpr, Path] | None:
-    """Where a part of a field, an element, a record or an array comes from."""
+    """The inner expression, and the part of it, that part `path` of `e` comes from; or None."""
     if isinstance(e, typed.TypedField) and isinstance(e.target.type, RecordType):
         return e.target, (e.target.type.fields[e.index][0], *path)
     if isinstance(e, typed.Index) and isinstance(e.index, typed.Literal):
@@ -134,7 +134,7 @@ def _felt(
     path: Path,
     outputs: Iterable[typed.TopicSymbol],
 ) -> Iterator[str]:
-    """The numbers of a command that a part of an expression certainly reads."""
+    """Yields the numbers of commands (`outputs`) that part `path` of `e` certainly reads."""
     parts: list[tuple[typed.TypedExpr, Path]] = []
     inner = _part(e, path)
     if isinstance(e, typed.TopicRead):
@@ -156,13 +156,13 @@ def _felt(
 
 
 TRIED_MAX = 16
-"""Of so many modules the predicates are tried: some milliseconds each."""
+"""For how many modules of a system predicates are tried, some milliseconds each."""
 SLOWER = 5
-"""An SC whose period is so many times that of AC is hardly the one that acts at once."""
+"""An SC with this many times AC's period is hardly the controller that acts at once."""
 
 
 def doubt(system: System, diagnostics: Diagnostics) -> None:
-    """Warn of what is doubtful in each plant, and in each module as it is declared."""
+    """Warns of what is doubtful in each plant, and in each module that was not replaced."""
     for component in system.components:
         doubt_plant(system, component, diagnostics)
         _hears_itself(component, diagnostics)
@@ -194,10 +194,10 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
 
 
 def _exchanged(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W012: what is fast and written in Soter is AC, what is slow or foreign is SC.
+    """Warns W012 if AC is written in Soter, and SC is an extern or much slower.
 
-    Of a module with `rest` a period says nothing: its DM follows each hold of SC, so there a slow
-    SC acts in time, and costs less to follow.
+    For a module with `rest` the period does not count: its DM follows each hold of SC, so a slow
+    SC acts in time there, and costs less to follow.
     """
     symbol = module.symbol
     ac, sc = system.components[module.ac], system.components[module.sc]
@@ -223,7 +223,7 @@ def _exchanged(system: System, module: Module, diagnostics: Diagnostics) -> None
 
 
 def _hears_itself(component: Component, diagnostics: Diagnostics) -> None:
-    """W036: one topic stands for what a plant or node reads, and for what it publishes."""
+    """Warns W036 of a component of which an input and an output are wired to one topic."""
     topics, plant, node = component.scope.topics, component.plant, component.node
     reads: list[TopicSymbol] = []
     if plant is not None:
@@ -247,7 +247,7 @@ def _hears_itself(component: Component, diagnostics: Diagnostics) -> None:
 
 
 def _speaks_of_outputs(module: Module, diagnostics: Diagnostics) -> None:
-    """W018: AC may publish anything of the set, so it holds always or can be lost at once."""
+    """Warns W018 if `safe` reads an output: AC may publish any value of its set at any time."""
     symbol = module.symbol
     outputs = {t for n in (symbol.ac, symbol.sc) for t in n.publishes}
     for topic, read in topic_reads(symbol.safe).items():
@@ -265,22 +265,22 @@ def _speaks_of_outputs(module: Module, diagnostics: Diagnostics) -> None:
 
 
 PROPERTIES_MAX = 32
-"""So many properties of a system are looked at."""
+"""How many properties of a system are examined."""
 
 
 BUDGET = 600
-"""Expressions of one comparison."""
+"""Most expressions that are evaluated for one comparison."""
 
 
 MUCH_OLDER = 100
-"""A bound of so many times the age that a topic may have is of another unit."""
+"""A bound of this many times a topic's greatest age was probably meant in another unit."""
 
 
 AGES = ("a module that reads what is too old takes AC off",)
 
 
 def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W028: a topic that is too old before it is published again, or that nobody publishes."""
+    """Warns W028 of a topic that gets too old before it is published again, or never is."""
     drivers = {
         c.scope.topics[topic]: c
         for c in system.components
@@ -301,7 +301,7 @@ def doubt_ages(system: System, module: Module, diagnostics: Diagnostics) -> None
 
 
 def doubt_ageless(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W034: the DM reads what is measured, however old it is; once a topic, by its first module."""
+    """Warns W034 of a measured topic that the DM reads at any age; once, at its first module."""
     if not _runs_alone(system):
         return
     before = {system.topics[i].symbol for m in system.modules[: module.index] for i in m.inputs}
@@ -333,7 +333,7 @@ def doubt_ageless(system: System, module: Module, diagnostics: Diagnostics) -> N
 
 
 def doubt_age_units(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W035: `ttf` or `safer` compares an age with so much more than it ever is: other units."""
+    """Warns W035 if `ttf` or `safer` compares an age with far more than it can be."""
     for n in _comparisons(_predicates(module)):
         usual_by_topic = {
             t: t.max_age_ns or least_age_ns(system, i)
@@ -362,7 +362,7 @@ def doubt_age_units(system: System, module: Module, diagnostics: Diagnostics) ->
 
 
 def _comparisons(expressions: Iterable[typed.TypedExpr]) -> Iterator[typed.TypedExpr]:
-    """The comparisons in expressions, and calls that may be some."""
+    """Yields the comparisons in expressions, and the calls that may compare."""
     for n in nodes(expressions):
         compares = n.op in COMPARISONS if isinstance(n, typed.TypedBinary) else True
         if compares and isinstance(n, (typed.TypedBinary, typed.TypedCall)) and n.type == BOOL:
@@ -406,9 +406,9 @@ def _published_rarely(
 
 
 def _runs_alone(system: System) -> bool:
-    """Whether runs of a system are meant: it is no part of another, and no mere subject of tests.
+    """Whether a system is meant to be run by itself, not only inside another one or in tests.
 
-    Who has it as a part drives its inputs, and a test says how they are drawn.
+    Otherwise the system around it drives its inputs, or the test says how they are drawn.
     """
     systems = system.program.systems
     symbol = systems.get(system.name)
@@ -421,7 +421,7 @@ def _runs_alone(system: System) -> bool:
 def _drawn_rarely(
     system: System, topic: Topic, module: Module, every_ns: int | None, diagnostics: Diagnostics
 ) -> None:
-    """Of an input topic: in runs of this system it is drawn too rarely, or never."""
+    """Warns W028 of an input topic that runs of this system draw too rarely, or never."""
     max_age_ns = topic.max_age_ns
     assert max_age_ns is not None
     if every_ns is not None and every_ns <= max_age_ns:
@@ -446,7 +446,7 @@ def _drawn_rarely(
 
 
 def doubt_property_times(system: System, diagnostics: Diagnostics) -> None:
-    """W026 for a comparison with `time` that does not hold before the system ends."""
+    """Warns W026 of a comparison with `time` that does not hold before the system ends."""
     if system.until_ns is None:
         return
     for p in system.properties[:PROPERTIES_MAX]:
@@ -481,7 +481,7 @@ def _doubt_time(
 
 
 def _truth(scope: Scope, comparison: typed.TypedExpr, ranges: Mapping[str, Range]) -> Range:
-    """What a comparison is while `time`, or an `age`, is in a range, whatever else it reads."""
+    """The truth of a comparison as a range, for any values but `time` or `age` in `ranges`."""
 
     def read(place: ReadPlace) -> Range:
         known = ranges[place.kind] if place.kind in ranges else anything(place.type)

@@ -1,8 +1,8 @@
-"""What a proof of a module refutes by looking at it.
+"""Warns, without a proof, of modules and properties that a proof or a run would refute at once.
 
 Purpose: W021 (`safe` does not hold at the start), W022 (`ttf` or `safer` is the same everywhere, or
 seems to hold only where `safe` is lost), W023 (nothing reads what the module publishes), W024 (the
-DM looks rarely beside its plant), W027 (a property that the start violates).
+DM steps rarely compared with its plant), W027 (a property that the start violates).
 Non-goals: a proof; initial states between the ends of their sets; `ttf` and `safer` that exclude
 `safe` only in part.
 """
@@ -41,22 +41,22 @@ if TYPE_CHECKING:
 
 BUDGET = 20_000
 RARELY = 1000
-"""A DM that looks once in so many steps of its plant sees it too late; examples have 100."""
+"""A DM that steps once in this many steps of its plant reacts too late; examples have 100."""
 OUTPUTS_SHOWN = 3
 PROPERTIES_MAX = 32
-"""So many properties of a system are tried, a part of a millisecond each."""
+"""How many properties of a system are tried, a part of a millisecond each."""
 BOTH_EXPECTED = 8.0
-"""So many values of those tried would meet two conditions that have nothing to do with each other.
-Where none does, values between them are tried: they may meet in a band that is thin."""
+"""W022 needs at least so many tried values that would meet both conditions if they were
+independent. If none does, values between are tried: the conditions may meet in a thin band."""
 PAIRS, HALVINGS = 24, 40
-"""Values of either condition between which one looks, and how closely."""
+"""How many pairs of values are joined by a search between them, and its halvings."""
 
 
 def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W021: from the start on, nothing that SC does keeps `safe`."""
+    """Warns W021 if `safe` is false at the start, at the low or the high end of all states."""
     safe = module.symbol.safe
     if not of_topics_alone([safe]) or modules_above(system, module.index):
-        return  # below another module it is kept from a hand-back on
+        return  # below another module it need not hold at the start, only from a hand-back on
     indices = [module.scope.topics.get(t, -1) for t in topic_reads(safe)]
     evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
     for topics in _starts(system, indices):
@@ -84,7 +84,7 @@ def doubt_start(system: System, module: Module, diagnostics: Diagnostics) -> Non
 
 
 def doubt_properties(system: System, diagnostics: Diagnostics) -> None:
-    """W027: a property of a system that is violated before anything has happened."""
+    """Warns W027 of an `always` or `never` that is violated at the start."""
     for p in system.properties[:PROPERTIES_MAX]:
         if p.component is None and p.kind in {"always", "never"}:
             _doubt_property(system, p, diagnostics)
@@ -103,7 +103,7 @@ def _doubt_property(system: System, p: Property, diagnostics: Diagnostics) -> No
         try:
             holds = bool(evaluator.value(p.condition, env))
         except (StepFault, BudgetExceeded, TypeError):
-            return  # an extern plant has no state that is known
+            return  # the state of an extern plant is not known
         if holds == (p.kind == "always"):
             return
     if not topics:
@@ -122,7 +122,7 @@ def _doubt_property(system: System, p: Property, diagnostics: Diagnostics) -> No
 
 
 def _first_state(component: Component, end: int) -> Value | None:
-    """The states of a plant, each at one end of its set; None for what has none."""
+    """The first states of a plant, at the low (0) or high (1) `end` of their sets; or None."""
     if component.plant is None or component.plant.extern:
         return None
     ranges = component.initial_range or (None,) * len(component.initial)
@@ -131,10 +131,10 @@ def _first_state(component: Component, end: int) -> Value | None:
 
 
 def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
-    """What plants publish at the start, at the low and the high ends of their states.
+    """Yields all topics' values at the start, for the low and the high ends of plants' states.
 
-    Nothing where one of the topics is driven by something else, depends on what is drawn, or leaves
-    its set.
+    Yields none if one of the topics `indices` is not driven by a plant, depends on a draw, or would
+    leave its set.
     """
     drivers = {
         c.scope.topics[topic]: (c, value)
@@ -155,7 +155,7 @@ def _starts(system: System, indices: Sequence[int]) -> Iterator[list[Value]]:
 
 
 def _is_of_its_set(system: System, index: int, value: Value) -> bool:
-    """Whether a topic may hold a value; a plant that publishes another one faults."""
+    """Whether a value lies in its topic's set; a plant that publishes another one faults."""
     bounds = system.topics[index].bounds
     return len(bounds) != len(flat(value)) or all(
         b is None or b.low <= x <= b.high for b, x in zip(bounds, flat(value), strict=True)
@@ -163,7 +163,7 @@ def _is_of_its_set(system: System, index: int, value: Value) -> bool:
 
 
 def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> Value | None:
-    """What a plant publishes at its first release, `end` 0 or 1 of the sets of its states."""
+    """What a plant first publishes, at `end` 0 or 1 of its states' sets; None: not known."""
     symbol = plant.plant
     assert symbol is not None
     lets = _read_lets(symbol, value)
@@ -183,13 +183,13 @@ def _published_at_first(plant: Component, value: typed.TypedExpr, end: int) -> V
             env.variables[variable] = evaluator.value(let, env)
         return evaluator.value(value, env)
     except (StepFault, BudgetExceeded, KeyError):
-        return None  # a `let` of a disturbance, say: it is drawn
+        return None  # the value depends on a disturbance, say, which is drawn
 
 
 def _read_lets(
     plant: typed.PlantSymbol, value: typed.TypedExpr
 ) -> list[tuple[typed.Variable, typed.TypedExpr]]:
-    """The `let`s that a value is made of, by way of others, too, in their order."""
+    """The `let`s that a value reads, directly or through others, in their order."""
     read = {n.variable for n in nodes([value]) if isinstance(n, typed.VarRead)}
     lets: list[tuple[typed.Variable, typed.TypedExpr]] = []
     for variable, let in reversed(plant.lets):
@@ -202,18 +202,18 @@ def _read_lets(
 def doubt_constants(
     system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> bool:
-    """W022 for predicates that are the same everywhere; whether something was said."""
+    """Warns W022 of predicates that are the same everywhere; returns whether it warned."""
     symbol = module.symbol
     ttf, safer = symbol.ttf, symbol.safer
     if ttf is None or safer is None or not topic_reads(symbol.safe):
-        return False  # nothing is to be kept, or W021 says so
+        return False  # predicates are computed, or `safe` reads no topic, of which W021 warns
     ttf_always, safer_always = _always(system, module, trials, (ttf, safer))
     if (ttf_always, safer_always) == (None, None):
         return False
     from soter.language.evaluate.predicates import maybe_nan  # noqa: PLC0415 - seldom
 
     if maybe_nan(system, module):
-        return False  # the ranges of IEEE's comparisons, and a NaN is danger
+        return False  # ranges do not hold for a NaN, which counts as danger
     name = f"of module `{symbol.name}`"
     if ttf_always is False:
         message, at, label = f"`ttf` {name} never holds", ttf, "AC is never taken off"
@@ -233,8 +233,8 @@ def _always(
     trials: Sequence[Trial],
     predicates: tuple[typed.TypedExpr, typed.TypedExpr],
 ) -> list[bool | None]:
-    """Of each predicate, whether it holds everywhere, or nowhere; None: neither is known."""
-    aged = any(isinstance(n, typed.AgeRead) for n in nodes(predicates))  # then nothing is tried
+    """For each predicate whether it holds everywhere (True) or nowhere (False); None: unknown."""
+    aged = any(isinstance(n, typed.AgeRead) for n in nodes(predicates))  # no trials then
     read = narrowed(system, fresh_ages_ns(system, module)) if aged else None
     return [
         always_by_parts(e, system, module.scope, read)
@@ -247,7 +247,7 @@ def _always(
 def doubt_trials(
     system: System, module: Module, trials: Sequence[Trial], diagnostics: Diagnostics
 ) -> None:
-    """W022 for predicates that hold only where `safe` does not."""
+    """Warns W022 of predicates that seem to hold only where `safe` does not."""
     symbol = module.symbol
     if symbol.ttf is None or symbol.safer is None or not trials:
         return
@@ -292,9 +292,9 @@ def _decides_nothing(
 
 
 def _exclude(system: System, module: Module, trials: Sequence[Trial], number: int) -> bool:
-    """Whether `ttf` (0) or `safer` (1) meets `safe` at no value, where chance would make it often.
+    """Whether `ttf` (0) or `safer` (1) holds with `safe` at no value, though by chance it should.
 
-    Between values of the one and of the other, too.
+    Values between those of the one and of the other are tried, too.
     """
     one, other = [t for t in trials if t[number]], [t for t in trials if t[2]]
     if len(one) * len(other) < BOTH_EXPECTED * len(trials) or any(t[2] for t in one):
@@ -321,9 +321,9 @@ def _meet_between(
     beyond: Sequence[Value],
     inside: Sequence[Value],
 ) -> bool:
-    """Whether two conditions both hold on the way from where the second does not to where it does.
+    """Whether two conditions both hold somewhere between `beyond` and `inside`, by halving.
 
-    Straight, and with one number of the values at a time.
+    `inside` satisfies the second. The ways are straight, or change one number only.
     """
     far, near = flat(tuple(beyond)), flat(tuple(inside))
     ends = [near, *([*far[:k], near[k], *far[k + 1 :]] for k in range(len(far)))]
@@ -334,7 +334,7 @@ def _meet_between(
             if one and other:
                 return True
             if high is end and not other:
-                break  # this way does not lead there
+                break  # the second condition does not hold at this end
             middle = [_midway(a, b) for a, b in zip(low, high, strict=True)]
             if middle in (low, high):
                 break
@@ -352,9 +352,9 @@ def _midway(a: Value, b: Value) -> Value:
 
 
 def doubt_readers(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W023: the plant does not feel what the module decides; W024: it feels it too late.
+    """Warns W023 if nothing reads the module's outputs, W024 if its DM is too slow for a plant.
 
-    Only of plants that drive what `safe` speaks of.
+    Only plants that drive a topic of `safe` count.
     """
     safe = {module.scope.topics.get(t, -1) for t in topic_reads(module.symbol.safe)}
     for plant in system.components:
@@ -369,7 +369,7 @@ def doubt_readers(system: System, module: Module, diagnostics: Diagnostics) -> N
 
 
 def _read(system: System, module: Module) -> set[int]:
-    """The topics that plants, nodes and other DMs read, but for AC and SC of the module."""
+    """The topics that plants, other DMs, and nodes other than the module's AC and SC read."""
     read = {t for other in system.modules if other.index != module.index for t in other.inputs}
     for component in system.components:
         topics = component.scope.topics

@@ -53,17 +53,17 @@ if TYPE_CHECKING:
 
 _COUNTED = re.compile(r"for\s+\w+\s+in\s+")
 SHOWN = 40
-"""Longer expressions are cut."""
+"""Most characters of an expression in a message; a longer one is cut."""
 ROUNDS = 16
-"""Of longer loops not every round is looked at."""
+"""Most rounds of a loop that are evaluated one by one."""
 BUDGET = 2_000
-"""Expressions of one step: some milliseconds."""
+"""Most expressions evaluated for one step: some milliseconds."""
 LEAVES_MAX = 64
-"""Larger publications are not compared leaf by leaf."""
+"""Most leaves of a publication that are compared with the topic's set one by one."""
 
 
 def doubt_steps(system: System, diagnostics: Diagnostics) -> None:
-    """Warn of what is certain in the steps of nodes and plants; of each declaration once."""
+    """Warns of certain faults in steps of nodes and plants, once for each declaration."""
     for c in system.components:
         symbol = c.node if c.plant is None and c.role != "dm" else c.plant
         if symbol is None or c.extern or c.stands_for is not None:
@@ -76,7 +76,7 @@ def doubt_steps(system: System, diagnostics: Diagnostics) -> None:
 
 
 class _StepRanges(RangeEvaluator):
-    """Evaluates a step over the declared ranges, and reports what is certain as it goes."""
+    """Evaluates a step over the declared ranges, and warns of certain faults as it goes."""
 
     def __init__(self, system: System, component: Component, diagnostics: Diagnostics) -> None:
         super().__init__(component.scope, component.period_ns, declared(system))
@@ -85,11 +85,11 @@ class _StepRanges(RangeEvaluator):
         self.component = component
         self.diagnostics = diagnostics
         self.silent = 0
-        """In how many functions of the prelude it is: nothing is said of those."""
+        """Depth of calls into the prelude; it warns only at depth 0."""
         self.loops: dict[t.Variable, t.ForRange] = {}
 
     def look(self) -> None:
-        """Through the whole step, or what a plant says of its states."""
+        """Evaluates a node's whole step, or a plant's equations and publications."""
         node, plant = self.component.node, self.component.plant
         try:
             if plant is not None:
@@ -99,7 +99,7 @@ class _StepRanges(RangeEvaluator):
                 self.variables = {}
                 self._run(node.step, None, BOOL)
         except TooHardError:
-            return  # what was certain so far was said
+            return  # it has warned of what was certain up to here
 
     def _look_at_plant(self, plant: t.PlantSymbol) -> None:
         for d in self.component.disturbances:
@@ -113,7 +113,7 @@ class _StepRanges(RangeEvaluator):
             self._publish(topic, value)
 
     def evaluate(self, e: t.TypedExpr) -> Known:
-        """What it may be; what is too hard is anything, as long as the budget lasts."""
+        """The range of `e`, anything if it is too hard; TooHardError once the budget is spent."""
         try:
             return super().evaluate(e)
         except TooHardError:
@@ -132,7 +132,7 @@ class _StepRanges(RangeEvaluator):
         return super()._plain(s)
 
     def _loop(self, s: t.ForRange | t.ForEach, returned: Known, of: Type) -> tuple[Known, bool]:
-        """Round by round where they are few; else the first, the last, and one for all others."""
+        """Evaluates few rounds one by one; of many the first, the last, and one for all."""
         if isinstance(s, t.ForRange):
             self.loops[s.variable] = s
             few = s.high - s.low <= ROUNDS
@@ -151,7 +151,7 @@ class _StepRanges(RangeEvaluator):
         return returned, True
 
     def _forget(self, body: tuple[t.TypedStmt, ...]) -> None:
-        """What is assigned there may be anything: nobody knows how often it happens."""
+        """Sets what `body` assigns to anything, as the number of its rounds is unknown."""
         for n in nodes(body):
             if isinstance(n, t.Place):
                 self.variables[n.variable] = anything(n.variable.type)
@@ -166,7 +166,7 @@ class _StepRanges(RangeEvaluator):
     def _compare(
         self, topic: Topic, value: t.TypedExpr, path: tuple[str, ...], symbol: t.TopicSymbol
     ) -> None:
-        """W015 for a published value, or a part of it, that no round of the step brings inside."""
+        """Warns W015 of a published value, or a part of it, that is never in its topic's set."""
         if isinstance(value, t.Conditional):
             held = self.number(value.condition)
             if held != FALSE:
@@ -262,7 +262,7 @@ class _StepRanges(RangeEvaluator):
             of = of.element if isinstance(of, (ArrayType, ListType)) else of
 
     def _inside(self, of: Type, index: t.TypedExpr) -> None:
-        """W025 for an index that is outside whenever it is reached, in this round at least."""
+        """Warns W025 of an index that is outside whenever it is reached, at least in this round."""
         if not isinstance(of, (ArrayType, ListType)) or self.silent:
             return
         size = of.size if isinstance(of, ArrayType) else of.capacity
@@ -301,7 +301,7 @@ class _StepRanges(RangeEvaluator):
         return super()._narrow(e)
 
     def _one_fits(self, e: t.Narrow, known: Range) -> None:
-        """`n = max(n + 1, 9)` of an `int in [0, 9]`: only 9 fits, so that `n` never changes."""
+        """Warns W025 if only one value fits: for `n: int in [0, 9]`, `n = max(n + 1, 9)` only 9."""
         assert isinstance(e.type, IntType)
         only, keeps = (known.low, "min") if known.low == e.type.high else (known.high, "max")
         self._say(
@@ -326,13 +326,13 @@ class _StepRanges(RangeEvaluator):
 
 
 def _short(span: Span) -> str:
-    """What is written there, on one line."""
+    """The source text of a span on one line, cut to SHOWN characters."""
     text = " ".join(span.text.split())
     return text if len(text) <= SHOWN else f"{text[: SHOWN - 4]} ..."
 
 
 def _counted_from_zero(loop: t.ForRange, size: int) -> Help:
-    """A loop over all of it, where its range can be seen in the text."""
+    """Help with the loop over all indices, as an edit if the text shows the loop's range."""
     title = f"indices begin at 0: `for {loop.variable.name} in 0..{size} {{ ... }}`"
     written = _COUNTED.match(loop.span.source.text, loop.span.start)
     if written is None:
@@ -343,7 +343,7 @@ def _counted_from_zero(loop: t.ForRange, size: int) -> Help:
 
 
 def doubt_publications(system: System, module: Module, diagnostics: Diagnostics) -> None:
-    """W016 for the safe controller of a module."""
+    """Warns W016 of a safe controller that does not publish on every path of its step."""
     sc = system.components[module.sc]
     if sc.node is None or sc.extern:
         return
@@ -351,7 +351,7 @@ def doubt_publications(system: System, module: Module, diagnostics: Diagnostics)
     if sc.node.takeover is not None or any(
         isinstance(n, typed.InControl) for n in nodes(sc.node.step)
     ):
-        return  # it knows when it has control, and speaks when it means to
+        return  # it asks whether it has control, and so is silent on purpose
     for topic in sc.node.publishes:
         first = next((p for p in publications if p.topic is topic), None)
         if first is None or _always(sc.node.step, topic):
@@ -382,7 +382,7 @@ def _always(statements: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -
 
 
 ENDS = {1: "2", 2: "2", 3: "2.51", 4: "2.78"}
-"""Order of a scheme -> how much of a decay, rate times step, it follows at most."""
+"""Order of a scheme -> the largest decay rate times step at which it does not diverge."""
 
 
 def doubt_plant(system: System, component: Component, diagnostics: Diagnostics) -> None:
@@ -422,7 +422,7 @@ def _helps(component: Component, d: Diverging) -> list[str]:
 
 
 def _unmoved(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
-    """W014: the rule was forgotten, or it is no state."""
+    """Warns W014 of a state with neither `der` nor `next`: a rule is missing, or it is a const."""
     for state in unmoved(plant):
         diagnostics.warning(
             "W014",
@@ -435,7 +435,7 @@ def _unmoved(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
 
 
 def _times_dt(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
-    """W032: `der x = v * dt` integrates twice over: the plant multiplies by its step itself."""
+    """Warns W032 of `der x = v * dt`: the scheme multiplies by the step already."""
     for state, slope in plant.der.items():
         factors = [slope]
         for e in factors:

@@ -1,1 +1,1 @@
-"""The storeys of the parser, from a cursor over tokens to systems."""
+"""The parts of the parser, from a cursor over tokens up to systems and tests."""

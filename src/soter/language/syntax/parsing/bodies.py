@@ -1,7 +1,7 @@
-"""Bodies of declarations: `{ items }`, each item led by a word.
+"""Parses bodies of declarations: `{ items }`, each item led by a word.
 
-Purpose: what nodes, modules, plants, systems and tests share: the loop over items with its
-recovery, unknown words, items that stand at most once, lists of names, types, ranges, `from`.
+Purpose: `BodyParser` has what nodes, modules, plants, systems and tests share: the loop over items
+with its recovery, unknown words, items that may stand once, lists of names, types, ranges, `from`.
 Non-goals: the items themselves (`declarations.py`, `declarations.py`, `systems.py`).
 """
 
@@ -80,7 +80,7 @@ class BodyParser(StatementParser):
     # ------------------------------------------------------------ items
 
     def _open_body(self, what: str, items: Items) -> int:
-        """The `{` of a body, or the token that stands in its place."""
+        """Steps over the `{` of a body; the index of it, or of the token in its place."""
         if self.kinds[self.i] == "{":
             self.opened.append(self.i)
             self.i += 1
@@ -161,7 +161,7 @@ class BodyParser(StatementParser):
         return replace(Span(self.source, start, end), " ", "leave it out")
 
     def _item(self, item: Item, parts: Parts) -> None:
-        """Read an item, at its word, and keep what it says."""
+        """Parses an item, at its word, and keeps its values."""
         at, word = self.i, self.texts[self.i]
         self.i += 1
         read = item.read(self, word, self.starts[at])
@@ -405,7 +405,7 @@ class BodyParser(StatementParser):
             return tree.IntervalExpr(tree.ErrorExpr(span), tree.ErrorExpr(span), span)
 
     def skip_interval(self, start: int) -> None:
-        """Past the `]` that closes the interval, if it comes before the item ends."""
+        """Steps past the `]` that closes the interval, if it comes before the item ends."""
         level = self.kinds[start : self.i].count("[") - self.kinds[start : self.i].count("]")
         while self.kinds[self.i] not in (";", "}", "{", EOF, "=") and not self.at_declaration():
             kind = self.kinds[self.i]
@@ -455,6 +455,6 @@ class BodyParser(StatementParser):
 
 
 def _listed(sort: str, items: Items) -> str:
-    """What a body may have inside."""
+    """The kinds of items that a body may have."""
     known = [*(f"`{w}`" for w in items), *LEADERLESS.get(sort, ())]
     return f"the items of {sort} are {', '.join(known)}"

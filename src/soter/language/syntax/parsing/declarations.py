@@ -79,7 +79,7 @@ def fun(parser: BodyParser) -> tree.Decl:
 
 
 def _function_body(parser: BodyParser) -> tree.Block | None:
-    """A function without its `{`."""
+    """Parses the body of a function; reports a missing `{`."""
     message = f"expected `{{` and the body of the function, found {parser.found()}"
     if parser.kinds[parser.i] == ";":
         parser.report("S005", message, helps=("a function written elsewhere is an `extern fun`",))
@@ -207,7 +207,7 @@ def _reads(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Ref]:
 def _drives(
     parser: BodyParser, word: str, start: int, *, extern: bool = False
 ) -> Iterator[tuple[tree.Ref, tree.SyntaxExpr | None]]:
-    """`topic = value;`, and more topics where a comma stands for the `;`."""
+    """Yields driven topics of `topic = value;`, several if a comma stands in place of the `;`."""
     topic = parser.ref("the name of a topic")
     value: tree.SyntaxExpr | None = None
     if parser.kinds[parser.i] in ("=", ":=", "=="):
@@ -412,7 +412,7 @@ def _count(parser: BodyParser, what: str) -> int | None:
 
 
 def _policy(parser: BodyParser) -> str | None:
-    """What a full queue does, where it is said."""
+    """Parses what a full queue does; None if the program does not say it."""
     word = parser.texts[parser.i]
     if word in ("drop_oldest", "drop_newest", "fault"):
         parser.i += 1

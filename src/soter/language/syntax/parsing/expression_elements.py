@@ -1,8 +1,8 @@
-"""What expressions are made of: literals, operators, and how deep they may nest.
+"""Parts of expressions: literals, operators, slips from other languages, and limits of nesting.
 
-Purpose: a token becomes a number or a duration, exactly, or is too large; operators have a
-precedence, and people get hints about the slips that they bring from other languages. A bound on
-nesting keeps this parser, and any recursive pass after it, within the stack on hostile input.
+Purpose: turns a token into an exact number or duration, or reports that it is too large; has the
+precedence of operators, and reports operators of other languages with hints. A bound on nesting
+keeps this parser, and every recursive pass after it, within the stack on hostile input.
 Non-goals: reading expressions (`expressions.py`), nested blocks of statements (`statements.py`),
 how digits become tokens (`tokens.py`).
 """

@@ -1,4 +1,4 @@
-"""Expressions and intervals: tokens to tree.
+"""Parses expressions and intervals.
 
 Purpose: precedence climbing over `expr` of the grammar, operands, intervals.
 Non-goals: statements and declarations (`statements.py`, `parser.py`), types and sets of values
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Help
 
 _SHOWN_MAX = 100
-"""So many characters of an edit are shown."""
+"""Most characters of an edit that a message shows."""
 
 _CONVERSIONS = frozenset(["int", "float"])
 """Types that are also called as functions: `float(n)`, `int(x)`."""
@@ -44,7 +44,7 @@ _NO_OPERATORS = {
     "++": "write `x = x + 1;` as a statement of its own",
     "**": "there is no power operator: multiply",
 }
-"""What other languages have, and what to do here."""
+"""Operator of another language -> what to write in Soter."""
 
 
 class ExpressionParser(Cursor):
@@ -71,11 +71,11 @@ class ExpressionParser(Cursor):
         return result
 
     def value(self, what: str) -> tree.SyntaxExpr:
-        """One expression and the `;` behind it."""
+        """Parses an expression and the `;` after it."""
         return self.ended(self.expr(what), what)
 
     def ended(self, result: tree.SyntaxExpr, what: str) -> tree.SyntaxExpr:
-        """An expression that was read, once its `;` is; an ErrorExpr where more stands between."""
+        """Steps over the `;` after `result`; an ErrorExpr if other tokens stand between."""
         if self.kinds[self.i] == ";":
             self.i += 1
             return result
@@ -89,7 +89,7 @@ class ExpressionParser(Cursor):
         return tree.ErrorExpr(result.span)
 
     def time(self, what: str) -> tree.SyntaxExpr:
-        """One expression that stands for a time: a bare number is told to get a unit."""
+        """Parses an expression for a time; reports a bare number, which needs a unit."""
         result = self.expr(what, stop_at_brace=True)
         if isinstance(result, tree.IntLit | tree.FloatLit):
             i = self.i
@@ -122,7 +122,7 @@ class ExpressionParser(Cursor):
         return result
 
     def time_value(self, what: str) -> tree.SyntaxExpr:
-        """A time and the `;` behind it."""
+        """Parses a time and the `;` after it."""
         result = self.time(what)
         self.semicolon(what)
         return result
@@ -130,7 +130,7 @@ class ExpressionParser(Cursor):
     # ------------------------------------------------------------ operators
 
     def expression(self, limit: int) -> tree.SyntaxExpr:
-        """An expression of operators that bind at least as tightly as `limit`."""
+        """Parses an expression of operators that bind at least as tightly as `limit`."""
         kinds = self.kinds
         self.depth += 1
         if self.depth > LEVELS_MAX:
@@ -163,7 +163,7 @@ class ExpressionParser(Cursor):
         return left
 
     def _prefixed(self) -> tree.SyntaxExpr:
-        """`-` and `!` before an operand, any number of them, without recursion."""
+        """Parses any number of `-` and `!` and their operand, without recursion."""
         kinds = self.kinds
         signs = [self.i]
         while kinds[self.i + 1] in ("-", "!"):
@@ -226,7 +226,7 @@ class ExpressionParser(Cursor):
     # ------------------------------------------------------------ operands
 
     def _postfix(self) -> tree.SyntaxExpr:
-        """A primary and its fields, indices and calls."""
+        """Parses a primary and its fields, indices and calls."""
         i = self.i
         kinds = self.kinds
         kind = kinds[i]
@@ -332,7 +332,7 @@ class ExpressionParser(Cursor):
         return tree.CallExpr(span, callee, arguments) if named else tree.ErrorExpr(span)
 
     def _elements(self, close: str, what: str, opener: int) -> tuple[tree.SyntaxExpr, ...]:
-        """Expressions up to `close`, which is stepped over."""
+        """Parses expressions up to `close`, and steps over it."""
         if self.accept(close):
             return ()
         elements = [self.expression(ANY)]
@@ -360,7 +360,7 @@ class ExpressionParser(Cursor):
         )
 
     def _literal(self, kind: str) -> tree.SyntaxExpr:
-        """A primary that is neither a name nor parenthesised."""
+        """Parses a primary that is neither a name nor in parentheses."""
         i = self.i
         span = Span(self.source, self.starts[i], self.ends[i])
         text = self.texts[i]
@@ -423,7 +423,7 @@ class ExpressionParser(Cursor):
         return tree.RecordExpr(self.span_from(start), tuple(entries))
 
     def _choose(self) -> tree.SyntaxExpr:
-        """`[fair] choose` and what is chosen from."""
+        """Parses `[fair] choose` and its alternatives."""
         start = self.starts[self.i]
         fair = self.accept_word("fair")
         self.i += 1
@@ -460,7 +460,7 @@ class ExpressionParser(Cursor):
     # ------------------------------------------------------------ intervals and sets
 
     def interval(self, what: str) -> tree.IntervalExpr:
-        """`[low, high]`; Panic where the bracket is missing."""
+        """Parses `[low, high]`; Panic if the bracket is missing."""
         opener = self.i
         if self.kinds[opener] != "[":
             raise self.failure(

@@ -1,7 +1,7 @@
-"""Arrays of instances: loops over items of systems and tests, elements in paths, `set`.
+"""Parses loops over items of systems and tests, elements in paths, and `set`.
 
-Purpose: `for i in 0..3 { items }`, `r[i].pose`, `r[i]: What`, `set r[i].GAIN = 2.0`.
-Non-goals: the items (`systems.py`), what a loop comes to
+Purpose: reads `for i in 0..3 { items }`, `r[i].pose`, `r[i]: What`, `set r[i].GAIN = 2.0`.
+Non-goals: the items (`systems.py`), unrolling of loops
 (`language/check/parts/instances.py`).
 """
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from soter.language.syntax.parsing.items import Items, Read, Step
 
 LOOPS_MAX = 8
-"""Loops of items may nest so deep."""
+"""How deep loops of items may nest."""
 
 
 def behind_indices(parser: BodyParser, at: int) -> int:
-    """The token behind `[...]`, as often as that stands at token `at`."""
+    """The index of the token after all `[...]` that stand at token `at`."""
     kinds = parser.kinds
     while kinds[at] == "[":
         level = 0

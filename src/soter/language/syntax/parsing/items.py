@@ -1,8 +1,8 @@
-"""Items of bodies as rows of tables: the word that leads one, how it is read, where it is kept.
+"""Items of bodies as rows of tables: the leading word, the reader, and the fields of the node.
 
-Purpose: `Item` and its kinds (`once`, `often`, `each`); what the rows are made of: steps, each of
-which reads a part (`expr`, `time`, `word`, ...), and `made`, which makes a node of what they read.
-Frames of bodies, "stands twice", loops and the editor's completion are read off these tables.
+Purpose: `Item` and its kinds (`once`, `often`, `each`); a row consists of steps, each of which
+reads a part (`expr`, `time`, `word`, ...), and `made`, which makes a node of what they read. The
+parser's loop over bodies, its report "stands twice" and the editor's completion use these tables.
 Non-goals: the tables (`declarations.py`, `modules.py`, `declarations.py`, `systems.py`).
 """
 
@@ -26,23 +26,23 @@ if TYPE_CHECKING:
 
 EQUALS = ("=", ":=", "==", "<-")
 NOTHING = object()
-"""What a step gives that reads a sign or a word."""
+"""The result of a step that only reads a sign or a word."""
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """A row: how an item is read, and what it is in the node that its body becomes."""
+    """A row: how an item is read, and which fields it fills in the node of its body."""
 
     defaults: Mapping[str, Any]
-    """The fields that it fills, and what they hold where it does not stand."""
+    """Field that the item fills -> its value if the item is absent."""
     read: Read
     how: str = "once"
-    """It may stand `once`, or `often`; `read` yields what it holds, one for `each`; of a `loop` it
-    gives what it holds by field."""
+    """Whether the item may stand `once` or `often`; for `each` `read` yields several values, for a
+    `loop` it returns values by field."""
     begins: tuple[str, ...] = ()
-    """How it begins, where its word alone says too little: `acts within`."""
+    """How the item begins, if its word alone is not enough: `acts within`."""
     told: str = ""
-    """What it is called where it stands twice; "": its word."""
+    """Its name in the report that it stands twice; "": its word."""
 
 
 def once(
@@ -66,14 +66,14 @@ Items = dict[str, Item]
 
 
 class Parts:
-    """What was read of a body."""
+    """The values that were read from a body."""
 
     __slots__ = ("first", "once", "several")
 
     def __init__(self) -> None:
         self.once: dict[str, Any] = {}
         self.first: dict[str, Span] = {}
-        """Of what may stand once: where it stood first."""
+        """The first place of each item that may stand only once, for the message on a second."""
         self.several: defaultdict[str, list[Any]] = defaultdict(list)
 
     def fields(self, items: Items) -> dict[str, Any]:
@@ -114,7 +114,7 @@ assign, semicolon = map(_sign, ("assign", "semicolon"))
 
 
 def word(text: str, where: str) -> Step:
-    """A word or a sign that has to stand here."""
+    """A step that reads a required word or sign."""
 
     def read(parser: Cursor) -> object:
         of_its_kind = text in RESERVED or not text.isalpha()
@@ -130,12 +130,12 @@ def equal(where: str, what: str) -> Step:
 
 
 def maybe(text: str, step: Step) -> Step:
-    """What stands behind a word, if that stands here; else None."""
+    """A step that reads `step` after the word `text`, if that word stands here; else None."""
     return lambda parser: step(parser) if parser.accept(text) or parser.accept_word(text) else None
 
 
 def commas(step: Step) -> Step:
-    """One or more, between commas."""
+    """A step that reads one or more values, between commas."""
 
     def read(parser: Cursor) -> tuple[Any, ...]:
         found = [step(parser)]
@@ -147,14 +147,14 @@ def commas(step: Step) -> Step:
 
 
 def word_of(*texts: str) -> Step:
-    """One of some words, or "" where none of them stands."""
+    """A step that reads one of some words; "" if none of them stands here."""
     return lambda parser: next((text for text in texts if parser.accept_word(text)), "")
 
 
 def clauses(parser: Cursor, item: str, rows: Mapping[str, Step]) -> dict[str, Any]:
-    """What stands behind a name: clauses by the word or sign that leads each, in any order.
+    """Reads clauses after a name, by the word or sign that leads each, in any order.
 
-    S022 for one that stands twice in this `item`.
+    Reports S022 for one that stands twice in this `item`.
     """
     found: dict[str, Any] = {}
     while (lead := "=" if parser.kinds[parser.i] in EQUALS else parser.texts[parser.i]) in rows:
@@ -174,12 +174,12 @@ def clauses(parser: Cursor, item: str, rows: Mapping[str, Step]) -> dict[str, An
 
 
 def values_of(parser: Cursor, *steps: Step) -> list[Any]:
-    """What steps read one after another, signs and words aside."""
+    """The values that steps read one after another, without signs and words."""
     return [v for step in steps if (v := step(parser)) is not NOTHING]
 
 
 def group(make: Callable[..., Any], *steps: Step) -> Step:
-    """A part that is made of several."""
+    """A step that makes one value of what several steps read."""
     return lambda parser: make(*values_of(parser, *steps))
 
 
@@ -192,9 +192,9 @@ def pair(*parts: object) -> tuple[object, ...]:
 
 
 def made(make: Callable[..., Any], *steps: Step, kind: bool = False) -> Read:
-    """A node of what the steps read, the last of which reads the `;`, and of its span.
+    """A reader that makes a node of what the steps read (the last reads the `;`), and its span.
 
-    `kind`: the word of the item comes first.
+    `kind`: the item's word is the node's first argument.
     """
 
     def read(parser: Cursor, word: str, start: int) -> Any:  # noqa: ANN401 - a node
@@ -205,17 +205,17 @@ def made(make: Callable[..., Any], *steps: Step, kind: bool = False) -> Read:
 
 
 def only(*steps: Step) -> Read:
-    """What the one step reads that reads something."""
+    """A reader for the value of the one step that has a value."""
     return lambda parser, _word, _start: values_of(parser, *steps)[0]
 
 
 def of_word(method: str) -> Read:
-    """A value or a time that is called like the item's word."""
+    """A reader for a value or a time, which messages call by the item's word."""
     return lambda parser, word, _start: getattr(parser, method)(f"`{word}`")
 
 
 def spanned(*steps: Step) -> Read:
-    """Where the item stands, that alone."""
+    """A reader whose value is only the item's span."""
 
     def read(parser: Cursor, _word: str, start: int) -> Span:
         values_of(parser, *steps)

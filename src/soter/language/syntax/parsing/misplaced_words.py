@@ -1,7 +1,7 @@
-"""A word of Soter where it does not belong: what is said, and what can be tried.
+"""Reports words of Soter where they do not belong, and tries edits.
 
-Purpose: clauses in the wrong order, clauses of a topic behind its name in a node, items in another
-body. Whatever is offered as an edit was parsed before.
+Purpose: handles clauses in the wrong order, clauses of a topic after its name in a node, and items
+in another body. It parses the text with each edit before it offers the edit.
 Non-goals: where words belong (`words.py`); phrases of other languages
 (`foreign_phrases.py`).
 """
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from soter.language.syntax.parsing.token_cursor import Cursor
 
 TRIED_MAX = 400_000
-"""So many characters are read again for the edits of one file that are tried."""
+"""Most characters that are parsed again to try edits in one file."""
 
 _SHOWN_MAX = 90
-"""So many characters of a line are shown."""
+"""Most characters of a line that a message shows."""
 
 _LEADERS = frozenset([
     "topic", "param", "state", "disturbance", "const", "var", "let", "input", "measure", "external",
@@ -47,7 +47,7 @@ _ITEMS = frozenset(["S009", "S010", "S011"])
 
 
 def may_try(cursor: Cursor) -> bool:
-    """Whether the file may be read once more."""
+    """Whether the file may be parsed once more."""
     return cursor.tried + len(cursor.source.text) <= TRIED_MAX
 
 
@@ -266,7 +266,7 @@ def _to_the_topic(cursor: Cursor) -> Fix | None:
 
 
 def assigned(cursor: Cursor, body: str) -> tuple[Help, ...]:
-    """What is written for `x = e;` where no statements stand."""
+    """The help on what to write for `x = e;` where no statements may stand."""
     name, follows = cursor.texts[cursor.i], cursor.kinds[cursor.i + 1]
     if follows not in ("=", ":=") or body not in (PLANT, SYSTEM, TEST):
         return ()

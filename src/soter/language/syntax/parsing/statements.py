@@ -1,7 +1,7 @@
-"""Statements and blocks: tokens to tree.
+"""Parses statements and blocks.
 
-Purpose: `block` and `statement` of the grammar. A statement with a mistake keeps what names
-it declares wherever they can be read, so that later lines do not complain about them.
+Purpose: `block` and `statement` of the grammar. A statement with a mistake keeps the names that
+it declares if they can be read, so that later lines are not reported for them.
 Non-goals: expressions (`expressions.py`); whether a place may be assigned (`language/check/`).
 """
 

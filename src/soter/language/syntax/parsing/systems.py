@@ -50,9 +50,9 @@ if TYPE_CHECKING:
 
 
 GIVEN = ("late", "overrun", "bias", "noise", "scale")
-"""Kinds that say by how much."""
+"""Kinds of faults with `by`, an amount."""
 TIMED = ("late", "overrun")
-"""Those of them that say it in time."""
+"""Kinds of faults whose amount is a time."""
 
 
 def _fault(parser: BodyParser, kind: str, start: int) -> tree.SystemFault:
@@ -89,7 +89,7 @@ def _amounts(
 
 _order = spanned(word("any", "after `order`"), semicolon("the order"))
 OF_TESTS = ("late", "skip", "overrun")
-"""Kinds that a test knows, too."""
+"""Kinds of faults that a test may have, too."""
 KINDS = (*OF_TESTS, "nan", "stuck", "silent", "saturated", "bias", "noise", "scale")
 FAULT_ITEMS: Items = {
     "order": often(

@@ -1,8 +1,8 @@
-"""A position in the tokens, with reporting and recovery.
+"""The parser's position in the tokens, with reports and recovery.
 
-Purpose: what every part of the parser needs: look, expect, complain once, and find a place
-from which parsing makes sense again. An error is silent when another one was already
-reported at the same token, so one mistake gives one message.
+Purpose: `Cursor` has what every part of the parser needs: look ahead, expect a token, report once,
+and find a place from which parsing can go on. It does not report an error at a token where another
+one was reported, so one mistake gives one message.
 Non-goals: any rule of the grammar.
 """
 
@@ -69,11 +69,11 @@ _SECOND = "what follows the `,` is an item or a statement of its own, with a wor
 
 
 class Panic(Exception):  # noqa: N818 - control flow inside the parser, never seen outside
-    """The current construct cannot be finished; whoever catches it looks for firm ground."""
+    """The current construct cannot be finished; who catches this looks for a place to go on."""
 
 
 class TooManyErrorsError(Exception):
-    """So many errors that the rest of the file is not worth reading."""
+    """A file has more than ERRORS_MAX errors, so the rest of it is not parsed."""
 
 
 class Cursor:
@@ -577,7 +577,7 @@ class Cursor:
         self.quiet = self.i
 
     def skip_to_declaration(self) -> None:
-        """Up to the next declaration or the end of the file."""
+        """Move to the next declaration or the end of the file."""
         while self.kinds[self.i] != EOF and not self.at_declaration():
             self.i += 1
         self.quiet = self.i

@@ -1,6 +1,6 @@
-"""Types and sets of values: tokens to tree.
+"""Parses types and sets of values.
 
-Purpose: type expressions with their sizes and ranges, and the values a topic may have.
+Purpose: reads type expressions with their sizes and ranges, and the values that a topic may have.
 Non-goals: enumerations, which only a declaration makes (`parser.py`); what a name means.
 """
 
