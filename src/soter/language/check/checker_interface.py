@@ -124,7 +124,6 @@ def mentioned(root: object) -> Iterator[tuple[str | None, str, Span]]:
             todo.extend(getattr(node, f) for f in reversed(fields) if not f.endswith("span"))
 
 
-
 MAX_CALLS_SHOWN = 4
 
 
