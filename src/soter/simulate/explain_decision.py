@@ -5,10 +5,9 @@ Purpose: an `Explainer` finds, for a DM step of a trace, which topic was too old
 checked predicates once more on what the step read, so that the C has to record nothing but facts.
 Non-goals: deciding; words for a change as such (`decisions.py`).
 
-What a DM read is put together from two states. A topic has its value of this instant where who
-publishes it steps before the DM in the deployed order (plants, inputs), else that of the instant
-before. Where that was not so (`order any`) the predicates come out differently from what the DM
-recorded; then nothing is said of them (`Why.known`).
+What a DM read is put together from two states: a topic has its value of this instant if its writer
+steps before the DM in the deployed order (plants, inputs), else that of the instant before. Under
+`order any` the predicates may differ from what the DM recorded; then none is told (`Why.known`).
 """
 
 from __future__ import annotations

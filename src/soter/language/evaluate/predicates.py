@@ -40,7 +40,6 @@ from soter.language.model.types import (
     has_list,
     leaf_count,
 )
-from soter.language.prelude.function_error_bounds import BOUNDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -354,6 +353,8 @@ def _read(system: System, place: ReadPlace) -> Range:
 
 def _of_prelude(name: str, arguments: list[Range]) -> Range:
     """The result's range of a function of TOTAL or `pow`: perhaps NaN outside its domain."""
+    from soter.language.prelude.function_error_bounds import BOUNDS  # noqa: PLC0415 - rarely asked
+
     bound = BOUNDS[name]
     domain = ((0.0, INF), bound.domain[1]) if name == "pow" else bound.domain
     inside = all(
