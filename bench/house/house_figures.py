@@ -2,7 +2,8 @@
 
     .venv/bin/python bench/house/house_figures.py
 
-Purpose: counts over src/ as the tests assert them, and the files of Python that commands enter.
+Purpose: counts over src/ as the tests assert them, the files of Python that commands enter, and what
+a check takes beside an import of NumPy.
 Non-goals: judging; the counting itself (tests/unit/test_house_figures.py, test_c_figures.py).
 """
 
@@ -10,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import statistics
 import subprocess
 import sys
 import tempfile
@@ -103,8 +105,25 @@ def entered(*words: str) -> int:
     return int(done.stderr.rsplit("entered", 1)[1])
 
 
+def processor_s(*command: str) -> float:
+    """Processor seconds of a command, the median of seven runs behind one that warms.
+
+    As installed: Python stores what it compiled.
+    """
+    keeps = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    times = []
+    for _ in range(8):
+        before = os.times()
+        subprocess.run(
+            [sys.executable, *command], cwd=ROOT, env=keeps, capture_output=True, check=True
+        )
+        after = os.times()
+        times.append(sum(after[2:4]) - sum(before[2:4]))
+    return statistics.median(times[1:])
+
+
 def main() -> int:
-    """Print the counts."""
+    """Print the counts, then what a check takes beside an import of NumPy."""
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
     cart = "examples/wall/cart.soter"
     commands = (
@@ -115,6 +134,11 @@ def main() -> int:
     named = {f"files that `soter {c[0]}` of the cart enters": entered(*c) for c in commands}
     for what, figure in (counts() | named).items():
         print(f"{what:50} {figure}")
+    numpy_s = processor_s("-c", "import numpy")
+    for program in (cart, "examples/drone/surveillance.soter"):
+        ratio = processor_s("-m", "soter", "check", program) / numpy_s
+        name = f"`soter check` of {Path(program).name} beside `import numpy`"
+        print(f"{name:50} {ratio:.1f} times")
     return 0
 
 
