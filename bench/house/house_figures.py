@@ -2,8 +2,8 @@
 
     .venv/bin/python bench/house/house_figures.py
 
-Purpose: counts over src/ as the tests assert them, the files of Python that commands enter, and what
-a check takes beside an import of NumPy.
+Purpose: counts over src/ as the tests assert them, the files of Python that commands enter, and
+what a check takes beside an import of NumPy.
 Non-goals: judging; the counting itself (tests/unit/test_house_figures.py, test_c_figures.py).
 """
 
