@@ -1,14 +1,13 @@
 """The claims of one case, a combination of parameter values, asked of its groups in order.
 
-Purpose: the names of the properties, and which verdicts count; what is asked of which groups, in
-which order. `TaskProcesses` has it shown on all processors: some processes, among which tasks are
-dealt out, and which tell what came of each. They see what there was when they were forked; only
-answers come back. There is no thread: this process may fork again. `survives_the_start`, an extra:
-SC's step on the default values of its topics, or, where not all that it reads is published at once,
-on anything that may be published, publishes values in their sets and cannot fault; below another
-module so it does on all that may ever be published.
-Non-goals: how a group shows it (`groups.py`), certificates (`rechecker.py`); which of SC's outputs
-count (`reading/derived_times.py`: the first one on a state does).
+Purpose: `CaseCheck` asks each claim of each group, and shows the tasks that come of it.
+`claimed_of` says what an entry claims, `static_claims` compares P1 with the program.
+`TaskProcesses` deals tasks out to processes, which tell what came of each. They see what there was
+when they were forked; only answers come back. There is no thread: this process may fork again.
+`survives_the_start`, an extra, shows that SC's first steps publish values in their sets and cannot
+fault: on defaults, or, where not all that SC reads is published at once, on any values.
+Non-goals: how a group shows a claim (`groups.py`), certificates (`rechecker.py`); which of SC's
+outputs count (`reading/derived_times.py`: the first one on a state does).
 
 The argument: a state of the module is one of each group. Each part of `safe` is the share of one
 group, and each group shows that SC keeps its K there; of `ttf` and `safer` each shows that they let

@@ -1,13 +1,14 @@
 """Where control changes between modules, checked again: hand-overs and towers.
 
-Purpose: `jumps_of`: for every topic that the map of a view reads, whether what `enters` says of it
-is confirmed: of the node that publishes it, and of R(H) (docs/proof-sets.md, "Hand-over");
-`not_entered`: that the state lies in R(H) wherever something holds of an estimate.
-`refuse_unproved_towers`: which module of a tower is followed here, and that all of its controllers
-publish what it publishes; `slowest_below`: as often as P1a asks. `read_above`: the parts of the
-`safer` above which speak of the plants of this proof, what a hand-back asks of H, and assumptions
-that follow (docs/proof-modules.md, Towers). `handed_back`: from the state on which the module above
-gives control back to the instant from which all that acts is SC's, on states that are no older.
+Purpose: `jumps_of` says, for each topic that the map of a view reads, whether a hand-over is
+confirmed (docs/proof-sets.md, "Hand-over"): that its node changes it only where `enters` holds, and
+that the state lies in R(H) wherever that holds of an estimate (`not_entered`).
+`refuse_unproved_towers` checks which module of a tower is followed here, and that all of its
+controllers publish what it publishes; `slowest_below` gives the longest of their periods, for P1a.
+`read_above` enters what the module above asks of H, and those parts of its `safer` that speak of
+the plants of this proof (docs/proof-modules.md, Towers). `handed_back` gives the time from the
+state on which the module above gives control back until all that acts is SC's, on states that are
+no older.
 Non-goals: rejecting hand-overs: what is not confirmed is an assumption, and the report says why.
 That a node changes a view in no other step (`induction/handover_jumps.py`); sharing code with
 `verify/problem/`, which the prover goes by.

@@ -2,10 +2,9 @@
 
 Purpose: `read_certificate` reads a folder and checks what docs/verification.md (section 4) lays
 down: names, hashes, the canonical manifest, sizes of tables. `program_of` makes a checked program
-of the files below `program/` and the manifest's parameters, and reads nothing else.
-`unclaimed`: which parts of a group rest on which claims, one list for whoever writes a certificate
-and whoever reads it: a part on which nothing that is claimed rests does not stand there, and K is
-empty where nothing is claimed of it.
+of the files below `program/` and the manifest's parameters, and reads nothing else. `unclaimed`
+says which parts of a group no claim rests on, for the prover, which leaves them out, and for
+`refuse_unclaimed`; where nothing is claimed of K, K is empty.
 Non-goals: believing anything that stands in it (`rechecker.py`); what the program says about a
 module (`reading/problem.py`), what a part has to show for a claim (`grid/`, `polytope/`).
 

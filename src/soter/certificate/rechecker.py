@@ -1,10 +1,10 @@
 """Check a certificate: hashes, then the problem, then every claim.
 
-Purpose: `recheck(folder)`: from the bytes of a certificate to a `Report`: accepted, or the reason
-why not. What is false is rejected; whatever this room does not know how to confirm is not
-re-checked, and never accepted. `beyond`: why a certificate that is just being made would be *not
-re-checked*, for the headline of `soter verify` (decision 278): its problem is read as for a
-re-check, and of the claims everything is made ready, but only a few cells are looked at.
+Purpose: `recheck(folder)` goes from the bytes of a certificate to a `Report`: accepted, or the
+reason why not. What is false is rejected; whatever this room does not know how to confirm is not
+re-checked, and never accepted. While `soter verify` makes a certificate, `beyond` says for its
+headline why it would be *not re-checked* (decision 278): it reads the problem as a re-check does
+and makes ready what each claim needs, but it looks only at a few cells.
 Non-goals: finding sets or witnesses: there is no search and no fixpoint here, one pass only.
 
 The argument: of each module that a manifest names, the problem is read off the program that lies

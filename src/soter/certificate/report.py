@@ -1,10 +1,9 @@
-"""What a re-check may say: its verdicts, what was confirmed, about what, and what is not said.
+"""The three verdicts of a re-check, what was confirmed, about what, and what it does not say.
 
-Purpose: the exceptions behind two of its three verdicts: for a certificate of which something is
-false, and for one of which nothing is known to be, but that is beyond what this room checks;
-`Report` and `RecheckedModule`, the verdict of `rechecker.py` for people and programs: what it
-finds, and what follows in words; `FlightReport` and `Doubt`: verdicts in the log of a flight that
-are confirmed are counted, all others are named.
+Purpose: `rechecker.py` raises `RejectedError` where something in a certificate is false, and
+`NotRecheckedError` where nothing is known to be false, but this room cannot show it. `Report` and
+`RecheckedModule` say for people and programs what it found, and what follows. `FlightReport` counts
+the verdicts in the log of a flight that are confirmed; a `Doubt` names each other one.
 Non-goals: checking (`rechecker.py`, `flight_check.py` for flights); the verdict itself.
 """
 

@@ -1,8 +1,8 @@
 """What a re-checked verdict is about: values and systems, and the assumptions that it rests on.
 
-Purpose: `parameters_of`, `uncovered`: the values that were checked; other systems that hold a
-module, other modules, other values, and what nothing here looks at. `assumptions_of`,
-`confirmed_of`, derived again from the program: keys for programs, and texts for people.
+Purpose: `parameters_of` names the values that were checked, `uncovered` what a reader might think
+is covered: other systems, modules and values, and what nothing here looks at. `assumptions_of` and
+`confirmed_of` derive assumptions again from the program: keys for programs, texts for people.
 Non-goals: what a manifest says about them: nothing is read there. What an extra rests on is said
 where that is (`control_changes.py`, `reading/`).
 

@@ -1,10 +1,10 @@
 """The assumptions of the verdict on a test: its conditions, and what it leaves open, in words.
 
-Purpose: plain sentences, which are part of every result: values of parameters, forced modules,
-contracts in the place of modules and nodes with the tests that hold these to them, what inputs take
-and when, which inputs take fewer values than their sets have.
-Non-goals: what a proof rests on (`verify/problem/problem.py`); verdicts of the tests that hold
-somebody to a contract: each is a test of its own.
+Purpose: `of_test` writes sentences that are part of every result: values of parameters, forced
+modules, what inputs take and when, which inputs take fewer values than their sets have, and
+(`of_contracts`) contracts in the place of modules and nodes, with the tests that check these.
+Non-goals: what a proof rests on (`verify/problem/problem.py`); verdicts of the tests that check a
+contract: each is a test of its own.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""What a person may ask of tests and of checkpoints, checked before any test is searched.
+"""Checks what a person asks of tests and of checkpoints, before any test is searched.
 
-Purpose: a test with another skew or horizon, tests by name; `--checkpoint` and `--resume` become
-one `Checkpoint` a test, or a diagnostic: what is there already is not written over, and a search
-does not go on from a file that is no checkpoint, or one of another search.
-Non-goals: the options (`search_options.py`); the file of a checkpoint, and who writes it
-(`checkpoints.py`).
+Purpose: `chosen` finds tests by name, `with_times` gives a test another skew or horizon.
+`checkpoints` makes, from `--checkpoint` and `--resume`, a `Checkpoint` for each test, or a
+diagnostic: a file that is there already is not written over, and a search does not go on from a
+file that is no checkpoint, or one of another search.
+Non-goals: the options themselves (`search_options.py`); a checkpoint's file (`checkpoints.py`).
 """
 
 from __future__ import annotations

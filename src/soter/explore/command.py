@@ -1,10 +1,10 @@
 """`soter test` and `soter replay` without a terminal: from a flattened test to its result.
 
-Purpose: explore, say what the search comes to, make the trace of a violation small, replay it, keep
-it in a file. `violation_of` finds one run that violates a property, for whoever cannot prove that
-there is none.
-Non-goals: the search itself (`engine/`), what is asked of it (`checked_options.py`), printing; what
-bounds mean (`results.py`).
+Purpose: `explore_test` searches, gives the verdict (`verdict_of`), minimises a violation, and lets
+the reference interpreter replay it before anybody is told of it; `save` writes its trace into a
+file. `violation_of` looks for one run that violates a property, where a proof of it failed.
+Non-goals: the search itself (`engine/`), what is asked of it (`checked_options.py`), what bounds
+mean (`results.py`), printing (`cli/test.py`).
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """What docs/testing.md allows and forbids: which step may be next, and what is violated.
 
-Purpose: the calendar of one execution (releases, windows, times, lost releases, overruns) as a
-replay follows it step by step; properties, deadlines and invariants along it in the reference
-interpreter. The picks of a trace are handed over a step at a time: whatever a step asks is answered
-from its own list, in order, and every question is kept with its answer as a person reads it.
-Written from the page alone, without the engine whose traces it judges.
+Purpose: for `replay.py`. An `ExecutionCalendar` follows a replay step by step and checks releases,
+windows, times, lost releases and overruns. `TraceDraws` gives the reference interpreter the picks
+of a trace, one step at a time: each question of a step is answered from its own list, in order, and
+kept with its answer for people. A `Judge` follows properties, deadlines and invariants. This was
+written from that page alone, and shares nothing with the engine whose traces it judges.
 Non-goals: contracts and step faults, which the step itself tells (`replay.py`); what the
 alternatives of a question are; enumerating executions.
 """

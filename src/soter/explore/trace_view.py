@@ -1,7 +1,7 @@
 """A replayed trace as the sequence view that the page, the log and the table show.
 
-Purpose: lanes, topics, modes, and what every step did, in words (`report/sequence_view.py`).
-Non-goals: drawing; running anything.
+Purpose: `view_of` puts lanes, topics, modes and every step into words (`report/sequence_view.py`).
+Non-goals: drawing (`report/sequence_drawing.py`); running anything (`replay.py`).
 """
 
 from __future__ import annotations

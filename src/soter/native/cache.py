@@ -2,10 +2,10 @@
 
 Purpose: an entry is a folder NAME-CONTENT with its files and their seals. It is made beside and
 moved into place, so it is there whole or not at all; what is damaged, or could have been written by
-another user, is made again. The least recently used entries make room. The files that compiled code
-depends on, which are its content, and which packages copy: C files with what they include, and
-Soter's own; a folder where nothing is found was cut anew without its users being told, and that is
-a defect. `computes_names` says that macros put a name together, which nobody here follows.
+another user, is made again. The least recently used entries make room. `included` and `files_below`
+find the files that compiled code depends on, for CONTENT and for packages; a folder without any is
+an error: Soter is not whole then. `computes_names` says that macros put a file's name together,
+which nobody here follows.
 Non-goals: what is in an entry; folders above the cache that others may write to; headers in angle
 brackets; which names macros make (`extern_memory.py` sees them).
 """

@@ -1,9 +1,9 @@
 """Shared libraries: generated C compiled once for each content, loaded, and run on a state.
 
-Purpose: a `Unit` becomes a library that is kept by everything that matters. This is the one place
-that knows cffi (ABI mode): declarations are read from the headers themselves, so that Python and C
-cannot disagree. `Library`: a loaded program, the thinnest Python face of `runtime/soter.h`; states
-and traces are numpy arrays of bytes.
+Purpose: `library` compiles a `Unit` and keeps it in the cache, by everything that matters. This is
+the one place that knows cffi (ABI mode): declarations are read from the headers themselves, so that
+Python and C cannot disagree. A `Library` is a loaded program, the thinnest Python face of
+`runtime/soter.h`; states and traces are numpy arrays of bytes.
 Non-goals: generating C, packages for targets, the cache itself (`cache.py`), decoding
 (`core/layout.py`), answering externs (`simulate/`).
 """

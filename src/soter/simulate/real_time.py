@@ -1,10 +1,10 @@
 """One run of a system in real time: the package of target `posix` is compiled, kept and run.
 
-Purpose: `soter run --real-time`, and `--recorded` of a run that somebody made with the package
-(`FlightRecording`: the states after all instants, in order, and how late decision modules were). A
-recording of something else, or that contradicts itself, is SoterError; one whose end is missing, or
-of which instants are, is read up to there. A run is told as any other; one that was made now has
-the driver's own report besides (`Run.timing`).
+Purpose: `run_real_time` serves `soter run --real-time`, and `run_recorded` serves `--recorded`, for
+a run that was made with the package. A `FlightRecording` gives the states after all instants, in
+order, and how late decision modules were. A recording of something else, or one that contradicts
+itself, is a `SoterError`; one that lacks its end, or some instants, is read up to there. The result
+is like that of any run; `Run.timing` has the driver's report, if the run was made now.
 Non-goals: the driver and what writes recordings (`runtime/posix/`), processes of externs
 (`externs/extern_process.py`), what is told of a run (`run_observer.py`).
 """

@@ -1,10 +1,10 @@
 """A run as a log and as values: an MCAP written, and read back; topics and true states by instant.
 
-Purpose: one channel a topic, one a plant's true state, modes, and every DM step with its reason,
-all in virtual time (`report/mcap_log.py` writes the file). `RecordedRun`: times, topics and true
-states after every instant, of a traced run or of its log, in one form for those who judge it
-afterwards (`monitor/model_membership.py`).
-Non-goals: logs that `soter run --log` did not write; locals of nodes, which are nobody's interface.
+Purpose: a `RunLog` has a channel for each topic and each plant's true state, for modes, and for
+every DM step with its reason, all in virtual time (`report/mcap_log.py` writes the file);
+`read_log` reads it. A `RecordedRun` has topics and true states after every instant, in one form for
+a traced run and for its log, so that they can be judged afterwards (`monitor/model_membership.py`).
+Non-goals: reading logs that `soter run --log` did not write; locals of nodes, which are private.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Makes the report of a traced run that a person opens.
 
-Purpose: signals of topics and plants, modes, decisions with reasons, violations and what the result
-rests on, for any program; one file of HTML (`report/html.py` writes it). Of a tower, which
-controller has control in every state, and how long each had it, in words; of each module with
-`rest` the picture of where SC would lead.
+Purpose: `report_page` collects signals of topics and plants, modes, decisions with reasons,
+violations and assumptions, for any program; `report/html.py` writes one HTML file of them. For a
+tower it shows which controller has control in every state, and how long each had it; for a module
+with `rest`, the picture of where SC would lead.
 Non-goals: geometry: an example that moves through a scene fills the records itself; the boxes of
 that picture (`led_looks.py`); what a module decides below one that is in SC.
 """

@@ -1,13 +1,12 @@
 """What other times would cost and allow: sweeps of Delta and m, and how late commands may act.
 
-Purpose: `advise`: for multiples of the declared Delta the problem is derived again (H* follows;
-SC's period is kept, but where it is Delta, it is changed with it, too) and the sets recomputed:
+Purpose: for `soter advise`. `advise` derives the problem again for multiples of the declared Delta,
+the period of the DM (H* follows; SC's period stays, unless it equals Delta), and computes the sets:
 which share of the states is left to AC, whether P1c and P2b hold, and the largest Delta for which
-everything is proved. `largest_delay`: `acts within` is made longer, and the module verified anew
-with each value: the largest that was proved, the smallest that was not, and what stood in the way
-of that.
+everything is proved. `largest_delay` verifies the module anew with longer and longer values of
+`acts within`: it finds the largest that was proved, the smallest that was not, and why.
 Non-goals: changing a program; certificates; a bound that nobody verified. Verdicts of the sweep are
-those of `verify_module.py` without refinement.
+those of `verify_module.py` without finer grids.
 
 The paper leaves the choice of Delta to future work. A short Delta leaves AC more room, a long one
 costs less computing; m levels of hysteresis keep AC in control for at least (m - 1) Delta.

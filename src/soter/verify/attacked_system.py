@@ -1,11 +1,11 @@
 """A system under attack: the same plants and SC, everything else chosen by an adversary.
 
-Purpose: the closed system in which `refute.py` looks for runs that leave C. The AC publishes
-what is drawn from its control set, so that one draw policy chooses everything the environment and
-the AC may choose, natively and in the interpreter alike; `safe` becomes a property of the *true*
-topics, which are published without measurement errors beside the estimates.
-Non-goals: searching (`refute.py`); delays and jitter: virtual time has none, so what only a
-late release brings about is not found here.
+Purpose: `attacked` makes the closed system in which `refute.py` looks for runs that leave C, the
+states where `safe` holds. Its AC publishes values drawn from its outputs' sets, so that one draw
+policy makes all choices of the environment and of AC, natively and in the interpreter alike; `safe`
+becomes a property of *true* topics, published without measurement errors beside the estimates.
+Non-goals: searching (`refute.py`); delays and jitter: virtual time has none, so what only a late
+release brings about is not found here.
 """
 
 from __future__ import annotations

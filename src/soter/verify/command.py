@@ -1,9 +1,9 @@
 """`soter verify` without a terminal: which modules are proved, in which systems, in which order.
 
-Purpose: from a checked program to a `VerifyReport`; where it is asked for the page of a report, and
-the folder for `soter recheck` (docs/verification.md, section 4): program files, tables and
-manifest, sealed.
-Non-goals: the proofs (`verify_module.py`), printing; checking a certificate.
+Purpose: `verify` makes a `VerifyReport` of a checked program, with certificate and page on demand.
+`write` makes the folder for `soter recheck` (docs/verification.md, section 4): it puts program
+files, tables and the manifest there, and seals them.
+Non-goals: the proofs (`verify_module.py`), printing (`cli/verify.py`); checking a certificate.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """`soter verify --synthesize`: finds the safe controllers that a program leaves open.
 
-Purpose: ask the engine what `synthesized_sc.py` wants to know about each such module, above all K
-with a table of commands on estimates (`core_synthesis`, for one group), and write the program with
-the controllers found.
+Purpose: `synthesize` computes with the grid engine what `synthesized_sc.py` needs to choose a law
+for each such module, and writes the program with the controllers found. `core_synthesis` computes,
+for one group, K with a table of commands on estimates.
 Non-goals: proofs. What is written is an ordinary program; `soter verify` judges it.
 
 K, the core, is computed with each command held for `hold` periods of SC: in one period of a fast SC

@@ -1,10 +1,10 @@
-"""The methods of proof, in one table, and what they proved of a module, in a certificate.
+"""The methods that prove groups of states (grid, polytope), and the certificate entry of a module.
 
-Purpose: which `Method` proves the groups of which kind; groups, and what a DM holds of them, in the
-order of that table. `entry_over_sets`: times, ranges, cases, claims and computed predicates of a
-module that was proved over sets of states (docs/verification.md, section 4).
+Purpose: `method_of` gives the `Method` for a group; groups, and a DM's tables of them, are always
+in the order of the table `METHODS`. `entry_over_sets` writes times, ranges, cases, claims and
+computed predicates of a module proved over sets of states (docs/verification.md, section 4).
 Non-goals: what a method is asked (`claims/case.py`); a group's own sets (`grid/claims.py`,
-`polytope/tables.py`).
+`polytope/tables.py`); methods that prove whole modules (`verify_module.py`).
 """
 
 from __future__ import annotations

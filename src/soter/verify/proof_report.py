@@ -1,9 +1,9 @@
 """The results of the prover as the record of a page that can be filed (`report/proof_page.py`).
 
-Purpose: results -> `report/proof_page.py`: properties, times, shares, the paper's regions R1 to
-R5 of every group, assumptions, the trusted base, hashes; and figures of the run of the model that
-leaves C soonest: the axis by which it leaves over time, the plane of two axes of its group, and C
-as of the cells in which the run starts.
+Purpose: `page` makes the record of results: properties, times, shares, the paper's regions R1 to R5
+of every group, assumptions, the trusted base, hashes. `leaving_figures` draws the run of the model
+that leaves C soonest: the axis by which it leaves over time, and the plane of two axes of its
+group, with C at the cells in which the run starts.
 Non-goals: the page's looks (`report/proof_page.py`); finding the run (`diagnosis/model_runs.py`).
 """
 

@@ -2,9 +2,9 @@
 
 Purpose: `coverage_of` names, for every other system that holds a module, whether it poses the same
 problem or is not covered, and finds who guarantees what a module relies on: a part of some module's
-`safe` that keeps a topic in its declared set (docs/proof-modules.md, Composition); `rows_of`: all
-of that with the verdicts of a report, as lines of a table, the same for the terminal and the page.
-Non-goals: proofs.
+`safe` that keeps a topic in its declared set (docs/proof-modules.md, Composition). `rows_of` makes
+of that, with the verdicts of a report, the rows of a table for the terminal and the page.
+Non-goals: proofs; verdicts (`claims/results.py`).
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Verify one module: every property, a verdict each; over sets of states, or by another method.
+"""Verifies one module: a verdict on every property; over sets of states, or by another method.
 
-Purpose: over sets of states: run the engine over all cases, refine where only borders fail, look
-for counterexamples to what is not proved: a `ModuleResult`. Whatever could not be bounded is
-undecided. `module_method`: for each kind of problem the verdicts, the entry in a certificate, and
-what of a proof the world that a system is deployed in has to give.
+Purpose: `verify_module` proves all cases over sets of states, on finer grids where claims fail only
+at borders, looks for counterexamples to what is not proved, and returns a `ModuleResult`. What
+could not be bounded is undecided. `module_method` gives, for each kind of problem, the functions
+that verify it, write its certificate entry, and check that a deployed system gives what the proof
+needs.
 Non-goals: the claims themselves (`verify/claims/`), proofs by induction (`induction/verify.py`) and
 by tubes (`tubes/verify.py`); how groups of states are proved (`proof_methods.py`).
 """

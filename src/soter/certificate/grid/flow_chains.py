@@ -1,9 +1,10 @@
 """How a flow leads a form over one hold of SC, or over a span of any commands.
 
-Purpose: the steps of `sc_chains.Chain` and `free_phase` for a group whose flow is enclosed
-step by step (`flow_enclosures.py`); forms are those of `certificate/terms/compile_terms.py`. They
-compute with balls; or with the values of a program, of a flow that is the same everywhere.
-Non-goals: maps (`sc_chains.py`), sets (`group_claims.py`).
+Purpose: `FlowChain` computes what `sc_chains.Chain` and `free_phase` consist of. A *hold* lasts
+from the instant at which a command of SC acts to that of the next one; a *form* describes all
+states of a group at an instant (`terms/compile_terms.py`). A flow is enclosed step by step
+(`flow_enclosures.py`), in balls; or as values of a program, of a flow that is the same everywhere.
+Non-goals: which holds make a chain, and maps (`sc_chains.py`); sets (`group_claims.py`).
 
 Everything is kept as rows over z: the states at the beginning of the hold, the commands that acted
 before, for each new command what it may be off its row, and 1. `OpenedForm.z` has each entry of z

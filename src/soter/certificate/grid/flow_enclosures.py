@@ -1,9 +1,9 @@
 """Flows over a span of time, in Arb: a box of all solutions, a linear model, its solution.
 
-Purpose: for the steps of `flow_chains.py`. `around` gives a box that holds every solution for a
-span, and the matrices of x' = A x + B u + c +- w in it (`Enclosure`); `solved` their solution.
-`LocalFlow` makes both anew around each box; `SolvedFlow`, a linear flow, once for all boxes.
-Non-goals: chains and forms (`flow_chains.py`); solving linear flows (`linear_flows.py`).
+Purpose: `flow_chains.py` makes its steps of these. `around` gives a box that holds every solution
+for a span, and the matrices of x' = A x + B u + c +- w in it (`Enclosure`); `solved` their
+solution. `LocalFlow` makes both anew around each box; `SolvedFlow`, a linear flow, once for all.
+Non-goals: chains and forms (`flow_chains.py`); solving linear flows (`reading/linear_flows.py`).
 
 Argument of `around`. Let X be a box of states, U one of commands, s <= 0 <= t, B a box and F the
 range of the derivative over B x U x D, and let every point of X plus [s, t] F lie in B. The
@@ -104,7 +104,7 @@ class Enclosure:
 
 
 class KeptEnds:
-    """The grid of a group, and which ends of its axes no run crosses (`inward_flow.py`)."""
+    """The grid of a group, and which ends of its axes no run crosses (`sc_chains.py`)."""
 
     def __init__(
         self, model: CaseModel, members: Sequence[int], kept: Sequence[tuple[bool, bool]]

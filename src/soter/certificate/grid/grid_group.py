@@ -1,7 +1,8 @@
 """The method of grids: a group's tables of cells, and its claims as inclusions, cell by cell.
 
-Purpose: `GridGroup` and `GridCheck`, the method of proof (`groups.py`); from the sets S of all
-cases the bytes that a DM with computed predicates reads (docs/verification.md, section 3).
+Purpose: `GridGroup` reads the tables of one group (K, R, Q, W, S: `certificate/__init__.py`), and
+compares the table of a DM with computed predicates with the sets S of all cases. `GridCheck` turns
+each claim (`groups.py`) into tasks about blocks of cells (docs/verification.md, section 3).
 Non-goals: the inclusions themselves (`group_claims.py`, `estimates_and_shield.py`).
 """
 

@@ -1,8 +1,8 @@
 """The inclusions of sets of cells that the claims about a grid consist of, computed anew.
 
-Purpose: K, R(H), Q, W of a group, and the start, cell by cell.
-Non-goals: predicates (`certificate/cell_predicates.py`), certificates (`certificate/folder.py`),
-which claims there are (`grid_group.py`).
+Purpose: `witnessed` and `ranked` show for `grid_group.py` where SC leads from the cells of K, Q and
+W, along chains (`ChainCheck`); `free` where any command leads from those of R(H) (`FreeCheck`).
+Non-goals: predicates (`cell_predicates.py`), which claims there are (`grid_group.py`).
 """
 
 from __future__ import annotations

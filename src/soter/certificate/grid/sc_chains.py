@@ -1,10 +1,10 @@
-"""The re-checker's chains of SC periods and free phases, and ends of a grid that no run crosses.
+"""Chains of SC's periods and free phases of one group, and ends of a grid that no run crosses.
 
-Purpose: `Chain`: functions that enclose what SC makes of a cell, period by period, delays, jitter,
-errors and disturbances inside; `free_phase`: what any command makes of it (docs/verification.md,
-section 3); of maps both are so many compiled steps of the plants. Which ends of the axes of a group
-no run crosses, whatever is commanded (`uncrossed_ends`), and groups that no command moves and no
-run leaves (`points_inwards`).
+Purpose: `sc_chain` makes a `Chain`, functions that enclose where SC leads a cell, period by period,
+with delays, jitter, errors and disturbances in it; `free_phase` encloses where any command leads it
+(docs/verification.md, section 3); of maps both are so many compiled steps. `uncrossed_ends` finds
+the ends of axes that no run crosses, whatever is commanded; `points_inwards` asks whether no run
+leaves the grid of a group that no command moves.
 Non-goals: steps of flows (`flow_chains.py`); which cells, and whether what comes out lies in a set
 (`group_claims.py`); ends that only SC keeps: chains show those.
 

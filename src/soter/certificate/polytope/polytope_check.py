@@ -1,9 +1,9 @@
 """The claims about one polytope group, and what plants publish of states kept on polytopes.
 
 Purpose: `PolytopeCheck` shows K, R(H), predicates, the start, Q and the way to it (`groups.py`).
-`all_published`, `starts_in_sets`: what plants publish lies in its declared set, of states in K, at
-all times of a hold that SC begins there (docs/verification.md, section 10), and of initial states.
-Non-goals: states on grids (`certificate/cell_predicates.py`); what is not affine in the states.
+`all_published` shows that what plants publish lies in its declared set, from K on, at all times of
+a hold of SC (docs/verification.md, section 10); `starts_in_sets` shows it of initial states.
+Non-goals: states on grids (`cell_predicates.py`); what is not affine in the states.
 
 K is a core (docs/proof-sets.md, "Polytopes"): from every state of K at a nominal time C holds for a
 period and K when it ends, whatever is outstanding from the period before and whatever of the next

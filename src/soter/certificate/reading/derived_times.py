@@ -1,11 +1,11 @@
 """Ages, delays and waiting of a module, derived again from the definitions alone.
 
-Purpose: `derive`: A, A_sc, d, j, H*, h_0 and what else the claims count on, by going through the
-releases of a hyperperiod, with intervals for lateness, response and latency. `Ways`: the sensors of
-what DM and SC read in the system that runs, and how what SC publishes comes to the plant.
-Non-goals: nodes between plant and module (`node_paths.py`, which answers where
-there is one that reads an output or publishes what is read); formulas in closed form, and anything
-that the prover computes: this is written from the definitions so that no mistake is made twice.
+Purpose: `derive` finds A, A_sc, d, j, H*, h_0 and what else the claims count on, by going through
+the releases of a hyperperiod, with intervals for lateness, response and latency. `Ways` finds the
+sensors of what DM and SC read, and how what SC publishes comes to the plant.
+Non-goals: nodes between plant and module (`node_paths.py`, which answers where there is one that
+reads an output or publishes what is read); formulas in closed form, and anything that the prover
+computes: this is written from the definitions so that no mistake is made twice.
 
 All times are whole ns. A release k of X is at phase + k period. What is asked is always the worst
 schedule: a start is late or not, a publication is seen or not seen where both may be, each

@@ -1,15 +1,14 @@
 """Checked again: states that a claim need not look at, wholly or beyond the ends of their axes.
 
-Purpose: `leave_out` (the problem without the states that a certificate leaves out), `refuse_read`
-(their right to be left out: nothing that is asked depends on them). `rates_are_defined`: every
-obligation of the rates (a divisor is not 0, an index is there, an assertion holds) that no group
-shows cell by cell is shown over the whole grid at once. Of extras: `nothing_reads`: of a state
-whose axis is unbounded the value occurs in no rate and in no command of SC, for whatever value it
-has; `read_turning` (which states have axes that wrap around, by a certificate, and whether they
-may), `refuse_turns_read` (all that reads them is the same a turn further).
+Purpose: `leave_out` takes the states that a certificate leaves out from the problem; `refuse_read`
+checks that nothing which is asked depends on them. `rates_are_defined` shows, over the whole grid
+at once, each obligation of the rates (a divisor is not 0, an index is there, an assertion holds)
+that no group shows cell by cell. Two extras: `nothing_reads` shows that no rate and no command of
+SC reads a state whose axis is unbounded; `read_turning` enters which axes wrap around, and
+`refuse_turns_read` checks that all that reads their states is the same a turn further.
 Non-goals: sets of the other states, and on such axes (`cell_sets.py`); the rates' values. A group
 that is not linear, and that runs could leave, shows those obligations itself that concern a state
-of its own (`flow_enclosures.py`).
+of its own (`grid/flow_enclosures.py`).
 
 The argument for a state that is left out: what is asked are terms of the other states, so that a
 run of all states shows a run of these. It has to go on for as long as is asked: the rates of what

@@ -1,9 +1,9 @@
 """The times of one module, read again off the program, and whether the trusted thread keeps them.
 
-Purpose: declared delays, what DM and SC read and its `max_age`, the `TimingSetting` with the nodes
-on the way, and from it every time of the manifest, by name; `compare_times`. An extra is
-`check_thread`: from the execution times that the flying system declares, by itself, that nobody in
-the thread starts or ends later than the `TimingSetting` of the module says.
+Purpose: `read_times` makes a `TimingSetting` of the declared delays, what DM and SC read with its
+`max_age`, and the nodes on the way, and has all times derived; `compare_times` compares those of a
+manifest with them. `check_thread`, an extra, shows, from the execution times that the flying system
+declares, that nobody in the thread starts or ends later than the `TimingSetting` says.
 Non-goals: the derivation (`derived_times.py`), the nodes on the way (`node_paths.py`).
 
 Own derivation of what the thread keeps. The thread takes the releases of the calendar one after the

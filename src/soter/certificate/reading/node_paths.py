@@ -1,7 +1,7 @@
 """Nodes between the plants and a module in the system that runs, checked again: an extra.
 
-Purpose: `NodeWays`: the nodes from a sensor to what DM and SC read, and from what SC publishes to
-the plant, with their declared times; `NodePath`, `NodeEffect`: what they add to ages and delays.
+Purpose: `NodeWays` finds the nodes from a sensor to what DM and SC read, and from what SC publishes
+to the plant, with their declared times; `NodePath`, `NodeEffect` say what they add to ages, delays.
 Non-goals: what those nodes compute: that is an assumption, and named (`Ways.notes`).
 
 As in `derived_times.py` what is asked is the worst schedule: every node runs by

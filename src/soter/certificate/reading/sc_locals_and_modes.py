@@ -1,7 +1,7 @@
 """An SC with locals, or that looks at modes of other modules, read again: an extra.
 
-Purpose: every step that SC may take (`every_step`), one combination of modes and values of its
-locals after the other, and a term for whatever one of several steps publishes (`one_of`). Who
+Purpose: `every_step` reads every step that SC may take, one combination of modes and values of its
+locals after the other; `one_of` makes a term for whatever one of several steps publishes. Who
 decides the modes of other modules is no part of a certificate: a step of SC is read once for each
 combination of them, a predicate with each of them open.
 Non-goals: which of these values occur after which: any element of the set that every step keeps may

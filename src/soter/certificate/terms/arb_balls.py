@@ -3,7 +3,7 @@
 Purpose: precision, outward conversion to doubles, and for each function that a program may use a
 line with a remainder that encloses it over an interval: f(x) in slope x + offset +- spread for
 every x in [low, high], and f(x) in [least, most].
-Non-goals: knowing about programs (`symbolic_reading.py`) or sets (`certificate/cell_sets.py`).
+Non-goals: knowing about programs (`reading/symbolic_reading.py`) or sets (`cell_sets.py`).
 
 Everything here is an `arb`: a midpoint and a radius, operations rounded outwards by Arb. Bounds
 such as `low` are balls themselves, so that comparing them is only true where it is certain. The

@@ -1,12 +1,11 @@
 """Terms (`terms.py`) become functions over a whole set of states, programs of `straight_line.py`.
 
-Purpose: `compile_step`: a function from the form of a set of states to the forms of what a step
-makes of it, with the ranges wanted and the propositions that must hold; `compile_lines`: to rows
-over the states that hold all over the form; `compile_truths`: to what is known of propositions.
-`AffineForms`: rows and ranges of `terms.Linear`, once the atoms in them have theirs; `make_atoms`:
-a line and a range for each atom, bits for each truth.
-Non-goals: reading programs (`symbolic_reading.py`), which sets to check (`sc_chains.py`,
-`certificate/cell_predicates.py`), how programs run (`straight_line.py`).
+Purpose: each function takes the *form* of a set (below). `compile_step` gives the form of what the
+terms make of it, with ranges that are wanted; `compile_lines` rows over the states that hold all
+over the form; `compile_truths` what is known of propositions there. To make them, `AffineForms` has
+a row and a range of every `Linear`, once `make_atoms` has made those of its atoms.
+Non-goals: reading programs (`reading/symbolic_reading.py`), which sets to check
+(`grid/sc_chains.py`, `cell_predicates.py`), how programs run (`straight_line.py`).
 
 Argument: over the form an atom lies in its range (`bounds`), and is its row times the inputs plus
 its constant, up to its spread (`rows`). Arguments come first, so each rule below rests on

@@ -1,8 +1,8 @@
 """The claims of a certificate of a module with `rest`, each checked again.
 
-Purpose: `recheck_rest`: every constant that its decision module is made of against the program,
-then P1, P2a and `start`; what is decided in flight is not confirmed, and said to be so.
-Non-goals: tubes and what they show (`rest_claims.py`, `tube_chains.py`).
+Purpose: `recheck_rest` compares every constant of the module's decision module with the program,
+then shows P1, P2a and `start`. What the DM decides in flight it does not confirm, and says so.
+Non-goals: what each claim asks of tubes (`rest_claims.py`, `tube_chains.py`).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """What a module with `rest` claims before anything flies, checked again by another tube.
 
-Purpose: condition 3 (`answers`) and the two rules of rest ("Decisions by tubes", proof-flight.md):
-`keeps` shows rule 1 of the box B and the ways Y that a certificate names: a range each for every
-followed state that `moves` does not name. `rest` holds only in B, and SC then keeps the states in
-Y. `drifts` shows rule 2, of what `moves` says. `slope`: every derivative of a term in one input.
+Purpose: `answers` shows condition 3, `keeps` and `drifts` the two rules of rest ("Decisions by
+tubes", proof-flight.md). Rule 1 is about the box B and the ways Y that a certificate names, a range
+each for every followed state that `moves` does not name: `rest` holds only in B, and SC then keeps
+the states in Y. Rule 2 is about what `moves` says. `slope` encloses derivatives of a term.
 Non-goals: the start and single estimates (`tube_chains.py`); finding B and Y.
 
 `slope` is a ball, by the chain rule, atom by atom, over the range of each; at kinks it encloses

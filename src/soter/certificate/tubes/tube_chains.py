@@ -1,13 +1,13 @@
 """The re-checker's tubes: sets of states carried step by step, and what an estimate leads to.
 
-Purpose: `Body`, a set of states as generators with the commands that still act; `TubeChain`: holds
-of SC, spans of any command, the states at any instant of a window, each from a body to a body.
-`Truths`: which conditions are certain over boxes of states, and which are certainly not; nothing
-is, outside of their sets. `ModuleTube`: a module, read once; `good` follows SC from an estimate of
-a flight as "Decisions by tubes" (proof-flight.md) has it, and gives a reason where it is not
-certain that SC ends at rest within C.
-Non-goals: what a hold is (`grid/flow_chains.py`), which conditions there are (`rest_problem.py`),
-what is shown beforehand (`rest_claims.py`).
+Purpose: a `Body` holds all states in which a run may be at an instant, and the commands that still
+act. `TubeChain` makes the next body: after a hold of SC, after a span of any command, or for all
+instants of a span. `Truths` says on which boxes a condition certainly holds, or certainly does not;
+of boxes outside of the states' sets it says neither. `ModuleTube` follows SC of one module from an
+estimate of a flight (`good`) or from all starts (`starts`), as "Decisions by tubes"
+(proof-flight.md) has it, and gives a reason where it is not certain that SC ends at rest within C.
+Non-goals: how one step is enclosed (`grid/flow_chains.py`), which conditions there are
+(`rest_problem.py`), what is shown beforehand (`rest_claims.py`).
 
 The argument of a chain is that of `FlowChain`: a hold is rows over generators z, each of which is a
 number in [-1, 1], or 1. Here z has as many columns as there are unknowns; behind a hold what rows

@@ -1,9 +1,9 @@
-"""What a search has seen of a program, and by name what it has not; how far it is, how it ended.
+"""What a search has seen of a program, and by name what it has not; how far a search is.
 
-Purpose: plain data and arrays for `soter_explore_progress` and `soter_explore_coverage`: what all
-searches have seen, what a search of a part keeps of the ends of instants, how far its thread is;
-and that in the words of the program: branches, values, modes, actors.
-Non-goals: running the engine (`explorer_library.py`).
+Purpose: `Coverage` counts the properties, actors, modes, branches, values that were reached, out of
+all there are, and names the others. `CoverageCounters`, `EngineProgress` and `Observations` (what a
+part's search notes at ends of instants) are exchanged with the C engine, as numbers and arrays.
+Non-goals: running the engine (`explorer_library.py`); judging: the rest may be unreachable.
 """
 
 from __future__ import annotations

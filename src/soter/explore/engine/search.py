@@ -2,7 +2,7 @@
 
 Purpose: a `Search` runs the engine; its traces name actors and streams, and its coverage names
 modes, branches and values.
-Non-goals: the engine (`explorer_library.py`), verdicts (`explore/verdict.py`).
+Non-goals: the engine (`explorer_library.py`), verdicts (`explore/command.py`).
 """
 
 from __future__ import annotations

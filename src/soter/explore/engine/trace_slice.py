@@ -1,8 +1,8 @@
 """Which steps of a trace matter to its violation: a slice (docs/testing.md, "The slice").
 
-Purpose: from what the property reads back to the steps that may have changed it, by what steps of
-each actor read and write (`explore/model/footprints.py`) and by what they did change. Whatever the
-choices of the other steps: it is violated all the same, unless something else is violated before.
+Purpose: a `Slicer` goes from what the property reads back to the steps that may have changed it, by
+what the steps of each actor may read and write (`explore/model/footprints.py`) and by what they did
+change. Whatever the other steps choose, the property is violated, unless another one is before.
 Non-goals: a smallest such set; finding traces.
 """
 

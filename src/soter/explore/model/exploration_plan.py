@@ -1,12 +1,12 @@
 """The plan of exploring a tested system: its actors and their calendars, parts that share nothing.
 
-Purpose: from a system that was flattened for a test, and its Core: windows, faults, dependence,
-visibility, what of a configuration can matter. Actors that depend on each other, directly or
-through what one property reads, are one part. An execution of the system is one of every part,
-interleaved, and a property sees one part only: the system violates it iff that part does
-(docs/testing.md, "Parts"). All parts share one thing: time. Where a property has a deadline or
-reads the time there is one part only. Where nothing is late, a property may read several parts and
-they are explored alone all the same (`IndependentParts`, docs/testing.md, "Joined parts").
+Purpose: `plan_of` makes it from a system that was flattened for a test, and its Core: windows,
+faults, dependence, visibility, what of a configuration can matter. `parts_of` puts actors into one
+part that depend on each other, directly or through what one property reads. An execution of the
+system is one of every part, interleaved, and a property sees one part only: the system violates it
+iff that part does (docs/testing.md, "Parts"). All parts share time, so where a property has a
+deadline or reads the time there is one part only. Where nothing is late, `loose_parts_of` allows a
+property to read several parts ("Joined parts").
 Non-goals: which steps depend on each other (`footprints.py`), C (`explorer_model.py`).
 """
 

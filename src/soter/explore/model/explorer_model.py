@@ -1,9 +1,9 @@
 """Generates the model of a system that the explorer runs, a table after the generated program.
 
-Purpose: `<prefix>_model` (soter_explore.h): actors, timed properties, leaves for coverage, and how
-a configuration is packed.
-Non-goals: what the actors are (`footprints.py` says), searching
-(`explore/engine/c/soter_explore*.c`).
+Purpose: `generate_model` writes `<prefix>_model` (soter_explore.h): actors, timed properties,
+leaves for coverage, and how a configuration is packed.
+Non-goals: which actors there are (`exploration_plan.py`), what their steps read and write
+(`footprints.py`), searching (`explore/engine/c/soter_explore*.c`).
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
 """What the steps of a tested system may read and write, and so which of them may not be swapped.
 
-Purpose: `Footprints`: the resources of every actor's step and of every property; what may be a step
-fault, what stands for a continuum.
+Purpose: `Footprints` computes the resources of every actor's step and of every property, for
+`exploration_plan.py`; `may_fault` and `is_sampled` say where faults and continua are.
 Non-goals: calendars and the plan (`exploration_plan.py`).
 
 Dependence is a question of footprints. A step reads and writes *resources*: topics, stamps, queues
 (publishing pushes: a write; their subscriber reads and empties them), node locals, plant states,
 the latch and `had_control` of a component, and of every module its mode (with OE of AC and SC) and
-its gate (`gate_fault`, `clean_needed`).
-Two steps are dependent iff one of them may write what the other may read or write. All of it
-is what *may* happen: a gated controller counts as writing its outputs, a fail-safe value as
-published, a read on a branch that is never taken as read. Time is no resource: where it matters
-(`Plan.timely`) a search must not swap steps across a change of time.
+its gate (`gate_fault`, `clean_needed`). Two steps are dependent iff one of them may write what the
+other may read or write. All of it is what *may* happen: a gated controller counts as writing its
+outputs, a fail-safe value as published, a read on a branch that is never taken as read. Time is no
+resource: where it matters (`ExplorationPlan.timely`) a search must not swap steps across a change
+of time.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """What steps and predicates compute, as terms: equal terms are the same function of what is read.
 
-Purpose: Core executed over terms (`core/core_walks.py`), both sides of every branch, so
-that two pieces of it can be compared up to a renaming of what they read and write. Terms are
-interned: a number stands for one, and equal numbers for equal terms. What commutes exactly (`&&`,
-`||`, `==`, `!=`, `+`, `*`, `abs` of a difference, `min` and `max` of ints) has its operands in one
-order; nothing else is known of arithmetic, so terms that differ may still be equal.
+Purpose: `TermReading` executes Core over terms (`core/core_walks.py`), both sides of every branch,
+so that two steps can be compared up to a renaming of what they read and write. Terms are interned:
+a number stands for each, and equal terms have equal numbers. What commutes exactly (`&&`, `||`,
+`==`, `!=`, `+`, `*`, `abs` of a difference, `min` and `max` of ints) has its operands in one order;
+nothing else is known of arithmetic, so terms that differ may still be equal.
 
 Faults are a set of (where it is reached, what faults): a step faults iff one of them does. Its
 order is of no matter: the first one that does reads values that no fault has spoilt, and which one

@@ -1,10 +1,10 @@
 """Equal instances of a test: families of blocks of a packed configuration that may change places.
 
-Purpose: to propose renamings that swap two components and whatever then has to be swapped with
-them, to keep those that `symmetry.py` accepts, and to say which bits of a packed configuration
-they swap. Two swaps that share a block make a family of three, and so on: what swaps one block
-with each of the others generates all orders of the blocks. `SymmetricInstances`: those that a
-search can make use of, as its C is told; what one of them reached the others can reach, too.
+Purpose: `families_of` proposes renamings that swap two components and whatever has to be swapped
+with them, keeps those that `symmetry.py` accepts, and finds the bits of a packed configuration that
+they swap. Two swaps that share a block make a family of three, and so on: swaps of one block with
+each of the others generate all orders of the blocks. `SymmetricInstances` tells the C engine of
+them: what one instance reached, its equals can reach, too.
 Non-goals: why that is sound (docs/testing.md, "Equal instances"), using it (`engine/c/`).
 """
 

@@ -1,10 +1,10 @@
-"""An extern node in Python in a process of its own: asked in virtual time, or serving in real time.
+"""An extern node in Python, in a process of its own: in virtual time, or beside a run in real time.
 
-Purpose: `soter run` asks a child (`ProcessExtern`) for every step. The child loads the person's
-code, calls it and converts its answer; what it says is text with bounds, checked against the types
-here, so whatever happens in it is a step fault and nothing else. It is started again, `RESTARTS`
-times. Run as a module with SPEC (`native/compiler.py`) this file answers what the driver of a
-real-time run asks, until the driver is gone. SPEC says what and how: `write_spec` writes it.
+Purpose: for `soter run`, a `ProcessExtern` asks a child process for every step. The child
+(`ServedExtern`) loads the user's code, calls it and converts its answer to text of limited length,
+which is checked here: so whatever happens in it is a step fault and nothing else. It is started
+again, `RESTARTS` times. For a run in real time `simulate/real_time.py` starts this file as a module
+with the path of a spec, which `write_spec` has written: it answers until the driver is gone.
 Non-goals: being on time or right: driver and gate see to that; extern plants and functions, which
 stay in the process of the engine.
 """

@@ -1,14 +1,13 @@
 """Python code behind an extern: found in its file, loaded, called, and its answers clipped.
 
-Purpose: `python:file.py:name` becomes an object whose `step` never raises anything but `Exception`
-and whose file, name and construction errors are diagnostics (X002, X003). `hint`: where an author
-has taken the extern for something else (another number of parameters, `inputs["motion"]`, a name
-that is not there) the error as Python says it, and what this extern is called with and asked for,
-with types. With `clip`, as in `soter.remote`, what is too large becomes the largest that the topic
-takes, and no step fault; what is no finite number is refused as ever. What a call changes of the
-process is put back: the current folder and the depth of recursion are the externs' own, who find
-them again in the next call; how the processor rounds; a copy that an extern forks ends where the
-call ends, as there is one run.
+Purpose: `load_python` makes an object of `python:file.py:name`; errors in its file, name or
+construction are diagnostics (X002, X003). `PythonExtern` calls its `step` and raises nothing but
+`Exception`s, and `Stop` for a person's Ctrl-C. Where the code does not fit the call
+(`inputs["motion"]`, a missing name), `hint` says what an extern is called with and asked for, with
+types. With `clip`, as in `soter.remote`, a number that is too large becomes the largest that the
+topic takes; what is not finite is still refused. `outside` keeps for the externs the current folder
+and the depth of recursion that they set, and restores the processor's rounding; `end_copy` ends a
+process that an extern forked when the call ends.
 Non-goals: which extern it answers (`bindings.py`), what its answers mean
 (`language/model/values.py`), crashes of the process, code that never returns (`workers/`); threads,
 signals and files that an extern leaves behind; mistakes inside of the extern, which Python's own

@@ -1,13 +1,13 @@
 """Cells of grids: boxes of them, finer and coarser ones, and how long a proof on them will take.
 
-Purpose: sets of cells as boxes that people can read, and which cells hold a box of states; finer
-grids, where only borders failed (`refined`) or everywhere (`halved`), a bounded number of times and
-said so; the same problem on fewer cells (`merged`); `matrix` and `axes`, what the entries of all
-groups in a certificate are made of. `announce_work`: the first case on merged cells, twice; how its
-time grows with the cells says how long the declared grid takes. That is said only where somebody
-waits for it, and where it is long.
-Non-goals: deciding anything: another grid is a new attempt, no more; sets (`verify/grid/sets.py`);
-in the estimate finer grids, and what comes after the sets (counterexamples, what may help).
+Purpose: `regions_of` gives boxes for people around a set of cells, `mesh_of` the cells that hold a
+box of states. `refined` splits cells near borders where claims fail only there, `smaller_cells`
+halves all of them, `merged` makes the same problem on fewer cells. `matrix` and `axes` write the
+parts that all groups' certificate entries have. `announce_work` computes the first case on merged
+cells, twice; how its time grows tells how long the declared grid takes. It says that only where
+somebody waits for progress, and where it is long.
+Non-goals: verdicts (another grid is a new attempt, no more); sets (`verify/grid/sets.py`). The
+estimate counts neither finer grids nor what comes after the sets, such as counterexamples.
 """
 
 from __future__ import annotations

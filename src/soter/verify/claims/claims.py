@@ -1,12 +1,12 @@
 """The claims of one case, asked of its groups in turn (docs/verification.md, section 3).
 
-Purpose: for one combination of parameter values: C, K, R(H), the inclusions of `ttf` and `safer`,
-and P2b: sets Q_g that SC keeps inside the states whose every estimate satisfies `safer`, and the
-time that it takes to be there from all of K. T counts from SC's first acting output to the instant
-at which the verdict that gives control back is in force. Beside them stand what plants can publish
-(beyond the declared set of a topic a plant stops), whether the integration scheme that flies is in
-the proof, and P1, which is a matter of the times alone. What a group cannot show it says itself;
-here is what concerns several.
+Purpose: for one combination of parameter values these functions compute C, K and R(H), check the
+inclusions of `ttf` and `safer`, and find P2b: a set Q_g for each group that SC keeps where every
+estimate satisfies `safer`, and the time T from anywhere in K until AC has control again (from SC's
+first acting output until the verdict is in force). They also say to what plants cut C (a plant
+stops rather than publish outside a topic's set), whether the proof covers the integration scheme
+that flies, and P1. Each group enters its own failures; what concerns several groups is done here.
+Symbols: head of `verify/grid/sets.py`; the index g is one group's part.
 Non-goals: where control begins (`start.py`), how a group is proved (`case.py`, `verify/grid/`,
 `verify/polytope/`), refinement and verdicts (`verify_module.py`), the error of a scheme
 (`enclose/scheme_error.py`). That long arrays and lists stay in their sets is an assumption.

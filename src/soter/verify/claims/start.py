@@ -1,14 +1,13 @@
 """Where control begins: the start, hand-backs and hand-overs, and an SC that reads defaults.
 
-Purpose: the claim `start`: initial states lie in R(h_0); of a module below another one what stands
-in its place: the set part of a hand-back, and an SC that faults on nothing it may read while it has
-no control. The set part of a hand-over: wherever `enters` holds of an estimate the state lies in
-R(H), in cells and outside the grid (proof-sets.md, Hand-over, Towers). `fault_on_defaults`: what
-goes wrong in the steps of SC before every read shows a state. Their outputs are in U, checked as
-they are published, so that they belong to what R(h_0) covers; but a step that faults latches SC,
-and then it never speaks again.
+Purpose: `start` checks that initial states lie in R(h_0); `handed_back`, for a module below another
+one, that this one gives control back only in R(H) (docs/proof-modules.md, "Towers"). `not_entered`
+checks the set part of a hand-over (docs/proof-sets.md): where `enters` holds of an estimate the
+state lies in R(H), on cells and outside the grid. `fault_on_defaults` runs SC's steps before all
+that it reads shows a state. Their outputs are in U, the declared sets, so R(h_0) covers them; but a
+step that faults latches SC, and then it never publishes again. Symbols: `verify/grid/sets.py`.
 Non-goals: that a node changes a view in no other step (`induction/handover.py`); H, which covers
-the way until SC's first output after a hand-back (`verify/problem/schedule.py`).
+the time until SC's first output after a hand-back (`verify/problem/schedule.py`).
 """
 
 from __future__ import annotations

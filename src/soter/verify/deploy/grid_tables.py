@@ -1,8 +1,9 @@
 """Computed predicates as functions of the program: a table of levels, and how it is read.
 
-Purpose: levels of estimates (0: ttf, 1: in S_0, 2: in S_(m-2)) packed four cells a byte, and
-checked expressions for `ttf` and `safer` that interpreter, Core and C see like any other.
-Non-goals: the sets (`estimate_sets.py`), when they are computed (`missing_predicates.py`),
+Purpose: a `GroupTable` holds the levels of estimates (0: ttf, 1: in S_0, 2: in S_(m-2)), packed
+four cells a byte; `predicates` writes `ttf` and `safer` as checked expressions, which the
+interpreter, Core and C treat like any other.
+Non-goals: the sets (`grid/estimate_sets.py`), when they are computed (`missing_predicates.py`),
 half-spaces (`polytope/tables.py`).
 
 Why reading is sound. S_j is a set of closed cells. `place` looks for the cell by halving, then

@@ -2,8 +2,7 @@
 
 Purpose: `LevelTable` is what every table of levels offers, however it is read; `Writer` builds
 checked expressions and functions of the program, which all stand at one place of its text.
-Non-goals: tables of cells (`grid_tables.py`), half-spaces
-(`verify/polytope/tables.py`).
+Non-goals: tables of cells (`grid_tables.py`), half-spaces (`verify/polytope/tables.py`).
 """
 
 from __future__ import annotations

@@ -1,14 +1,13 @@
 """Explains a claim that was not proved by a run of the model, in a few CPU seconds at most.
 
-Purpose: `explain`: of an empty K the run under SC that leaves C soonest, or that none was seen to;
-of a way back that is not shown the run that ends furthest outside `safer`, or that none does. Also
-beside a run that refutes, which says where it ends and not why. `habit` of an SC whose K is empty:
-where it brings the plant when nobody disturbs it: it comes to rest outside of C; it drives a state
-away from where it is; or it leaves a state where that begins, so that whatever pushes moves it on.
-What the runs show lies with SC, so that the advice is about SC.
+Purpose: where K is empty, `explain` finds the run under SC that leaves C soonest, or says that none
+was seen to; where the way back (P2b) is not shown, the run that ends furthest outside `safer`, or
+that none does. It does so beside a refuting run, too, which shows where it ends and not why.
+`habit` looks, in undisturbed runs, for three faults of an SC whose K is empty: it comes to rest
+outside of C; it drives a state away from its place of rest; or it leaves a state where it starts,
+so that any push moves that on. They lie with SC, so the advice is about SC.
 Non-goals: verdicts: these are runs of the model, and none of them refutes; what would help
-(`variations.py`), which is measured by proving again; SC that is merely too weak. It takes a few
-CPU seconds at most.
+(`variations.py`), which is measured by proving again; an SC that is merely too weak.
 """
 
 from __future__ import annotations

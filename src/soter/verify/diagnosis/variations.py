@@ -4,8 +4,8 @@ Purpose: each row of `VARIATIONS` has the words for a change, the function that 
 problems, the claims at which it may help, and its cost. A changed `Problem` is the one that the
 changed program would have; there is none where that is no problem, or where the module cannot be
 read again from its verification system alone (views, `abstracts`, modes, a fail-safe law).
-`remedies`: what the table has for a module; `at_periods`: the problem with other periods, for
-`soter advise`.
+`remedies` gives the changes for a module; `at_periods` the problem with other periods, for
+`advice.py`.
 Non-goals: verdicts: nothing here is claimed of the declared problem; which change helps
 (`tried_remedies.py`); laws, plants and predicates of another shape; changing the program's text;
 fewer cells (`claims/cells.py`).

@@ -1,10 +1,11 @@
 """The enclosures of one module: generated as C, compiled with the engine, called over boxes.
 
-Purpose: `generate_enclosures`: `law`, `derivative` or `next`, `safe`, `constraint`, `core`, `ttf`,
-`safer`, `drives` of one module over the forms of `verify/engine/soter_form.h`
-(docs/verification.md, section 2). `ReachLibrary`: compile such a unit together with
-`soter_reach*.c`, once for each content, and reach both through cffi. `CompiledEnclosures`: evaluate
-`law`, `safe`, ... over single boxes, for checks that look at few boxes.
+Purpose: `generate_enclosures` writes the functions `law`, `derivative` or `next`, `safe`,
+`constraint`, `core`, `ttf`, `safer` and `drives` of one module over the forms of
+`verify/engine/soter_form.h` (docs/verification.md, section 2). `ReachLibrary` holds such a unit,
+compiled with `soter_reach*.c` once for each content, and calls both through cffi.
+`CompiledEnclosures` evaluates `law`, `safe`, ... over single boxes, for checks that look at few
+boxes.
 Non-goals: what a step comes to (`enclosed_steps.py`); grids (`verify/grid/sets.py`), where C walks
 over millions of cells.
 

@@ -1,14 +1,14 @@
-"""Core over forms: the domain of enclosures, and what cells hold while a module is enclosed.
+"""Core over forms: executes Core with an enclosure in the place of every number.
 
 Purpose: `EnclosureBody` turns Core into operations of the emitted C; where a branch is undecided
 both of its sides become blocks of C. A function of the prelude is enclosed by its meaning: `sin`
 becomes an enclosure of the sine, widened by the tested bound of
 `language/prelude/function_error_bounds.py`, instead of an enclosure of its polynomial.
-`EnclosureInputs`: which input is which leaf, estimates (a driven topic plus its measurement
-errors), and the range of what is no input of the function being emitted.
-Non-goals: the walk (`core/core_walks.py`), which functions are emitted
-(`compiled_enclosures.py`), the arithmetic (`enclosed_operations.py`); functions of the prelude
-without a tested bound, whose bodies are enclosed as they are.
+`EnclosureInputs` knows which input each leaf is, makes estimates (a driven topic plus its
+measurement errors), and gives the declared range to a leaf that is no input of the function.
+Non-goals: the walk (`core/core_walks.py`), which functions are emitted (`compiled_enclosures.py`),
+the arithmetic (`enclosed_operations.py`); functions of the prelude without a tested bound, whose
+bodies are enclosed as they are.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """The proof method "grid": claims about one group on cells, and its entry in a certificate.
 
-Purpose: `GridProof`: for one group of a case C, K, R(H), the inclusions, levels, the start and the
-return, on cells; `Grids`: the method; `entry`: the sets of a group as tables, one entry a cell.
-Non-goals: sets (`sets.py`), P2b (`recovery.py`), levels of estimates (`estimate_sets.py`), shares
-and figures (`set_figures.py`); checking a certificate (`soter recheck`).
+Purpose: `GridProof` computes the sets of one group (C, K, R(H), S_j, Q, W: head of `sets.py`) and
+checks the claims about them cell by cell; `Grids` is the method that opens such proofs; `entry`
+writes the sets into a certificate as tables, one entry a cell.
+Non-goals: computing sets (`sets.py`), P2b (`recovery.py`), levels (`estimate_sets.py`), shares and
+figures (`set_figures.py`); checking a certificate (`soter recheck`).
 """
 
 from __future__ import annotations

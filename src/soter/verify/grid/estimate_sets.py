@@ -1,10 +1,11 @@
 """Sets of estimates on a grid: levels, what of them a DM holds, and what a shield permits there.
 
-Purpose: S_0, S_1, ... by eroding R(H) (docs/verification.md, section 3); the states from which AC
-may have control by the table of all cases. `permitted`: of every cell of estimates and every least
-command cell the greatest one such that all commands between may act, in any order, until SC's first
-output does (proof-flight.md, "A gate that looks at commands").
-Non-goals: the tables themselves (`verify/deploy/grid_tables.py`, `verify/deploy/shield_tables.py`).
+Purpose: `find` computes S_0, S_1, ... by eroding R(H) (docs/verification.md, section 3); `admit`
+the states from which AC may have control by the DM's table, which all cases share. `permitted` cuts
+the range of a shield's command into cells: for each cell of estimates and each command cell it
+computes in `tops` up to which cell commands may act together with those of that one, in any order,
+until SC's first output does (docs/proof-flight.md, "A gate that looks at commands").
+Non-goals: the tables (`verify/deploy/grid_tables.py`, `shield_tables.py`). Symbols: `sets.py`.
 
 R_V(H) is R(H) with a box V of commands in the place of U: the same engine, told that the group's
 command lies in V. For a map V is one command, so one cell. Groups that several commands move have

@@ -1,8 +1,8 @@
 """One group of states as the C engine sees it: grid, ranges, dynamics.
 
-Purpose: the group's description in C, its linear model, memory and slices of work, for
-`sets.py` and `recovery.py`.
-Non-goals: sets.
+Purpose: `GridModel` fills in the group's description in C and its linear model, and allocates the
+engine's memory, for `sets.py`, which calls the engine.
+Non-goals: computing sets (`sets.py`).
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
 """P2b on a grid: SC leads from every cell of K to where AC gets control back.
 
-Purpose: the set Q that SC keeps inside a target, and W with numbers of holds and times
-(docs/verification.md, section 3). `finer_home`: where SC keeps no set of declared cells inside a
-computed `safer`, Q and W on smaller cells than the DM's table keeps: every interval in which
-`safer` lies is cut in two, then in four.
-Non-goals: targets, T (`verify/claims/claims.py`); `safer` of the user, for which the whole grid is
-refined (`verify/claims/cells.py`).
-
-Whether smaller cells are tried, and how small they are, depends on counts of cells alone.
+Purpose: `recover` finds Q, the cells that SC keeps inside a target (where `safer` holds at every
+estimate), and W with its ranks: how many chains lead from a cell to Q, and how long they take
+(`way`; docs/verification.md, section 3; symbols: head of `sets.py`). Where `safer` is computed and
+Q is empty on the declared cells, `finer_home` tries smaller ones: each interval in which `safer`
+lies is cut in two, then in four. Whether that is done depends on counts of cells alone.
+Non-goals: targets and the time T (`verify/claims/claims.py`); a `safer` of the user's own, for
+which the whole grid is refined (`verify/claims/cells.py`).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The sets of a grid in figures: the paper's regions R1 to R5, and shares of volumes.
 
-Purpose: `regions`, `figure`: from the sets of a group to one number a cell, the first two axes as a
-figure, and slices through the third one. `shares`: how much the sets say, for people and for
-`verify/diagnosis/vacuity.py`; states drawn from K; a state deep in C.
-Non-goals: anything that a proof rests on; drawing (`report/proof_page.py`).
+Purpose: `regions` gives each cell of a group its region, and `figure` makes a figure of the first
+two axes, with slices through the third. `shares`, `drawn` and `deepest` tell people and
+`verify/diagnosis/vacuity.py` how large the sets are, with random states of K and one deep in C.
+Non-goals: anything that a proof rests on; drawing (`report/proof_page.py`). Symbols: `sets.py`.
 """
 
 from __future__ import annotations

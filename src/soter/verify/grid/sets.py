@@ -7,7 +7,7 @@ Symbols, here and in this folder: C, the states where `safe` holds. K, the core:
 which SC keeps C for ever. R(t): states from which no command of U leads out of K within t. S_j: the
 estimates at which the DM may leave AC control. Q: states of K that SC keeps inside `safer`. W: the
 states from which SC leads to Q (docs/proof.md#setting, docs/proof-sets.md).
-Non-goals: extracting the problem, verdicts, certificates; synthesis and ranks (`recovery.py`).
+Non-goals: the problem, verdicts, certificates; synthesis (`find_sc.py`), Q and W (`recovery.py`).
 """
 
 from __future__ import annotations

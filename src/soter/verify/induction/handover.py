@@ -5,7 +5,7 @@ publishes new values there. `handovers` finds that node and asks z3 about any tw
 row, and about its first step: either what the map reads is published unchanged, or `enters` holds
 of what the later step reads and publishes, and that step publishes all that the view's plants
 drive.
-Non-goals: that the state lies in R(H) wherever `enters` holds (`claims/handover_claims.py`).
+Non-goals: that the state lies in R(H) wherever `enters` holds (`claims/start.py`).
 """
 
 from __future__ import annotations

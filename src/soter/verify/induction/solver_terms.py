@@ -1,11 +1,11 @@
-"""Values of Soter as terms of a solver, exact or uninterpreted, and questions about them.
+"""Values of Soter as terms of the solver z3, exact or uninterpreted, and questions about them.
 
-Purpose: truths, ints and enums are themselves; an age is whole nanoseconds; whatever else a value
-is made of (floats, lists, long arrays) is an element of one uninterpreted sort, and what is
-computed with it an uninterpreted function of it: equal values, equal answers, and nothing else is
-known. So every run of the program is a model; not every model is a run. `Query`: several ways of
-searching, each up to so much work, each in a context of its own, so that an answer hangs on nothing
-but the question.
+Purpose: `SolverTerms` makes them. Bools, ints and enums are exact; an age is whole nanoseconds. All
+else (floats, lists, long arrays) is an element of one uninterpreted sort, and what is computed with
+it is an uninterpreted function of it: equal arguments give equal answers, and nothing else is
+known. So every run of the program is a model of the terms; not every model is a run. `Query` tries
+several ways of searching, each with a limit of work and in a context of its own, so that neither
+the machine's load nor earlier questions change a verdict.
 Non-goals: statements (`step_terms.py`), time (`calendar.py`), which questions prove a module
 (`prove_or_refute.py`).
 """

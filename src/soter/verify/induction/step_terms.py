@@ -1,10 +1,10 @@
 """One step as terms of a solver: what it sees, what it publishes, and whether it faults.
 
-Purpose: Core over a solver's terms, joined by conditions; what terms cannot say exactly is an
-uninterpreted function of what it is computed from. `State`, between clusters of steps,
-`StepEffect`, and the `ClusterView` of a reader, in which a topic is what the last writer before it
-published, with stamps, ages and modes.
-Non-goals: the walk (`core/core_walks.py`), when steps are made (`transition_relation.py`).
+Purpose: `Evaluation` executes Core with terms for values, and joins both ways of a branch by its
+condition; what terms cannot say exactly is an uninterpreted function of its operands. `State` is
+the state between clusters of steps, `StepEffect` what a step did, and `ClusterView` the view of a
+reader, for whom a topic holds what the last writer before it published, with its stamp.
+Non-goals: the walk (`core/core_walks.py`), when steps run (`transition_relation.py`).
 """
 
 from __future__ import annotations

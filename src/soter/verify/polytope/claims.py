@@ -1,10 +1,10 @@
 """The proof method "polytope": claims about one linear group, proved by half-spaces.
 
-Purpose: `PolytopeProof`: for one group of a case C, K, R(H), levels or inclusions, the start and
-the return; each proved with multipliers, and entered as a failure where it is not; `Polytopes`: the
-method.
-Non-goals: finding sets (`proofs.py`), reading matrices (`extract.py`), comparing predicates with
-sets (`regions.py`), verdicts.
+Purpose: `PolytopeProof` proves, for one group of a case, C, K, R(H), levels or inclusions, the
+start and the return with multipliers, and enters a failure where one is not proved; `Polytopes` is
+the method that opens such proofs. Symbols: head of `verify/grid/sets.py`.
+Non-goals: finding sets (`proofs.py`), reading matrices (`extract_group.py`), comparing predicates
+with sets (`regions.py`), verdicts.
 
 C_g, the group's part of C, is a box on which `safe` surely holds; the product with the other groups
 is checked by `verify/claims/claims.py`.

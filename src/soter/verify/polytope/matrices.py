@@ -1,10 +1,9 @@
-"""Matrices for what polytopes claim: of balls, and of rationals.
+"""Matrices for the bounds of polytope proofs: of balls, and of rationals.
 
-Purpose: linear algebra in binary64 with an error bound beside every entry: products, sums and the
-matrix exponential with its integral, all rounding outward. A result `[mid - rad, mid + rad]`
-contains the exact result for every choice of exact operands inside theirs. Rows solved for some of
-their inputs, in rationals: `pivots_of`: which rows, for which inputs; `inverse_of` what is left of
-them.
+Purpose: `Ball` has linear algebra in binary64 with an error bound beside every entry: products,
+sums and (`exponential`) the matrix exponential with its integral, all rounding outward. A result
+`[mid - rad, mid + rad]` contains the exact result for every choice of exact operands inside theirs.
+In rationals, `pivots_of` chooses independent rows and an input of each, and `inverse_of` inverts.
 Non-goals: speed for large matrices; anything that is not linear.
 
 Why it rounds outward: for inner products of n <= 4096 terms in any order of summation, fused or

@@ -1,8 +1,9 @@
 """Regions of polytope groups: where predicates hold, on boxes and on states that are drawn.
 
-Purpose: ranges over which a predicate surely holds; where it may let AC have control outside of
-R(H); shares for people, and the regions R1 to R5 of the paper over the first two states, by points.
-Non-goals: proofs about sets (`proofs.py`); drawing (`report/proof/page.py`).
+Purpose: `box_of` finds ranges over which a predicate surely holds; `outside` a box where it may let
+AC have control outside R(H). `shares` says how large the sets are, for people; `figures` decides
+the paper's region, R1 to R5, of points over the group's first two states.
+Non-goals: proofs about sets (`proofs.py`); drawing (`report/proof_page.py`).
 
 A predicate is compared with R(H) on boxes: for a linear function the worst point of a box is one of
 its corners, so that a box inside all half-spaces lies in R(H); others are halved.

@@ -1,12 +1,11 @@
 """Paths of data through the flying system: from sensors to a module, and from it to the plant.
 
-Purpose: for a topic of the verification system the `SensorPath`s of its publishers, hop by hop; for
-every output of a module the nodes that its commands pass on their way, where the plants of the
-proof are abstractions (docs/proof.md, "The model of time"); whether a node publishes a topic at
-every step, which ages and waits on such a way take for granted.
+Purpose: `chains_of` finds, for a topic of the verification system, every path from a sensor to its
+publishers, node by node, and, where the plants of the proof are abstractions, the nodes that a
+module's commands pass on their way (docs/proof.md, "The model of time"). `must_publish` checks that
+a node publishes a topic at every step, which the times of such paths require.
 Non-goals: what the nodes compute (that they show the state is an assumption, `assumptions.py`), the
-times that follow (`schedule.py`), faults: that no node on a way faults is an
-assumption.
+times that follow (`schedule.py`); that no node faults is assumed.
 
 Three kinds of nodes stand there. One that also reads what comes from a plant is a controller of
 its own and belongs, with everything behind it, to what the abstraction stands for: it is named, and

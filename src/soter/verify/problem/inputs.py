@@ -1,9 +1,8 @@
 """The inputs of a verification problem: which leaves, over which ranges; how far estimates are off.
 
-Purpose: states, controls, disturbances, errors, others and parameters of a verification system
-(docs/verification.md, section 1), with a diagnostic where the program does not determine one; of
-topic leaves that are states how far an estimate is from the state, and the topics that show a state
-to the DM.
+Purpose: `inputs_of` finds the states, controls, disturbances, errors, others and parameters of a
+verification system (docs/verification.md, section 1), and reports what the program leaves open.
+`errors_of` gives the largest error of each state's estimate, `seen` the topic that shows it to DM.
 Non-goals: grids (`axes.py`), enclosures (`verify/enclose/compiled_enclosures.py`), sets of
 estimates (`grid/estimate_sets.py`, `polytope/proofs.py`).
 """

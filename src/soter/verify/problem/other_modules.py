@@ -1,14 +1,14 @@
 """What a proof takes of other modules: of the one above, and modes and margins of any.
 
-Purpose: `under`: where the module above gives control back, as a predicate over what the plants of
-the proof drive, and how old the state behind that verdict may be once it is in force
-(docs/proof-modules.md, Towers); `handed_back`: times that count it. `modes_as_topics`: a module
-whose SC, `ttf` or `safer` reads `mode(M)` of another one, or `margin(M)` of any, reads a topic in
-its place that nobody of the proof drives, so that any value may be read at any time; for whom P2b
-waits, and whether those wait in turn (docs/proof-modules.md, Coordinated switching).
-Non-goals: that the state is then in R(H) (`claims/start.py`), what H has to be
-(`schedule.py`); `safe`, `core` and lemmas, in which no mode or margin may stand;
-one's own mode; the re-checker, which reads `mode` by itself and refuses `margin`.
+Purpose: `under` gives the states at which the module above gives control back, as a predicate over
+what the plants of the proof drive, and how old the state behind that verdict may be once it is in
+force (docs/proof-modules.md, Towers); `handed_back` adds that age to the times. `modes_as_topics`
+replaces `mode(M)` of another module, and `margin(M)` of any, in SC, `ttf` and `safer` by a topic
+that nobody in the proof drives: it may have any value at any read. It also says for which modules
+P2b waits, and whether those wait in turn (docs/proof-modules.md, Coordinated switching).
+Non-goals: that the state is then in R(H) (`claims/start.py`), what H has to be (`schedule.py`);
+`safe`, `core` and lemmas, in which no mode or margin may stand; one's own mode; the re-checker,
+which reads `mode` by itself and refuses `margin`.
 """
 
 from __future__ import annotations

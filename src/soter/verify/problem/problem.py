@@ -1,11 +1,10 @@
 """The verification problem of one module, and what its proof takes for granted, as plain data.
 
-Purpose: what `extract.py` reads off a program and everything else in this room works on
-(docs/verification.md, section 1); `Quantities`: which leaf of a plant or topic each input of the
-dynamics is, in order; `Modes`: whose modes the module reads. `Assumption`, and those that every
-proof says alike; `remaining`: what is left of a problem's assumptions once a proof has shown some
-of them and added others. Nothing is ever taken out of a list, and nothing by its wording.
-`VerificationScope` and `ScopeGuarantee`, of which reports are made.
+Purpose: `extract.py` makes a `Problem` from a program, and all of `verify/` works on it
+(docs/verification.md, section 1). `Quantities` says which leaf of a plant or topic each input of
+the dynamics is, `Modes` whose modes the module reads. An `Assumption` that all proofs state alike
+is a constant here; `remaining` gives those that are left once a proof has shown some, by their
+keys, and added others. `VerificationScope` and `ScopeGuarantee` say what a report covers.
 Non-goals: computing anything; finding the inputs (`inputs.py`), the assumptions (`assumptions.py`,
 `induction/problem.py`), C (`verify/enclose/`), what a verification is about (`verify/scope.py`).
 """

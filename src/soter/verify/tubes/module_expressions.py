@@ -1,9 +1,10 @@
 """What a tube needs of a module, as expressions: rates, effects, SC's law, predicates.
 
-Purpose: `ModuleExpressions`, read from Core (the plants' derivatives, SC's step on what it sees);
-`ExpressionReading` executes Core over expressions (`core/abstract_execution.py`).
-Non-goals: whether a step faults (asked offline, of all that it may read), what an expression is
-(`expressions.py`), printing (`generated_functions.py`), times (`tube_check.py`).
+Purpose: `ModuleExpressions` reads them from Core: the plants' derivatives, and SC's step as a
+function of what it reads. `ExpressionReading` executes Core (`core/core_walks.py`) with real
+expressions in the place of numbers.
+Non-goals: whether a step faults (shown offline, on all that it may read), what an expression is
+(`expressions.py`), writing them as source (`generated_functions.py`), times (`tube_check.py`).
 """
 
 from __future__ import annotations
