@@ -20,8 +20,6 @@ from runpy import run_path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
-import numpy as np
-
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.evaluate.floating_point_mode import require_plain
 from soter.native.cache import SOTER, cached, computes_names, digest, included
@@ -280,6 +278,8 @@ class Library:
 
     def new_state(self, seed: int) -> Bytes:
         """A fresh state, (state_size,), started."""
+        import numpy as np  # noqa: PLC0415 - channels of a robot need none of it
+
         state = np.zeros(self.state_size, dtype=np.uint8)
         self.lib.soter_start(self._program, self._pointer(state), seed & (2**64 - 1))
         return state

@@ -180,7 +180,8 @@ def test_the_process_of_real_time_answers_what_the_engine_would(tmp_path: Path) 
 def test_a_package_in_c_says_how_a_policy_gets_into_it(tmp_path: Path) -> None:
     shutil.copy(FILES / "sac.zip", tmp_path)
     package = loaded(tmp_path, "sb3:sac.zip", reads="motion").build("c", tmp_path / "out")
-    assert any("its policy is left out" in note and "-o` writes" in note for note in package.notes)
+    told = "its policy is left out, as the package is C: `soter policy {} -o sac.soter` writes"
+    assert any(told.format(tmp_path / "sac.zip") in note for note in package.notes)
 
 
 def test_what_a_binding_may_say(tmp_path: Path) -> None:
