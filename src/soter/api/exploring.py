@@ -2,7 +2,7 @@
 
 Purpose: chooses the tests, flattens their systems, writes traces and pages, and makes one report.
 Non-goals: exploring one test (`explore/command.py`), options (`explore/search_options.py`),
-checkpoints (`explore/checkpoint/`).
+checkpoints (`explore/checkpoints.py`).
 """
 
 from __future__ import annotations

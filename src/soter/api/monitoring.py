@@ -1,7 +1,7 @@
 """Judges whether runs and logs fit the plants of their proofs.
 
-Purpose: `judged` is what `Program.monitor` does with a log or a run; `log_judged` is what
-`Program.judge_log` does with a log of another system, `log_explained` what `--map` with
+Purpose: `judged` is what `Program.monitor` does with a log or a run, `log_judged` what
+`Program.judge_log` does with a log of another system, and `log_explained` what `--map` with
 `--estimates` does.
 Non-goals: the judgements themselves (`monitor/model_membership.py`, `monitor/log_replay.py`).
 """

@@ -1,11 +1,10 @@
-"""What other commands wrote, checked again: certificates, traces, counterexamples.
+"""Checks again what other commands wrote: certificates, traces, counterexamples.
 
-Purpose: `recheck`: a report on a certificate of `soter verify --cert` and on flights of what it is
-about, or a diagnostic where there is nothing to check, or nothing to check it with. `replay`: a
-trace of `soter test` or a counterexample of `soter verify` is run again, and the `ReplayReport`
-that it gives.
+Purpose: `recheck` reports on a certificate of `soter verify --cert` and on flights of its system,
+or raises a SoterError if there is no certificate, or no package to check it with. `replay` runs a
+trace of `soter test`, or a counterexample of `soter verify`, again, and returns a `ReplayReport`.
 Non-goals: the checker (`soter.certificate`); the run itself (`explore/replay.py`,
-`verify/attack/counterexample.py`).
+`verify/counterexample.py`).
 """
 
 from __future__ import annotations

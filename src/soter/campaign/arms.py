@@ -1,10 +1,10 @@
 """The arms of a campaign: the same seeds, flown by other rules.
 
-Purpose: from a system to the systems that it is compared with: AC alone, the paper's rules under a
-lateness that was measured, and sweeps of how long nodes are held up. Measured is how late an
-ordinary process is released on this machine while it is busy: periodic threads under the ordinary
-policy, as many processes that compute as twice the cores beside them.
-Non-goals: flying; real-time policies; what a deployed program does.
+Purpose: `arms_of` makes, of a system, those that it is compared with: AC alone, the paper's rules
+under a measured lateness of releases, and sweeps of how long nodes are held up. `measured` finds
+how late this machine releases an ordinary process while it is busy: it sleeps to periodic releases,
+under the ordinary policy, beside twice as many computing processes as there are cores.
+Non-goals: flying (`fly_campaign.py`); real-time policies; what a deployed program does.
 
 In the paper's semantics the nodes of an instant step in any order; here DMs step before SCs. The
 sweeps hold nodes up together, as a processor with other work does, and fly both rules under each
@@ -187,7 +187,7 @@ class Lateness:
 
 
 def measured(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Lateness:
-    """Measure for so long; OSError, or SoterError D006 where nothing keeps the machine busy."""
+    """Measures for `seconds`; OSError, or SoterError D006 where a busy process has ended."""
     cores = os.cpu_count() or 1
     busy: list[subprocess.Popen[bytes]] = []
     try:
@@ -215,7 +215,7 @@ def _started() -> subprocess.Popen[bytes]:
 
 
 def _require_busy(busy: list[subprocess.Popen[bytes]], alive: list[bytes]) -> None:
-    """SoterError D006 where a process that is to compute has ended."""
+    """Raises SoterError D006 if one of the processes that keep the machine busy has ended."""
     ended = alive.count(b"")
     if ended:
         what = "how late releases are beside busy processes cannot be measured"
@@ -228,7 +228,7 @@ class _Timespec(ctypes.Structure):
 
 
 def _released(seconds: float, period_ns: int) -> list[int]:
-    """How late each release was, ns."""
+    """Sleeps until each release; returns how late each came, ns."""
     libc = ctypes.CDLL(None, use_errno=True)
     late, at = [], time.monotonic_ns()
     for _ in range(max(1, int(seconds * 1e9 / period_ns))):

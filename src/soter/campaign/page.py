@@ -1,8 +1,8 @@
 """Makes the page of a campaign: what was flown and what happened, in tables and histograms.
 
-Purpose: from results to one HTML file without scripts: headline, modules, arms, faults, measures,
-assumptions; bars and histograms are SVG.
-Non-goals: computing any of it (`result.py`), saying it (`tables.py`).
+Purpose: `write_page` turns results into one HTML file without scripts: headline, modules, arms,
+faults, measures, assumptions; bars and histograms are SVG.
+Non-goals: computing the results (`result.py`), their wording (`tables.py`).
 """
 
 from __future__ import annotations

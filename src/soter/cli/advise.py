@@ -2,8 +2,7 @@
 
 Purpose: prints a table for each module and the longest period (the paper's Delta) that verifies,
 and draws a figure in `.soter/`; with `--delay` it finds how late commands may act.
-Non-goals: the sweeps (`verify/advice.py`), the drawing
-(`report/proof_page.py`).
+Non-goals: the sweeps (`verify/advice.py`), the drawing (`report/proof_page.py`).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """`soter`: chooses the command, runs it, and ends with the right exit code whatever happens.
 
-Purpose: the command table, the top-level help, and the one place where every way to end is turned
-into an exit code and, with `--json`, exactly one document. Of a defect of soter itself nobody is
-shown a traceback: a short apology, and a file for whoever repairs it.
+Purpose: holds the command table and the top-level help, and turns every way to end into an exit
+code and, with `--json`, exactly one document. After a defect of soter itself `apologise` shows a
+short apology instead of a traceback, and writes a file for whoever repairs it.
 Non-goals: the commands (one file each). Nothing heavy is imported here: `soter check` is as fast as
 the checker.
 """

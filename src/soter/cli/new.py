@@ -1,8 +1,8 @@
 """`soter new NAME`: makes a small robot that runs, or with `--from` a start for a given log.
 
-Purpose: a folder with a program, its policy in Python and in C, and a test, or with a mapping and
-the head of a program for a log of somebody else; all or nothing.
-Non-goals: more than one kind of robot; what is found of a log (`monitor/log_survey.py`).
+Purpose: writes a folder with a program, its policy in Python and in C, and a test; or with a
+mapping and the head of a program for a log of another system. It writes all of it or nothing.
+Non-goals: more than one kind of robot; reading the log (`monitor/log_survey.py`).
 """
 
 from __future__ import annotations

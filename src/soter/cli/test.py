@@ -1,9 +1,10 @@
-"""`soter test FILE`: explore every execution of the tests of a file.
+"""`soter test FILE`: explores every execution of the tests of a file.
 
-Purpose: tells the verdict on every test, what was covered and what was not, and for a violation its
-shortest trace, step by step; the same as JSON, and as findings for continuous integration, one for
-each test at its `test` block (a test that was not started is `open`). `--junit` writes the verdicts
-to a file, or why there are none, so that no file of an earlier run is taken for this one's.
+Purpose: prints each test's verdict, what the search covered and what it did not, and for a
+violation its shortest trace, step by step; the same as JSON, and as findings for continuous
+integration, one for each test at its `test` block (a test that was not started is `open`).
+`--junit` writes the verdicts, or why there are none, to a file, so that no older file is taken for
+this run's.
 Non-goals: searching (`explore/`), the XML (`cli/terminal/ci_formats.py`).
 """
 
@@ -76,7 +77,7 @@ def of_tests(report: ExploreReport) -> tuple[CiFinding, ...]:
 
 
 def report_as_junit(report: ExploreReport, path: str, console: Console) -> None:
-    """Write the verdicts; `SoterError` D006."""
+    """Writes the verdicts as JUnit's XML; `SoterError` D006 if they cannot be written."""
     from soter.cli.terminal.ci_formats import write  # noqa: PLC0415 - only then
     from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
 
@@ -91,7 +92,7 @@ def report_as_junit(report: ExploreReport, path: str, console: Console) -> None:
 def problems_as_junit(
     file: str, why: SoterError, path: str, warnings: tuple[Diagnostic, ...]
 ) -> None:
-    """Write why no test was explored; `SoterError`, with a D006 more, where that could not be."""
+    """Writes as JUnit's XML why no test was explored; `SoterError` with D006 if it cannot."""
     from soter.cli.terminal.ci_formats import write_problems  # noqa: PLC0415 - only then
     from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
 
@@ -298,7 +299,7 @@ def _figures(test: TestResult) -> str:
 
 
 def _coverage(test: TestResult, console: Console) -> list[str]:
-    """How much was reached, the names of what was not, and what of the test says nothing."""
+    """Lines for how much was reached, what never was, and which parts of the test cannot fail."""
     from soter.report.wording import visible  # noqa: PLC0415 - needs NumPy
 
     parts = [(name, part) for name, part in test.coverage.parts() if part.total]

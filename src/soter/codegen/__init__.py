@@ -1,4 +1,4 @@
-"""Generates C99 from Core: the back end builds a tree of C, and `c/printer.py` prints it.
+"""Generates C99 from Core: the back end builds a tree of C, and `c_printer.py` prints it.
 
 Each node, plant, predicate and decision module (DM) gets a function named after its source. A step
 copies its locals, computes (its first fault stays: it is sticky), checks what it publishes, and

@@ -1,10 +1,10 @@
-"""A small syntax tree for C99, and choices in it made without a branch.
+"""A small syntax tree for C99, and bit masks in place of an `if` between two whole numbers.
 
-Purpose: what the back end builds and `c_printer.py` prints; no text is pasted together.
-`branch_free` computes choices between two whole numbers by masks: a search by halving goes left or
-right like a coin, and a processor that guesses is wrong every second time; the numbers are equal.
-Non-goals: all of C, only what generated programs need; branches with more in them than one number,
-and in what ships, which is read.
+Purpose: the nodes that the back end builds and `c_printer.py` prints; nothing pastes text together.
+`branch_free` speeds up the C of campaigns: in a binary search the processor mispredicts every
+second branch. The numbers that are computed stay the same.
+Non-goals: C that generated programs do not need; masks in C that ships, which people read, or for
+an `if` that does more than assign one number a side.
 """
 
 from __future__ import annotations
@@ -305,7 +305,7 @@ class TableDef(CTop):
 
 
 def address(e: CExpr) -> CExpr:
-    """Where something lies that has an address; of one of two things, that one's."""
+    """The address of `e`: `p` for `*p`; for `c ? a : b` a choice of both addresses; else `&e`."""
     if isinstance(e, Unary) and e.op == "*":
         return e.operand
     if isinstance(e, Ternary):

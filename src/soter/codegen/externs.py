@@ -1,11 +1,11 @@
 """The C interface of externs: what they read, and how their answers are cleaned.
 
-Purpose: structs of inputs and answers, the prototypes of linked C functions, and what calls them.
-An enum, int or length that its type does not have is the step fault `extern`; bools become 0 or 1,
-unused tails and padding become zero, so that a state is still its bytes; the float32 of an end of a
-topic's set becomes that end.
-Non-goals: how steps use them (`nodes.py`, `environment.py`), who answers (drivers), value sets of
-topics (`codegen/c_types.py`): they come after.
+Purpose: structs of inputs and answers, prototypes of linked C functions, and functions that call
+them. An enum, int or length outside its type raises the step fault `extern`; bools become 0 or 1,
+unused list items and padding become zero, so that equal states have equal bytes; the float32 that
+is nearest to an end of a topic's set becomes that end.
+Non-goals: how steps use them (`nodes.py`, `environment.py`), who answers (drivers), the check
+against a topic's set, which comes after (`c_types.py`).
 """
 
 from __future__ import annotations

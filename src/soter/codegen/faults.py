@@ -1,8 +1,8 @@
 """Faults of a run, in generated C.
 
-Purpose: the tables of a system's faults, when releases happen, what becomes of publications and
-disturbances, which node steps next (`runtime/soter_faults.h` has what they share).
-Non-goals: which faults there are (`language/elaborate/faults.py`).
+Purpose: the tables of a system's faults, and functions that move releases, change publications and
+disturbances, and choose which node steps next (`runtime/soter_faults.h` has what they share).
+Non-goals: which faults a system has (`language/elaborate/faults.py`).
 """
 
 from __future__ import annotations

@@ -3,7 +3,6 @@
 `core.py` is the tree, `lower_expressions.py` keeps the order of evaluation, `layout.py` decides how
 a state lies in memory: header, a record per component, module and property, a stamp per topic, then
 topics, locals and plant states, ordered by alignment and padded explicitly. A state is its bytes, a
-trace the state after every instant; `trace_sha256` hashes it. `core_walks.py`: what a
-step reads.
-`core_walks.py` walks Core once for all that reads it over other values: enclosures, terms.
+trace the state after every instant; `trace_sha256` hashes it. `core_walks.py` says what a step
+reads and writes, and executes Core over other values than numbers: enclosures, terms.
 """

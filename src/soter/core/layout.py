@@ -1,8 +1,8 @@
-"""Storage: how the state of a system lies in memory.
+"""Storage: how the state of a system lies in memory, and names of numpy's array types.
 
 Purpose: sizes, alignments, offsets, the numpy dtype and the byte image of values; the one
-definition behind the generated struct, the trace and `trace_sha256`. Names for arrays of numpy of
-any shape, for annotations.
+definition behind the generated struct, the trace and `trace_sha256`. The array types (`Floats`,
+...) have any shape and are for annotations only.
 Non-goals: C text (`codegen/`).
 
 Rules: fields are ordered by alignment, largest first, ties as declared; every struct is padded

@@ -1,10 +1,10 @@
 """A flat system as a graph of boxes and arrows, and the rows of numbers that its boxes hold.
 
-Purpose: `DiagramGraph` has components and topics with their periods, modules as frames around DM,
-AC and SC, and topics that the same write and the same read in one box, as nobody tells twenty
-parallel arrows apart. A type becomes rows, each with the key under which a page finds its text.
-Non-goals: places (`layered_layout.py`), drawing (`svg.py`), the numbers (`simulate/`). What
-only properties read (the truth of a plant) is no arrow: nothing flows.
+Purpose: `DiagramGraph` has components and topics with their periods, and modules as frames around
+DM, AC and SC. Topics with the same writers and the same readers share a box, as nobody can follow
+twenty parallel arrows. A type becomes rows, each with the key under which a page finds its text.
+Non-goals: places (`layered_layout.py`), drawing (`svg.py`), the numbers (`simulate/`); arrows for
+what only properties read (the true state of a plant).
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""What is said when the mouse rests on a name, or on a word of the language.
+"""Makes the text that an editor shows for a name, or a word of the language, under the mouse.
 
-Purpose: a declaration in one look: its head as it is written, the comment above it, its type, set,
-age and period, and the numbers that the last good check computed. `WORDS`: what each word means,
-and where it can begin something, which completion asks as well; a test holds it against
-`docs/grammar.ebnf`.
+Purpose: `described` shows a declaration at a glance: its head as it is written, the comment above
+it, its type, set, age and period, and the numbers that the last good check computed. `WORDS` says
+what each word means and where it can begin something, which completion uses as well; a test
+compares it with `docs/grammar.ebnf`.
 Non-goals: where the mouse is (`requests.py`); the reference (`docs/language.md`).
 """
 

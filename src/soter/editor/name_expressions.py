@@ -1,7 +1,7 @@
 """Resolves names in expressions, types and statements, and finds the shapes of expressions.
 
 Purpose: walks over any piece of syntax once, notes what each name means, and returns the shape of
-an expression (`definitions.py`), as far as the text shows it.
+an expression (`name_definitions.py`), as far as the text shows it.
 Non-goals: declarations (`name_resolution.py`); numbers, conversions and errors (`language/check/`).
 """
 

@@ -1,9 +1,9 @@
-"""The editor's questions, and what can be clicked: each is answered here or by the file it is for.
+"""Registers the editor's requests, and answers each or passes it to the file that does.
 
-Purpose: positions to offsets and back, the program that a question is about, names to places. The
-edits that a diagnostic brings become code actions. A lens above a module, a system or a test shows
-the last verdict on it and what proves it, or what runs it; its command line is handed to the
-editor, which shows it in a terminal.
+Purpose: `answer` converts positions to offsets and back, and finds the program and the name of a
+request. `actions` turns the edits that a diagnostic brings into code actions. `lenses` shows the
+last verdict on a module and what proves it, or what runs a system or a test; the command line of a
+lens is handed to the editor, which shows it in a terminal.
 Non-goals: when to check, what is open (`server.py`, `documents.py`); which edits there are (whoever
 reports a problem says so); proving and running: this process checks, and nothing else.
 """

@@ -1,8 +1,8 @@
-"""The symbols of programs: the outline of a file, declarations of all files, places, other names.
+"""Lists the declarations of files, finds all places of a name, and renames it.
 
-Purpose: document symbols as a tree; workspace symbols by name; references and rename across files.
-A rename is tried before it is offered: afterwards every name must mean what it meant, and the
-checker must say what it said.
+Purpose: `outline` gives document symbols as a tree, `matching` workspace symbols by name; `uses_of`
+finds references, and `rename` where to write another name, in all files. A rename is tried before
+it is offered: afterwards every name must mean what it meant, and the checker must say what it said.
 Non-goals: which files there are (`server.py` asks `documents.py`).
 """
 

@@ -1,12 +1,12 @@
-"""Where an environment leaves what a proof speaks of: steps that nothing explains, and warnings.
+"""Finds where an environment is not what a proof is about: unexplained steps, and warnings.
 
-Purpose: `PlantModel`: a plant of a program, compiled alone with its disturbances as states, which
-says of a step which disturbances explain it; `SessionPlant`: that, in front of one session.
-`SafetyWarning`, for agents that never get control, environments that are not the plant of the
-proof, starts that the decision module does not vouch for, states that nobody observes, and wrappers
-that change the numbers of observations or actions.
-Non-goals: who asks (`guard.py`, `plant_conformance.py`); mistakes, which are errors
-(`outside_roles.py`).
+Purpose: a `PlantModel` is a plant of a program, compiled alone with its disturbances as states; C
+finds the disturbances that explain a step best. A `SessionPlant` is that model for one session. A
+`SafetyWarning` each warns of agents that never get control, environments that are not the plant of
+the proof, starts that the decision module does not vouch for, states that nobody observes, and
+wrappers that change the numbers of observations or actions.
+Non-goals: who asks, and what follows (`guard.py`, `plant_conformance.py`); mistakes, which are
+errors (`outside_roles.py`).
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class PlantModel:
 
 
 def why_not(plant: Component) -> str | None:
-    """Why the plant of a program cannot be asked; None where it can."""
+    """Why no `PlantModel` can be made of the plant; None where one can."""
     assert plant.plant is not None
     if plant.plant.extern:
         return f"plant `{plant.name}` is extern in the program"
@@ -83,7 +83,7 @@ def modelled(
     plant: str | None,
     params: Mapping[str, object] | None,
 ) -> PlantModel | None:
-    """The program's own plant, to be asked; None where it cannot be."""
+    """Makes the model of the program's own plant, once; None where `why_not` has a reason."""
 
     def make() -> PlantModel | str:
         flat = program.declared(system, params)
@@ -95,7 +95,7 @@ def modelled(
 
 
 class SessionPlant:
-    """A model with memory of its own, in front of the states of one session."""
+    """A `PlantModel` with memory of its own, which explains the steps of one session."""
 
     def __init__(
         self, model: PlantModel, made: CompiledEnvironment, tolerance: Array, relative: float
@@ -137,7 +137,7 @@ class SessionPlant:
         self.tolerance[:] = np.where(self.observed, self._own, np.inf)
 
     def _at(self, array: Array) -> Any:  # noqa: ANN401 - cdata
-        """Where an array (n,) lies."""
+        """The C pointer to an array (n,)."""
         return self.model.ffi.cast("double *", array.ctypes.data)
 
 

@@ -1,12 +1,12 @@
 """Environments of Gymnasium and Stable-Baselines3 that have a runtime-assurance module in front.
 
-Purpose: what an agent answers is the output of the module's advanced controller; gate, decision
-module, safe controller and every other node are the compiled program's, and what passes the gate
-drives the environment (docs/gym.md). `Protected` is an environment, `SafetyWrapper` a wrapper,
-`make_sb3_vec` many worlds as a `VecEnv`: PPO and its like learn over `make_vec` without a process
-or a Python step for each world.
+Purpose: in `Protected` (an environment) and `SafetyWrapper` (a wrapper) an agent's action is the
+output of the module's advanced controller. Gate, decision module, safe controller and every other
+node are the compiled program's; what passes the gate drives the environment (docs/gym.md).
+`make_sb3_vec` gives many worlds as a `VecEnv`, so that PPO and its like learn over `make_vec`,
+without a process or a Python step for each world.
 Non-goals: how it is done (`guard.py`, `vector.py`), learning; Stable-Baselines3 itself, which is
-asked for only when it is used.
+imported only when it is used.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@ known". `read_link`: where messages come from and go to, whose they are, how lon
 what the autopilot does when they end. `dialect_xml` makes one document of a dialect, as pymavlink
 evaluates values in it and writes C with its words: messages and fields whose names are names, whose
 numbers are numbers and whose words cannot end a comment; nothing of enums.
-Non-goals: which topic is which message (`topic_mapping_parser.py`); C (target `mavlink`);
-speaking MAVLink (`runtime/mavlink/`).
+Non-goals: which topic is which message (`topic_mapping_parser.py`); C
+(`targets/mavlink_package.py`); speaking MAVLink (`runtime/mavlink/`).
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def dialect_xml(path: Path) -> bytes:
 
 
 def comment_text(text: str) -> str:
-    """Words as they may stand in a comment of C."""
+    """Makes words safe in a comment of C: without what could end it."""
     return NOT_IN_COMMENTS.sub(" ", " ".join(text.split()))
 
 
@@ -370,7 +370,7 @@ class MavlinkLink:
 
 
 def read_link(given: Mapping[str, Any], folder: Path, problems: MappingProblems) -> MavlinkLink:
-    """Read the table; SoterError D007 without pymavlink. Of no use where problems were added."""
+    """Reads the table, not to be used if problems were added; SoterError D007: no pymavlink."""
     require_mavlink_package()
     problems.only(given, KEYS, "`mavlink`")
     urls = _urls(given.get("url"), problems)

@@ -5,7 +5,7 @@ Purpose: `MessageTypes` knows the standard types of ROS 1 (noetic) and ROS 2, by
 for languages that write a member, an element of an array and one of a sequence differently;
 `text_bound`: how many bytes a text has room for. `StampSource`: which field of a message says when
 it was measured.
-Non-goals: messages themselves (`monitor/`), code for them (targets); clocks.
+Non-goals: messages themselves (`monitor/log_files/`), code for them (targets); clocks.
 """
 
 from __future__ import annotations

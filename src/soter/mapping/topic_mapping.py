@@ -4,8 +4,8 @@ Purpose: `LogMap` and `TopicMap`, the records behind `--map`. Who reads them kno
 units, frames and vectors are factors and signs here. For a topic with several sources,
 `SourcePromise` is what each promises, and `SourceTurns` the rule by which one of them is read,
 which is that of `runtime/bridge/soter_sources.hpp`.
-Non-goals: reading the file (`read_mapping.py`), the values of a log (`monitor/`); what a
-deploying system declares, and whether promises of sources fit (`targets/`).
+Non-goals: reading the file (`read_mapping.py`), the values of a log (`monitor/typed_samples.py`);
+what a deploying system declares, and whether promises of sources fit (`targets/`).
 
 The rule, of stamps in the order of arrival (docs/mapping.md, "Several sources", has the reason and
 the bound): it is a sample's turn where it was measured more than `after` later than the newest
@@ -90,7 +90,7 @@ class SourceTurns:
 def read_promise(
     table: Mapping[str, Any], rank: int, topic: Topic, problems: MappingProblems, name: str
 ) -> SourcePromise:
-    """The promise that a table of a source makes; of no use where problems were added."""
+    """Reads the promise in a source's table; not to be used if problems were added."""
     delayed = problems.duration(table, "delayed", name) if "delayed" in table else 0
     after = 0
     if rank > 0:

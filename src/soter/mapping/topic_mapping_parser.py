@@ -1,10 +1,10 @@
 """Reads what a mapping says of one topic.
 
 Purpose: a `TopicReader` reads the channel and the messages: their type, when they were measured,
-whose they are, and what of them is constant; `read_qos` the three policies of DDS that decide
-whether a reader and a writer meet, and what is kept; then come leaves (`leaf_mapping_parser.py`).
-Non-goals: whether a log or a middleware has such messages; what the policies mean to it
-(`targets/dds_package.py`), and the other policies of DDS.
+whose they are, and what of them is constant. `read_qos` reads the three policies of DDS that decide
+whether a reader and a writer meet, and what is kept.
+Non-goals: the leaves (`leaf_mapping_parser.py`); whether a log or a middleware has such messages;
+what the policies mean to it (`targets/dds_package.py`), and the other policies of DDS.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ ALL = "all"
 
 
 def read_qos(given: Mapping[str, Any], problems: MappingProblems, where: str) -> QualityOfService:
-    """The record; of no use where problems were added."""
+    """Reads the table of policies; the record is not to be used if problems were added."""
     problems.only(given, KEYS, where)
     return QualityOfService(
         _one_of(given, "reliability", RELIABILITY, problems, where),

@@ -1,5 +1,5 @@
-"""Whether what a robot did is what its proof assumes.
+"""Judges whether what a robot did is what its proof assumes (`model_membership.py`).
 
-Logs of somebody else: `log_survey.py` says what one holds, `typed_samples.py` reads by a mapping,
-`log_replay.py` runs decision modules on it, `log_judgement.py` is what is told.
+For logs of other systems `log_survey.py` says what one holds, `typed_samples.py` reads by a
+mapping, `log_replay.py` runs decision modules on it, and `log_judgement.py` has the results.
 """

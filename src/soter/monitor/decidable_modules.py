@@ -298,7 +298,7 @@ class Hearing:
         return Rest(topics_behind(self.system, (), topics) & self.most_ns.keys(), ran)
 
     def note_node(self, c: Configuration, node: int) -> None:
-        """A step of a node, before it publishes."""
+        """Notes a step of a node, before it publishes."""
         reads = reads_of_node(self.system, self.system.components[node])
         self.sound[node] = self._young(c, reads & self.most_ns.keys())
 
@@ -324,7 +324,7 @@ class Hearing:
 
 
 def _ages_read(system: System) -> set[int]:
-    """Topics at whose age a predicate looks itself."""
+    """The topics whose ages predicates read themselves."""
     return {
         m.scope.topics[n.topic]
         for m in system.modules

@@ -372,7 +372,7 @@ class _Watch:
         self.first_s: float | None = None
 
     def note(self, verdict: DecisionVerdict, env: Environment, time_s: float) -> None:
-        """A step of the DM; `env` is what it saw."""
+        """Notes a step of the DM; `env` is what it saw."""
         module_log = self.found
         module_log.steps += 1
         self.first_s = time_s if self.first_s is None else self.first_s

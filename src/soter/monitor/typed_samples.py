@@ -1,8 +1,8 @@
 """The values of topics in a log, with their times, and all that was done to get them.
 
-Purpose: columns and a mapping become values; what is left out is counted, what is derived is named.
-Non-goals: whether a value lies in its topic's set (the gate decides), but where it has several
-sources: one of which no value can be taken is silent, and another takes over.
+Purpose: from columns and a mapping `samples_of` makes values of the program's types; it counts what
+it leaves out, and names what it derives, with its error.
+Non-goals: whether a value lies in its topic's set: the gate decides.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ class TopicSamples:
 
 
 def _continued(t: Type, a: Value, b: Value, share: float) -> Value:
-    """Floats beyond b, away from a; of everything else b."""
+    """Extends floats from a over b by `share` of b - a; anything else keeps its value of b."""
     if isinstance(t, FloatType):
         return b + share * (b - a)
     if isinstance(t, RecordType):

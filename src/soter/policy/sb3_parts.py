@@ -1,10 +1,10 @@
 """The parts of what Stable-Baselines3 saved: settings, tensors, spaces, statistics of observations.
 
-Purpose: bytes become plain values and arrays of NumPy, without torch; nothing is unpickled. And
-what `preprocess_obs` of Stable-Baselines3 does to observations: numbers as they are, one number out
-of several as so many of which one is 1, observations by name one after the other. `normalised`
-reads the `vecnormalize.pkl` (`env.save`) of a VecNormalize as it was named, or as it lies where
-people leave it, and puts it in front of a network; what was found without being asked for is said.
+Purpose: bytes become plain values and arrays of NumPy, without torch; nothing is unpickled.
+`Observed` does as `preprocess_obs` of Stable-Baselines3: numbers stay, a choice among n becomes n
+numbers of which one is 1, and observations by name stand one after the other. `normalised` reads
+`vecnormalize.pkl` (`env.save`) as it was named, or as it lies where people leave it, and puts it in
+front of a network; it says what it found without being asked for.
 Non-goals: what the parts mean together (`sb3_file.py`); images; rewards.
 """
 
@@ -192,7 +192,7 @@ def space_of(path: Path, space: object, which: str, kinds: Mapping[str, object])
 
 
 def observed(path: Path, space: object) -> Observed:
-    """What an observation space says; SoterError X014."""
+    """Reads what a policy observes from its space; SoterError X014 for any other space."""
     made = space_of(path, space, "observation space", OBSERVED)
     return OBSERVED[kind_of(made)](path, made)
 

@@ -1,14 +1,13 @@
 """The connection: what a policy calls, what it reads, and what it wants for its next steps.
 
-Purpose: `connect`, and of a `Robot` `read`, `every`, `publish`, `publish_chunk`. `Reading` of one
-topic, `Observation` of several at once: values with the time of their measurement. The actions of a
-`Chunk` have slots of time, [start + k every, start + (k+1) every); `Player` writes each in its
-slot. A chunk replaces what is left of the one before; after the last action nothing is written, so
-that the age of the topic grows and SC takes over.
-Non-goals: layouts and sets (`topics.py`), shared memory (`topics.py`);
-blending of overlapping chunks (temporal ensembling), which is the policy's; actions whose slot has
-passed: they are left out, never made up for. Nothing here is on time, and nothing on the robot
-waits for it.
+Purpose: `connect` gives a `Robot`, with `read`, `every`, `publish`, `publish_chunk`. A `Reading` is
+the value of one topic with the time of its measurement, an `Observation` those of several. The
+actions of a `Chunk` have slots of time, [start + k every, start + (k+1) every); a `Player` writes
+each in its slot. A chunk replaces what is left of the one before; after the last action nothing is
+written, so that the age of the topic grows and SC takes over.
+Non-goals: layouts, sets, shared memory (`topics.py`); blending of overlapping chunks (temporal
+ensembling), which is the policy's; actions whose slot has passed: they are left out, never made up
+for. Nothing here is on time, and nothing on the robot waits for it.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""The topics of a robot from Python: which channel, type and set; values to bytes and back.
+"""The channels and topics of a robot from Python: which type, which set; values to bytes and back.
 
-Purpose: open, write, read, wait, in words what is wrong; one handle may be used by many threads.
-The C is that of the robot: the order of its stores and loads is what makes a value whole, and
-Python says nothing about that. What is to be published is judged as the gate would, before anybody
-sees it. The topics are those of a package, or what `soter build` would write of a program that was
-not built.
+Purpose: a `Channel` is a topic's file in shared memory, to write, read or wait for; many threads
+may use one. The C is that of the robot: the order of its stores and loads makes a value whole, and
+Python says nothing about that. A `Topic` turns values into bytes and back, and judges what is to be
+published as the gate would, before anybody sees it. `topics_of` finds the topics of a package, or
+those that `soter build` would write of a program that was not built.
 Non-goals: who may write: whoever may write into the folder.
 """
 
@@ -84,7 +84,7 @@ def compiled() -> tuple[Any, Any]:
 
 
 class Channel:
-    """One topic's file; `writes`: as its only writer. A forked process is none."""
+    """A topic's file; `writes`: opened as its only writer, which a forked child no longer is."""
 
     def __init__(self, folder: Path, name: str, number: int, size: int, *, writes: bool) -> None:
         self._c: Any = None
@@ -106,7 +106,7 @@ class Channel:
             raise self._foreign()
 
     def write(self, stamp_ns: int, image: bytes) -> None:
-        """The next value; `image` of the topic's size."""
+        """Writes the next value; `image` has the topic's size."""
         assert len(image) == self._size
         with self._lock:
             self._require_open()

@@ -132,7 +132,7 @@ def html_document(page: ReportPage, drawing_library: str = "", beside: str = "")
 
 
 def _light(figure: Json) -> Json:
-    """The figure with its long lists of x and y packed (`run/packed_json.py`)."""
+    """The figure with its long lists of x and y packed (`templates.py`)."""
     traces = figure["data"]
     assert isinstance(traces, list)
     data = [{k: packed(v) if k in ("x", "y") else v for k, v in trace.items()} for trace in traces]

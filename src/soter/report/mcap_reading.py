@@ -5,7 +5,7 @@ of itself with its content: checksums, sizes, ids, indexes, statistics, its end.
 that contradicts itself or has no end, with the place; a checksum of 0 is none (by the format).
 `messages` and `metadata` read a log of Soter's own; SoterError D006 if it cannot be read.
 Non-goals: what messages mean; a reader that jumps by the index; logs of other systems
-(`monitor/`).
+(`monitor/log_files/`).
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""The pages of proofs: a report that a safety engineer can file, and what `soter advise` found.
+"""Writes the proof report, which a safety engineer can file, and the page of `soter advise`.
 
-Purpose: plain records in, filled by whoever verified; HTML that needs no script out. The report:
-verdict, properties with their method, times, vacuity figures, what it rests on, hashes; in the
-order in which it is questioned. The regions R1 to R5 are an SVG of one path each, cells merged into
-rectangles, so that a grid of 100,000 cells is a small, sharp drawing that prints. The page of
-advice: what Delta and m cost: shares of the states left to AC over Delta, a line for each m, with
-every number in a table below.
-Non-goals: verdicts, numbers, which cell belongs where, what is shown (`verify/`).
+Purpose: turns plain records, which the caller fills, into HTML. The report has verdict, properties
+with their method, times, vacuity figures, what it rests on and hashes, in the order in which it is
+questioned. The regions R1 to R5 are an SVG of one path each, cells merged into rectangles, so that
+a grid of 100,000 cells is a small, sharp drawing that prints. The page of advice shows what Delta
+and m cost: shares of the states left to AC over Delta, a line for each m, with every number in a
+table below. Both need no script; only sliders through a third axis have one.
+Non-goals: computing verdicts, numbers, which cell belongs where, and what to show (`verify/`).
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class TakenRow:
 
 @dataclass(frozen=True)
 class ProofPage:
-    """The whole page."""
+    """The whole page of a proof."""
 
     title: str
     headline: str

@@ -2,7 +2,7 @@
 
 Purpose: what failed and where, in a sentence; the drawing with its legend; the same steps as a
 table, which serves readers without a script or without eyes; what it rests on.
-Non-goals: laying the drawing out (`drawing.py`), replaying.
+Non-goals: laying the drawing out (`sequence_drawing.py`), replaying.
 """
 
 from __future__ import annotations

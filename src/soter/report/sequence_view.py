@@ -1,8 +1,8 @@
 """A replayed trace as plain data, and in words: who stepped when, what was chosen and published.
 
-Purpose: the record that the sequence page, its log and its table for a terminal are made from, and
-the phrases that page and terminal share, in which texts from outside are made harmless to look at.
-The table has a line a step; the time stands where it changes, so instants are seen as groups.
+Purpose: `SequenceView` is the record that the sequence page, its log and its table for a terminal
+are made from; page and terminal share the phrases, in which texts from outside are made harmless.
+`table_text` has a line a step; the time stands where it changes, so instants are seen as groups.
 Non-goals: running or judging anything: the caller replays the trace and fills the records; HTML,
 the drawing (`sequence_drawing.py`), deciding whether colour is wanted.
 

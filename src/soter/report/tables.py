@@ -1,9 +1,9 @@
 """Tables and time lines for a terminal, and results as a notebook shows them.
 
-Purpose: the same few lines of plain text under `soter run`, the demo and in a log file; the HTML of
-`_repr_html_`, without scripts and in the notebook's own style: a line that says how it went, a
-table, below it the whole report in a frame of its own (`srcdoc`), which a notebook that trusts
-nobody leaves out.
+Purpose: `table` and `mode_timeline` write the same few lines of plain text under `soter run`, the
+demo and in a log file. `notebook_table` and `framed` make the HTML of `_repr_html_`, without
+scripts and in the notebook's own style: a line that says how it went, a table, below it the whole
+report in a frame of its own (`srcdoc`), which a notebook that trusts nobody leaves out.
 Non-goals: terminal control beyond colour; deciding whether colour is wanted; what the report says.
 """
 

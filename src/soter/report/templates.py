@@ -1,11 +1,11 @@
-"""Text from the templates (`*.j2`) that stand beside the code, and what is put into them.
+"""Fills in the templates (`*.j2`) that stand beside the code, and makes what is put into them.
 
-Purpose: one way to fill them in. A name that nobody gives is an error; whatever goes into HTML and
-XML is escaped. The lines of a page's template are there for its reader: they are joined, without
-what they are indented by. `sections_main`: headings, sentences and tables, as a command told them.
-`script_json`: JSON for a script element; `numbers` rounds; `packed`: a long list of rounded numbers
-as differences of whole numbers, `{"e": digits, "d": [...]}`, which the page (`assets/packed.js`)
-adds up and divides by 10^e: the same doubles.
+Purpose: `filled` is the one way to fill them in. A name without a value is an error; texts for HTML
+and XML are escaped. The lines of a page's template are joined without their indentation, which is
+there for its readers only. `sections_main` makes headings, sentences and tables, as a command told
+them. `script_json` makes JSON for a script element; `numbers` rounds; `packed` gives a long list of
+rounded numbers as differences of whole numbers, `{"e": digits, "d": [...]}`, which the page
+(`assets/packed.js`) adds up and divides by 10^e: the same doubles.
 Non-goals: what is told; pictures, which pages put beside these sections; compression that a browser
 might not know.
 """

@@ -1,8 +1,8 @@
 """Words and numbers for people: prose, counts, parameters, and texts from outside made harmless.
 
-Purpose: what an extern, a file or a name says never moves a terminal's cursor or colours it;
-parameters that differ from the program's defaults, as text with units, and all of them as JSON in
-seconds; small words that pages share.
+Purpose: `visible` keeps what an extern, a file or a name says from moving a terminal's cursor or
+colouring it. `changed_parameters` are those that differ from the defaults, as text with units,
+`parameters_json` all of them, durations in seconds; `prose`, `count_text`: words that pages share.
 Non-goals: cutting to a width; reading what a person sets (`simulate/run_options.py`).
 """
 

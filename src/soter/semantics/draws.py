@@ -1,12 +1,12 @@
 """Random draws by counters, keyed by seed, stream and index, and draws that a driver chooses.
 
 Purpose: no draw depends on another, so arms of an experiment and edits of a program do not shift
-each other. The arithmetic is that of docs/semantics.md, section Random draws. The adversary is the
-twin of `native/c/soter_adversary.h`, so that the reference interpreter can repeat a run that was
-found natively, draw by draw; `Recorder` notes draws. Answered draws are for a driver that decides
-itself what a step leaves open (docs/testing.md, Choices).
-Non-goals: when something is drawn (`interpreter.py`); which seeds or alternatives
-are worth trying (`verify/refute.py`, `explore/`).
+each other. The arithmetic is that of docs/semantics.md, section Random draws. `AdverseDraws` are
+the twin of `native/c/soter_adversary.h`, so that the reference interpreter can repeat a run that
+was found natively, draw by draw; `Recorder` notes draws. `AnsweredDraws` are for a driver that
+decides itself what a step leaves open (docs/testing.md, Choices).
+Non-goals: when something is drawn (`interpreter.py`); which seeds or alternatives are worth trying
+(`verify/refute.py`, `explore/`).
 """
 
 from __future__ import annotations

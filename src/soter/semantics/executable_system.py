@@ -1,9 +1,9 @@
 """A system made ready to run: every piece of its code, that of plants too, compiled once.
 
-Purpose: the tables of the rules: per component its code, per plant its equations and what it
-drives, per topic its check, and the environment in which code sees a configuration. Every NaN is
-stored as the one canonical NaN, so that states can be compared as bytes.
-Non-goals: state; a machine never changes, so one serves any number of runs and forks. Stepping
+Purpose: `ExecutableSystem` has the tables of the rules: per component its code, per plant its
+equations and what it drives, per topic its check, and the environment in which code sees a
+configuration. Every NaN is stored as the one canonical NaN, so that states are compared as bytes.
+Non-goals: state: the object never changes, so one serves any number of runs and forks; stepping
 (`rules.py`, `interpreter.py`).
 """
 

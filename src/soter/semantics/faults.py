@@ -1,8 +1,8 @@
 """The faults that a run meets, as the `faults` of its system say.
 
-Purpose: whether a fault is active at a time, when a release really happens, and what becomes of a
-publication (docs/semantics.md, Faults). All of it follows from seed and time alone: a run that is
-continued from a copy meets the same faults.
+Purpose: says whether a fault is active at a time, when a release really happens, and what becomes
+of a publication (docs/semantics.md, Faults). All of it follows from seed and time alone: a run that
+is continued from a copy meets the same faults.
 Non-goals: which faults a system has (`language/elaborate/faults.py`).
 """
 

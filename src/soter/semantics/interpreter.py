@@ -1,11 +1,11 @@
 """The reference interpreter: a driver that decides which rule comes next, and its environment.
 
-Purpose: runs of a system in virtual time. The two choices the paper leaves open, the next node of
-FN and the environment's inputs, are functions passed in; by default they are those of the deployed
-drivers (docs/semantics.md, Deployed order). The step of a plant draws the disturbances, integrates,
-measures and publishes (docs/semantics.md, Plants); the calendar releases a plant as it releases a
-node. The premises of ENVIRONMENT-INPUT are checked before a value from outside is believed:
-`refusal` is the twin of `soter_publish` in `runtime/soter.h`.
+Purpose: an `Interpreter` runs a system in virtual time. The two choices the paper leaves open, the
+next node of FN and the environment's inputs, are functions passed in; by default they are those of
+the deployed drivers (docs/semantics.md, Deployed order). `plant_step` draws the disturbances,
+integrates, measures and publishes (docs/semantics.md, Plants); the calendar releases a plant as it
+releases a node. `refusal` checks the premises of ENVIRONMENT-INPUT before a value from outside is
+believed; it is the twin of `soter_publish` in `runtime/soter.h`.
 Non-goals: speed, logs, searching (`explore/` brings its own choices); what a plant means for proofs
 (`verify/`), compiling it (`executable_system.py`); the rules (`rules.py`).
 """

@@ -1,7 +1,7 @@
 """The gate: what may reach the topics, and what a refused step costs.
 
-Purpose: checks of publications, publishing, queues, the latches of AC and trusted components, and
-the count of clean outputs (docs/semantics.md, AC-or-SC-Step 4 to 6 and Queues).
+Purpose: checks what a step published, publishes it, fills queues, sets the latches of AC and of
+trusted components, and counts clean outputs (docs/semantics.md, AC-or-SC-Step 4 to 6 and Queues).
 Non-goals: running steps (`rules.py`, `interpreter.py`).
 """
 

@@ -3,9 +3,9 @@
 Purpose: each rule is one function from a configuration to a configuration; the figure's conditions
 are named beside the line that is them. Rulings beyond the paper: docs/semantics.md. A shield judges
 the commands of a module before they are published: it moves those of AC toward SC's, or makes a
-step fault of them (docs/semantics.md, Shields). Whether an `always` or `never` is violated at the
-end of an instant, judged on the truth, and whether `assumes` and `guarantees` of a node are as it
-steps.
+step fault of them (docs/semantics.md, Shields). `violated` says which `always` and `never` are
+violated at the end of an instant, judged on the truth, and `judged` which `assumes` and
+`guarantees` of a node as it steps.
 Non-goals: which rule comes next, with what input, and steps of plants (`interpreter.py`); which
 commands are permitted (`verify/deploy/shield_tables.py`); onsets and counts (`configuration.py`),
 temporal properties of tests (`explore/`).
@@ -389,7 +389,7 @@ def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tu
 
 
 def last(machine: ExecutableSystem, c: Configuration, component: Component) -> Configuration:
-    """Draw until when a step that has begun lasts, even if it faulted."""
+    """Draws when a step that has begun, or faulted, ends; that is its held topic's stamp."""
     assert component.held is not None
     low, high = component.takes_ns or (0, 0)
     faults = machine.faults.get(component.index, ())

@@ -1,9 +1,9 @@
 """Target `c`: the program, the kernel and a driver as plain C99, and a Makefile.
 
-Purpose: a folder that builds with any C compiler and no Soter, runs in virtual time and prints the
-same `trace_sha256` as `soter run`. It takes along the C files of externs. Externs that are not
-bound to C get a function each in `externs.c`, which is the person's to fill in and is never
-overwritten.
+Purpose: `c99_package` makes a folder that builds with any C compiler and no Soter, runs in virtual
+time and prints the same `trace_sha256` as `soter run`. It takes along the C files of externs.
+Externs that are not bound to C get a function each in `externs.c`, which is the person's to fill in
+and is never overwritten.
 Non-goals: clocks and devices (other targets), compiling here, finding what a file includes
 (`native/cache.py`).
 """

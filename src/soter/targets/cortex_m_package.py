@@ -1,12 +1,12 @@
 """Target `cortex-m`: a package for a board, its time-triggered loop as C, and the image.
 
-Purpose: a folder of which `make` makes an image with arm-none-eabi-gcc, without an operating
-system, and `make run` runs it in QEMU where that emulates the board: the run of `soter run`, whose
-`trace_sha256` it has to have. Header and source of the loop's tables: the tick, extern nodes and
-their budgets, modules and leases. Where the tools are, the image is made, run and measured: flash,
-RAM, stack and instructions, or in words why there is none.
-Non-goals: the loop (`runtime/cortex_m/soter_loop.c`), boards (`cortex_m_board.py`); times:
-instructions are none.
+Purpose: `cortex_m_package` makes a folder of which `make` makes an image with arm-none-eabi-gcc,
+without an operating system, and `make run` runs it in QEMU where that emulates the board: the run
+of `soter run`, whose `trace_sha256` it has to have. `loop_tables` writes the loop's tables: the
+tick, extern nodes and their budgets, modules and leases. `build_image` makes, runs and measures the
+image (flash, RAM, stack, instructions), or says why there is none.
+Non-goals: the loop (`runtime/cortex_m/soter_loop.c`), boards (`cortex_m_board.py`); execution
+times, which counts of instructions are not.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """`soter build --target T`: which targets there are, and writing the files one is made of.
 
-Purpose: the table of targets, each of which a file here makes. A package is text in, a folder out,
-without harming files that soter did not write.
+Purpose: `TARGETS` is the table of targets, each of which a file here makes. `build_package` writes
+a package, text in, a folder out, without harming files that soter did not write.
 Non-goals: what the files say (`c99.py`).
 """
 

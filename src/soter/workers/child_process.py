@@ -4,9 +4,8 @@ Purpose: `Child` forks, asks, and waits for a limited time; an answer is bytes o
 whose meaning is the caller's business. A child that hangs, crashes, exits or sends too much is
 ended, and `DeadError` says how. No process that its code started outlives the command: on Linux all
 become children of one process here, which ends them (prctl(2), PR_SET_CHILD_SUBREAPER).
-Non-goals: what is asked (`simulate/externs/extern_process.py`); being on time
-(`exchange.py`); a child that means harm: it has this process's user, and so may send
-signals.
+Non-goals: what is asked (`simulate/externs/extern_process.py`); being on time (`exchange.py`); a
+child that means harm: it has this process's user, and so may send signals.
 """
 
 from __future__ import annotations
@@ -74,7 +73,7 @@ def children_of(parent: int) -> list[int]:
 
 
 def stay_between(parent: int) -> int:
-    """Fork; return this process's number in the child alone. This process never returns.
+    """Forks, and returns this process's number in the child alone; this process never returns.
 
     It leads a session, adopts what the child leaves behind, and ends all of it when the child has
     ended, when `parent` is gone, or on SIGTERM; then it ends as the child did.

@@ -1,9 +1,10 @@
-"""The exchange with the process of an extern node: how its bytes lie, and the worker's side.
+"""What is exchanged with the process of an extern node, byte for byte, and the worker's side.
 
-Purpose: where each topic lies in a request and in an answer, and the number that tells a process
-that was built for another layout (`Exchange.number`). `Channel` is `runtime/posix/soter_channel.h`
-for a process that answers: read a request whole, write an answer with its sum, sleep in between.
-Non-goals: the driver's side, which trusts nothing that comes from here.
+Purpose: `Exchange` says where each topic lies in a request and in an answer; its `number` tells a
+process that was built for another layout. `Channel` is `runtime/posix/soter_channel.h` for a
+process that answers: it reads a request whole, writes an answer with its sum, and sleeps in
+between.
+Non-goals: the driver's side, which trusts nothing that comes from here (`runtime/posix/`).
 """
 
 from __future__ import annotations

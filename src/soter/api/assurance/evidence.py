@@ -2,9 +2,9 @@
 
 Purpose: `Evidence` reads the given files and compares their hashes before anything that takes long;
 then it explores tests and flies flights of a campaign again, with the same program, system,
-parameters and seeds, and compares their digests. Only what it did itself now supports a goal.
-Non-goals: the certificate (`safety_case.py`), campaigns (`campaigning.py`); flights with externs,
-whose code nothing names.
+parameters and seeds, and compares their digests. Only what it repeated itself supports a goal.
+Non-goals: the certificate (`certificate_check.py`), campaigns (`campaigning.py`); flights of an
+arm, or with C of externs that is not surely the same: it flies none of them.
 """
 
 from __future__ import annotations

@@ -1,13 +1,12 @@
-"""A safety case of a system: `soter assure`.
+"""Makes the safety case of a system (`soter assure`): goals, evidence, pages.
 
-Purpose: goals in the paper's properties and in the words of ASTM F3269-21, leaves that are checked
-here and now: the certificate by the re-checker, tests by exploring again, flights of a campaign by
-flying again; everything else is told with its hash, and supports nothing. `argue`: the top goal and
+Purpose: `assure` makes goals from the paper's properties in the words of ASTM F3269-21, and checks
+their evidence now: the certificate by the re-checker, tests by exploring and flights by flying
+again; any other file is listed with its hash, and supports nothing. `argue` adds the top goal and
 the properties below it; beside it, as goals of their own, that control comes back (P2b), that a
-fail-safe law holds once the trusted part has stopped, and that the compiled decision module is the
-one that was proved. `compiled_as_proved`: the check of `soter verify`, row DM, once more; where
-`ttf` and `safer` are computed with the tables of the certificate, which the re-checker has
-confirmed.
+fail-safe law holds once the trusted part has stopped, and that the compiled decision module (DM) is
+the one that was proved. `compiled_as_proved` repeats the check of `soter verify`, row DM; for
+computed `ttf` and `safer` with the certificate's tables, which the re-checker has confirmed.
 Non-goals: the pages (`report/safety_case_page.py`); proving; the certificate
 (`certificate_check.py`); the check of the DM (`verify/deploy/dm_check.py`): what it does not try
 supports nothing.

@@ -1,13 +1,12 @@
-"""A command line: options in, the program opened; exit code, findings and JSON document out.
+"""What every command line is made of: options in; exit code, findings and JSON document out.
 
-Purpose: `CommandParser`, an `ArgumentParser` that raises instead of leaving, and the options many
-commands share. `CommandOutcome`: how a command ends: the contract of DESIGN §5 in one place;
-docs/json.md documents the documents. `CiFinding`: a verdict or a diagnostic with its place, before
-it is written in a format of somebody else. The program that a command is about is loaded with a
-line that says how far it is, and `--bind` is carried out; for `-` it is the text of standard input,
-or a diagnostic where it is none.
-Non-goals: what the options mean; `--set`: values are given to what is done with the program;
-writing documents (`console.py`) and formats (`ci_formats.py`).
+Purpose: `CommandParser`, an `ArgumentParser` that raises instead of ending the process, and the
+options that many commands share. `CommandOutcome`: how a command ends; docs/json.md describes its
+exit codes and documents. `CiFinding`: a verdict or a diagnostic with its place, before it is
+written in a format of continuous integration. `loaded` loads the command's program with a line that
+shows progress, and binds externs as `--bind` says; `standard_input` reads the text for `-`.
+Non-goals: what the options mean; `--set`, whose values each command hands on; writing documents
+(`console.py`) and formats (`ci_formats.py`).
 """
 
 from __future__ import annotations

@@ -1,11 +1,12 @@
-"""Where a command's words go, in which characters and figures, and how far it is.
+"""Writes the output of a command: to which stream, in which characters and figures, how far it is.
 
-Purpose: results on standard output, everything else on standard error, colour only where a person
-looks; with `--json` one document on standard output and nothing else, whatever an extern prints;
-closed pipes and full disks end quietly or with a sentence. Where an encoding or a terminal has no
-other characters, plain ones (`->` for an arrow in place of `?`); rates and sizes with a unit. On a
-terminal, for anything over two seconds, one line on standard error is rewritten and gone at the
-end; where standard error is a log, a new line every ten seconds.
+Purpose: `Console` writes results to standard output and everything else to standard error, in
+colour only where a person looks; with `--json` one document and nothing else reaches standard
+output, whatever an extern prints; a closed pipe ends quietly, a full disk with a sentence. Where an
+encoding or a terminal lacks characters it writes plain ones (`->` for an arrow). `rounded`, `size`:
+figures with a unit. `LineOfProgress` rewrites, after two seconds on a terminal, one line on
+standard error that is gone at the end; where standard error is a log, it writes a new line every
+ten seconds.
 Non-goals: what is said; the process in which externs run (`child_process.py`); times
 (`language/model/types.py`).
 """
@@ -139,7 +140,7 @@ class Console:
         self.json = json
         self.own_process = own_process
         """Whether this process is the command, not another program that calls `main`."""
-        """Whether this process is the command, and not somebody's who calls `main`."""
+
         self.of_program: tuple[Diagnostic, ...] = ()
         """What was found in the program that the command is about, to be told however it ends."""
         self._leave: Callable[[str, int], NoReturn] | None = None

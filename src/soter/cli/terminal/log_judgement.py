@@ -1,6 +1,6 @@
 """Prints how each module judges a log of another system, for people and as JSON.
 
-Purpose: tells when it would have switched, how near it came to that, what is missing and assumed.
+Purpose: says when a module would have switched, how near it came, what is missing and assumed.
 Non-goals: the judgement (`monitor/`), the command (`cli/monitor.py`).
 """
 

@@ -1,9 +1,9 @@
 """The summary of a run, for a person at a terminal.
 
-Purpose: prints the verdict first, then what went wrong, who was in control when, and what the
-verdict rests on; for a run in real time also how late it was, which releases were missed, how
+Purpose: `summary` prints the verdict first, then what went wrong, who was in control when, and what
+the verdict rests on; for a run in real time also how late it was, which releases were missed, how
 workers fared, and who took over and why.
-Non-goals: figures for programs (`simulate/run_fields.py`); finding those of real time
+Non-goals: figures for programs (`simulate/run_fields.py`); measuring real time
 (`runtime/posix/soter_posix_report.c`).
 """
 

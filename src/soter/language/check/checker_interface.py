@@ -1,11 +1,11 @@
-"""What the checkers of one program ask of each other: `Shared`, with the graph of declarations.
+"""The interface between the checkers of one program, and the graph of its declarations.
 
-Purpose: `Shared` has the few operations that checking a declaration may need of the rest, and what
-is known of the whole program; `checker.py` fills them in. `Context` says which locals, topics and
-specials are in reach, so that the checker of expressions has one rule for every place. Declarations
-are put into an order in which what is needed comes first, so that no chain nests deeper than Python
-allows; the graph of calls grows while bodies are checked, and a cycle in it is T006. Declarations
-that nothing uses are W001 and W004, said when every use is known.
+Purpose: `Shared` has the few operations that the check of a declaration needs from other checkers,
+and facts about the whole program; `checker.py` implements it. `Context` says which locals, topics
+and special words an expression may use, so that its checker has one rule for every place.
+`in_order_of_need` puts needed declarations first, so that no chain nests deeper than Python allows.
+`CallGraph` grows while bodies are checked, and reports a cycle as T006. `UnusedDeclarations` keeps
+the warnings W001 and W004 until every use is known.
 Non-goals: how any of the checkers works; names of declarations (`scope.py`), cycles of them
 (`checker.py`); costs of steps (`language/model/tree_walk.py`).
 """

@@ -2,8 +2,8 @@
 
 Purpose: decides which operators apply to which types, and their results; turns a `choose` into a
 `typed.TypedChoose`, with the hidden local of a fair one.
-Non-goals: the arithmetic (`evaluate/arithmetic.py`); which alternative is taken (`environment.py`
-and who runs the step).
+Non-goals: the arithmetic (`evaluate/arithmetic.py`); which alternative is taken
+(`evaluate/environment.py` and the caller of the step).
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Checks statements, and so the bodies of functions and nodes.
 
 Purpose: turns blocks of syntax into typed statements; checks scopes, assignments and returns.
-Non-goals: expressions (`language/check/expr.py`), what a body belongs to
-(`declarations.py`).
+Non-goals: expressions (`language/check/expr.py`), what a body belongs to (`declarations.py`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Checks that the parts of a flat system fit together.
 
-Purpose: the paper's composability (Section IV: disjoint nodes, disjoint outputs), one driver a
-topic, no topic without one (M005, with what would drive it, as edits), and a calendar that repeats.
+Purpose: reports what breaks the paper's composability (Section IV: disjoint nodes, disjoint
+outputs), topics with two drivers or none (M005, with edits that add one), and too long calendars.
 Non-goals: numbers of single declarations (`elaborator.py`), P1 (`wellformed.py`).
 """
 

@@ -1,7 +1,7 @@
 """Finds which values and which times the code of a test can distinguish.
 
 Purpose: if no step, predicate, contract or property distinguishes two values of a stand-in's topic,
-one of them is enough (docs/testing.md, "Values that nobody can tell apart"): any value of a part
+one of them is enough (docs/testing.md, "Floats, lists, wide ints"): any value of a part
 that nobody reads; for a number that is only compared with constants one at each constant, one
 between two neighbours, and one beyond them. For times it computes into how many parts the grid of a
 test must be cut.

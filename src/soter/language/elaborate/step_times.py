@@ -1,11 +1,11 @@
-"""Times of steps: `takes`, `wcet` and `jitter`, who waits, and how old what a DM reads can be.
+"""Elaborates times of steps (`takes`, `wcet`, `jitter`), and computes ages of what a DM reads.
 
-Purpose: who may take how long (M023), and the topic in which what a step publishes is held until it
-takes effect: its stamp is the time at which that will be, NEVER while nothing is held. The numbers
-of `wcet`, `jitter` and `inline`, and who runs in the thread of the trusted part. The faults that
-say that an SC waits for its DM where the deployed order is kept. The least `max_age` that the
-periods of a system allow (W034, remedies of `verify`), and the ages at which a DM may see a topic
-that is fresh.
+Purpose: checks which nodes may take how long (M023), and makes the topic that holds the outputs of
+a step until they take effect: its stamp is that time, NEVER while nothing is held. Computes the
+numbers of `wcet` and `jitter`, marks the nodes that run `inline` in the trusted thread, and adds
+the faults by which an SC waits for its DM (decision module) where the deployed order is kept.
+Computes the least `max_age` that the periods of a system allow (W034, remedies of `verify`), and
+the ages at which a DM may see a fresh topic.
 Non-goals: what a run does with it (`semantics/rules.py`, `codegen/nodes.py`); what follows from
 execution times (`soter.timing`); systems whose order is drawn, where nobody waits; ages by lateness
 and by messages that are lost; whether a `max_age` is too small (W028).

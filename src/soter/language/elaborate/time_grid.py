@@ -1,10 +1,10 @@
 """Computes the grid of times of a test from the times that its program distinguishes.
 
-Purpose: where a step may be late, it happens as early as it can or at a multiple of the *quantum*
-(docs/testing.md). As declared; else the greatest common divisor of every time of the calendar and
-of every time that the program compares `time` or an age with, in so many parts as the comparisons
-that have to hold together need (`language/elaborate/distinguished.py`); and which
-readings of time no such grid does justice to.
+Purpose: a step that may be late happens as early as it can or at a multiple of the *quantum*
+(docs/testing.md). The quantum is the declared one; else the greatest common divisor of every time
+of the calendar and every time that the program compares `time` or an age with, cut into as many
+parts as comparisons need that have to hold together (`language/elaborate/distinguished.py`). The
+file also finds reads of time for which no such grid is enough.
 Non-goals: choosing times (the explorer), costs.
 
 A *clock* is `time`, `age(t)`, a local that only clocks and constants are put into, or a sum or

@@ -1,9 +1,9 @@
-"""Well-formedness: P1a, P1b of RTA modules, and of systems that stand in the world.
+"""Checks that RTA modules are well-formed (P1a, P1b), and systems that stand in the world.
 
-Purpose: the paper's static conditions on (N_ac, N_sc, N_dm, Delta), checked on a flattened system,
-where every period is known, and on the module's declaration. Which topics come from outside, how
-late components may be; that a system which `deploys` another one has its modules, nodes,
-parameters, periods and topics, so that what was proved there is about the same code.
+Purpose: checks the paper's static conditions on (N_ac, N_sc, N_dm, Delta) on a module's declaration
+and on a flattened system, in which every period is known. Finds which topics come from outside and
+how late components may be. Checks that a system which `deploys` another one has the same modules,
+nodes, parameters, periods and topics, so that the proof is about the same code.
 Non-goals: P2a, P2b, P3 (`verify/`), P1c (the timing argument needs execution times); whether ages,
 delays and errors from outside are covered (`verify/deploy/proof_transfer.py`).
 """

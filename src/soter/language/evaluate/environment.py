@@ -1,11 +1,11 @@
-"""What an expression can see while it is evaluated, and what a fair choice may take.
+"""The `Environment` that code reads while it is evaluated, and the rule of fair choices.
 
-Purpose: the border between the meaning of code (`statements.py`) and who runs it: the checker on
-constants with nothing to see, the interpreter on a configuration. Which of n alternatives a `fair
-choose` may take next, so that each is taken at least once in any 2n consecutive executions of that
-choice; both engines follow this rule.
+Purpose: separates the meaning of code (`statements.py`) from its callers: the checker evaluates
+constants in an empty environment, the interpreter gives it a configuration. `allowed` computes
+which of n alternatives a `fair choose` may take next, so that each is taken at least once in any 2n
+consecutive executions of that choice; both engines follow this rule.
 Non-goals: compile-time meaning of names: that is the scope the evaluator was made for; who picks
-among the alternatives that are allowed.
+among the allowed alternatives.
 
 `ages[i]` counts the executions since alternative i was last taken, 0 for all at the start. With
 age a, alternative i has to come at the latest 2n - 1 - a executions after the next one. Taking
@@ -91,7 +91,7 @@ MAX_FAIR = 64
 
 
 def taken(ages: Sequence[int], pick: int) -> tuple[int, ...]:
-    """The ages after alternative `pick` was taken."""
+    """Computes the ages after alternative `pick` was taken."""
     return tuple(0 if i == pick else age + 1 for i, age in enumerate(ages))
 
 

@@ -1,11 +1,11 @@
-"""What `ttf` and `safer` mean where an operand may be NaN, and which operands may.
+"""Evaluates `ttf` and `safer`, where a NaN is a fault, and finds which operands may be NaN.
 
-Purpose: `PredicateEvaluator` judges `ttf` and `safer`: there a comparison whose operand is NaN is a
-fault, also in functions that the predicate calls. Unknown is unsafe. Which operands are numbers in
-every step of the DM is decided once (`maybe_nan`), from declared sets and types, for C, proofs and
-the re-checker; where none may be NaN nothing is looked at.
-Non-goals: functions of the prelude, which answer NaN with NaN; conditions on the way, which refine
-nothing; the parts of predicates (`language/model/tree_walk.py`).
+Purpose: `PredicateEvaluator` evaluates `ttf` and `safer`, in which a comparison with a NaN is a
+fault, also in functions that the predicate calls: what is unknown counts as unsafe. `maybe_nan`
+decides once, from declared sets and types, which compared operands may be NaN in a step of the DM;
+C, proofs and the re-checker check only these.
+Non-goals: prelude functions, which answer NaN with NaN; enclosing conditions, which refine nothing;
+the parts of predicates (`language/model/tree_walk.py`).
 
 Topics hold finite numbers in their sets, as the gate refuses all others; results of extern
 functions are unknown. Prelude functions follow the domains of `function_error_bounds.py`.

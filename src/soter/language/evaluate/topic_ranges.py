@@ -1,11 +1,11 @@
-"""What a scalar of a topic may be, by what the program declares of it, and limits on signals.
+"""Gives ranges of what code reads, from the sets declared for topics; and limits of signals.
 
-Purpose: the set and the type of a topic as a `Range`, for a place that an expression reads;
-`always`, `always_by_parts`: whether that decides a condition; `narrowed`: ages, and what of a topic
-is known to be less. `limits`: for reports, `abs(motion.x) < WALL` in a predicate, also inside of
-functions that only return it, as two levels of the signal `motion.x`.
+Purpose: `declared` turns the set and the type of a topic into a `Range` for a place that an
+expression reads; `narrowed` also limits ages and some leaves; `always` and `always_by_parts` say
+whether these ranges decide a condition. For reports `limits` reads `abs(motion.x) < WALL`, also
+inside of functions that only return it, as two levels of the signal `motion.x`.
 Non-goals: what steps compute, queues and times (`explore/vacuous_tests.py`); limits of several
-signals together, so that a report without a limit says nothing.
+signals together, so a report without a limit says nothing.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Read a program's files: the main file, its imports, the prelude, data files.
+"""Reads a program's files: the main file, its imports, the prelude, data files.
 
-Purpose: every text that belongs to a program, parsed once, in a fixed order, with a hash of the
-whole; missing files, bad encodings and import cycles become diagnostics. Typed tables from json,
-csv and npy files (`const NAME: T = data "file";`) are checked against a Soter type, so that bad
-data is a diagnostic.
+Purpose: `load` parses every source of a program once, in a fixed order, and hashes all of them;
+missing files, wrong encodings and import cycles become diagnostics. `read_data` reads the json, csv
+or npy file of `const NAME: T = data "file";` and checks it against a Soter type, so that wrong data
+is a diagnostic.
 Non-goals: names and types of a program (`scope.py` and the checkers); units, partial reads.
 """
 

@@ -1,11 +1,11 @@
-"""Files that people name: read within bounds, never from a device by accident; and bindings.
+"""Reads files that users name, with a limit, and the text that says what an extern is bound to.
 
-Purpose: one way to read programs, data, logs and what other commands wrote, with the reasons people
-need when it fails. Whatever is named, reading it ends. What an extern is bound to names files, too:
-`"python:file.py:name"`, `"c:file.c:name"`, `"onnx:file.onnx"`, `"sb3:file.zip"`,
-`"onnx:file.onnx:h0=hn"` and `"sb3:file.zip:vecnormalize.pkl"`, in their parts.
-Non-goals: what stands there, diagnostics: whoever asked for the file says; whether there are files
-of a binding (`simulate/externs/`).
+Purpose: `read_bytes` is the one way to read programs, data, logs and files of other commands, with
+a reason when that fails. Reading ends, whatever file is named, and is never from a device by
+accident. `binding_of` splits `"python:file.py:name"`, `"c:file.c:name"`, `"onnx:file.onnx"`,
+`"sb3:file.zip"`, `"onnx:file.onnx:h0=hn"` and `"sb3:file.zip:vecnormalize.pkl"` into their parts.
+Non-goals: the content, and diagnostics: the caller makes them; whether the files of a binding exist
+(`simulate/externs/`).
 """
 
 from __future__ import annotations

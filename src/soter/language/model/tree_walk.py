@@ -1,13 +1,13 @@
 """Walks over checked trees: what an expression or a body contains, and what a step may cost.
 
 Purpose: defines the parts of a node once, and answers the questions that later passes have.
-`conjuncts` takes `a && b` apart, also where it stands in a function that only returns it;
-`premise_of` says what an implication asks for; `same_expression` tells that `x - 1 < x - 1` has one
-value on both sides. Every loop has a bound and nothing is recursive, yet loops in loops, or calls
-of calls of calls, may still never end in practice: `count_costs` gives upper bounds for every step,
-calls included, in operations and bytes; absurd numbers are T007.
-Non-goals: meaning; any other rewriting; expressions that are equal and written otherwise. Execution
-times and the machine's stack need a machine and its compiler.
+`conjuncts` splits `a && b`, also in a function that only returns it; `premise_of` gives the premise
+of an implication; `same_expression` recognizes that both sides of `x - 1 < x - 1` have one value.
+Every loop has a bound and nothing is recursive, yet nested loops, or calls of calls of calls, may
+still never end in practice: so `count_costs` computes upper bounds for every step, calls included,
+in operations and bytes; too large ones are T007.
+Non-goals: meaning; any other rewriting; equal expressions that are written differently; execution
+times and the machine's stack, which need a machine and its compiler.
 
 An operation is a statement, a round of a loop, a call, an operator, a built-in function, an index
 or a choice; one that handles a value of n numbers counts n. Of branches the most costly one counts,

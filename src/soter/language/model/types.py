@@ -1,9 +1,10 @@
 """The types of Soter, how values of them look in Python, and how durations are written.
 
-Purpose: one small hierarchy that every room shares; records compare by structure. A duration is `10
-ms` in a sentence and `10ms` in code; lengths of time that people give are read.
-Non-goals: inference (`language/check/expr.py`), storage layout (`core/layout.py`),
-durations in a program (`language/syntax/tokens.py`).
+Purpose: one small class hierarchy that every room shares; record types compare by structure.
+`show_ns` writes `10 ms` for a sentence, `write_ns` `10ms` for code; `duration_ns` reads what
+callers and command lines give.
+Non-goals: inference (`language/check/expr.py`), storage layout (`core/layout.py`), durations in a
+program (`language/syntax/tokens.py`).
 
 Values: bool -> bool, int -> int, float -> float, duration -> int (ns), enum -> int (index of
 the member), record -> tuple of field values in declared order, array -> tuple,

@@ -1,8 +1,9 @@
 """Recognizes a phrase of another language where the parser cannot go on.
 
 Purpose: `find` says whether the text there is a phrase of C, C++, Python, Rust, ROS or a textbook,
-and which edit makes it Soter. The phrases are the tables of `phrases/`, in the order in which they
-are tried. They are read at the first error, and a phrase counts only where it covers the error.
+and which edit turns it into Soter. The phrases are tables in `phrases/`, in the order in which they
+are tried; the functions that they name are here. They are read at the first error, and a phrase
+counts only if it covers the error.
 Non-goals: single words (`words.py`); how parsing goes on (`parsing/token_cursor.py`).
 
 The header of a row is the message. `find` is its pattern, whose lines are joined; in it `<name>` is

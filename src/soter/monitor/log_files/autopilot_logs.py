@@ -1,11 +1,11 @@
 """The messages of what autopilots log on board: ULog of PX4, DataFlash of ArduPilot.
 
-Purpose: topics and messages with their fields by the formats in the file, in its order; a file that
-is cut or contradicts itself ends with the place. ULog: `vehicle_gps_position#1` is the topic's
-second instance; times are the topics' own `timestamp`, us since the autopilot began. DataFlash,
-binary (`.bin`) or text (`.log`): `IMU#1` is the instance 1 of `IMU`, where the file says which
-field that is; times are `TimeUS`, us since the autopilot began, `TimeMS` or `T` of old logs in ms;
-a message that has none came with the one before it.
+Purpose: `ulog_messages` and `dataflash_messages` read messages by the formats in the file, in its
+order; where a file is cut or contradicts itself they raise D016 with the place. ULog:
+`vehicle_gps_position#1` is the topic's second instance; times are the topics' own `timestamp`, us
+since the autopilot began. DataFlash, binary (`.bin`) or text (`.log`): `IMU#1` is the instance 1 of
+`IMU`, where the file says which field that is; times are `TimeUS`, us since the autopilot began,
+`TimeMS` or `T` of old logs in ms; a message that has none came with the one before it.
 Non-goals: parameters and texts of a ULog; looking for the next message behind a damaged one; GPS
 time; telemetry (`mavlink_log.py`).
 """

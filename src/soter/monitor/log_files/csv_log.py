@@ -1,4 +1,4 @@
-"""The columns of a CSV, packed by gzip or not.
+"""Reads the columns of a CSV file, packed by gzip or not.
 
 Purpose: `read_csv` reads rows within bounds: of a cell, a line and all that is unpacked.
 `BoundedGzip` gives what Python's `gzip` would, but neither unpacks without an end nor steps over

@@ -1,11 +1,11 @@
 """The columns of a log, whatever file they come from, and what readers of all files share.
 
 Purpose: `Columns` holds times in ns and cells, row by row, of what a mapping asks for (`Wanted`).
-`unusable`, `damaged`: D016, which says where a file cannot be read. `RowChoice`: whether a cell is
-what a `where` says, however its file writes it, and what stood there where none was. `remedies`:
-help for a file of MATLAB, or one under a wrong name. `FileFacts.readable`: what stands before a
-damage. `Writers` counts how many values each of several nodes, or channels of one name, gave a
-topic: they are read as one stream.
+`unusable` and `damaged` make a D016 that says where a file cannot be read. `RowChoice` decides
+whether a cell is what a `where` says, however its file writes it, and keeps what stood there where
+none was. `remedies` gives help for a file of MATLAB, or one under a wrong name.
+`FileFacts.readable`: what stands before a damage. `Writers` counts how many values each of several
+nodes, or channels of one name, gave a topic: they are read as one stream.
 Non-goals: the files (`csv_log.py`, `read_columns.py`), what the cells mean
 (`monitor/typed_samples.py`), a choice by time (`LogMap.counts`), sources of a mapping, of which
 each has a channel.
@@ -166,7 +166,7 @@ class Wanted:
 
 
 def unusable(path: Path, why: str, *helps: str) -> SoterError:
-    """SoterError D016 for a log that cannot be used."""
+    """Makes the SoterError D016 for a log that cannot be used."""
     text = f"the log `{path}` cannot be used: {why}"
     return SoterError((Diagnostic("D016", text, helps=tuple(h for h in helps if h)),))
 

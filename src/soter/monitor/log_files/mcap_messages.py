@@ -1,4 +1,4 @@
-"""The messages of an MCAP, in the order in which they stand there.
+"""Reads the messages of an MCAP, in the order in which they stand there.
 
 Purpose: `mcap_messages` decodes their content: JSON, ROS (cdr, ros1), protobuf.
 Non-goals: the records of the file and whether they are whole (`report/mcap_reading.py`), the order

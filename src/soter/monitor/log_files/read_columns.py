@@ -1,10 +1,10 @@
-"""What a log holds of what a mapping asks for: columns, whatever file it is.
+"""Reads of a log what a mapping asks for, whatever kind of file it is.
 
-Purpose: the one way from a path, or several CSVs that are one log, to columns. Of a log of messages
-(an MCAP, a bag of ROS, a log of PX4, ArduPilot or MAVLink), of each message of a channel that
-counts, the parts that a mapping names, in the order of the file; times that go back in it are no
-other order, and are told. `part_of`: what stands at `pose.position.x` or `ranges.3` of a message in
-JSON, ROS or protobuf, as a plain number, truth or text; `time_ns_of`: what a time is in ns.
+Purpose: `read_columns` is the one way from a path, or several CSVs that are one log, to columns.
+`read_messages` takes from each message of a channel that counts (of an MCAP, a bag of ROS, a log of
+PX4, ArduPilot or MAVLink) the parts that a mapping names, in the order of the file; it tells where
+times go back. `part_of`: what stands at `pose.position.x` or `ranges.3` of a message in JSON, ROS
+or protobuf, as a plain number, truth or text; `time_ns_of`: a time in ns.
 Non-goals: the files (`csv_log.py`, `READERS`), decoding (`ros_messages.py`, the package
 `mcap-protobuf-support`).
 """
@@ -54,7 +54,7 @@ class NoPartError(Exception):
 
 
 class NoTimeError(Exception):
-    """Something is no time."""
+    """A value of a message is no time."""
 
 
 def part_of(message: Any, name: str) -> Any:  # noqa: ANN401 - what a message has

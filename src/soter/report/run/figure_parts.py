@@ -1,7 +1,7 @@
 """The parts of a figure: signals prepared for drawing, and axes, markers and texts as plain JSON.
 
-Purpose: few points on the page, yet nothing a reader looks for is lost: every change of mode, every
-decision, every violation and every dip of the clearance stays. A bar shows who is in control;
+Purpose: keeps few points on the page, yet loses nothing a reader looks for: every change of mode,
+every decision, every violation and every dip of the clearance stays. A bar shows who is in control;
 labels of levels stand where no curve runs; where decisions are so many that their marks cover each
 other, bars show how many takeovers there were. Colours are written as `@name`; the page's script
 replaces them by the style sheet's `--name`, so one figure serves light, dark and paper. A trace may

@@ -1,9 +1,9 @@
 """The report's HTML, section by section, in the order people read: result, evidence, grounds.
 
-Purpose: records in, HTML text out of the templates beside, with headline, verdict and figures in
-words. The program is shown by its diagram with a player: strips of who was in control, a slider
-with its buttons, and the SVG, whose boxes the page's script fills with values and lights up.
-Non-goals: judging: the counts come from the caller; drawing (`timeline`, a `SceneView`,
+Purpose: turns records into HTML through the templates in this folder, with headline, verdict and
+figures in words. The program is shown as its diagram with a player: strips of who was in control, a
+slider with its buttons, and the SVG, whose boxes the page's script fills with values and lights up.
+Non-goals: judging: the counts come from the caller; drawing (`timeline.py`, a `SceneView`,
 `soter.diagram`), what is shown of a run (`live_diagram.py`), style and behaviour (`assets/`).
 """
 

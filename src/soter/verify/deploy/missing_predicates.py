@@ -2,7 +2,7 @@
 
 Purpose: `complete` gives every such module of a flat system predicates that read tables, so that
 interpreter, lowering and C all see them; the sets are kept in the cache folder.
-Non-goals: computing sets (`verify/claims/`), tables (`verify/tables/`), verdicts.
+Non-goals: computing sets (`verify/claims/`), tables (`grid_tables.py`), verdicts.
 """
 
 from __future__ import annotations

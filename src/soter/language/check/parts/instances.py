@@ -1,8 +1,8 @@
-"""Instances: arrays of them made ordinary ones, and where the far ends of their wires are.
+"""Unrolls arrays of instances into single ones, and finds the topics at the far ends of wires.
 
-Purpose: `for i in 0..3 { r[i]: Robot; }` becomes instances called `r[0]`, `r[1]`, `r[2]`, and
-`r[(i + 1) % 3].pose` the name of one of them; whoever comes later sees names. `Wires` finds the
-topic at the far end of a wire, and says what is wrong with one.
+Purpose: `Unroller` turns `for i in 0..3 { r[i]: Robot; }` into instances called `r[0]`, `r[1]`,
+`r[2]`, and `r[(i + 1) % 3].pose` into a path with one of these names; later checks see names only.
+`Wires` finds the topic at the far end of a wire, and reports what is wrong with a wire.
 Non-goals: what the items mean (`system.py`); where wires lead in a flat system
 (`language/elaborate/`); loops of steps (`language/check/statements.py`).
 """

@@ -1,6 +1,7 @@
-"""Check systems and tests: instances, wires, properties, overrides, inputs, times, faults.
+"""Checks systems and tests: instances, wires, properties, overrides, inputs, times, faults.
 
-Purpose: `system` declarations -> `SystemSymbol`, `test` declarations -> `TestSymbol`.
+Purpose: `SystemChecker` turns `system` declarations into `SystemSymbol`s, and `TestChecker` `test`
+declarations into `TestSymbol`s.
 Non-goals: items that both share (`system_items.py`); flattening and numbers (`elaborator.py`,
 `language/elaborate/tested_system.py`); exploring (`explore/`).
 """

@@ -1,8 +1,8 @@
-"""Check items that systems and tests share, topics of the outside, and what campaigns read.
+"""Checks items that systems and tests share, topics of the outside, and what campaigns read.
 
-Purpose: properties, `replace`, inputs; `set` of the system, of an instance by its path, or in the
-braces of one; `external topic`; `measure` and `faults { ... }`. Paths that are mentioned count as
-used.
+Purpose: `ItemChecker` checks properties, `replace` and inputs; `SettingReader` `set` of the system,
+of an instance by its path, or in an instance's braces; functions check `external topic`, `measure`
+and `faults { ... }`. Names in paths count as used.
 Non-goals: whose value holds in the end, numbers (`language/elaborate/`); instances (`system.py`).
 """
 

@@ -1,13 +1,12 @@
-"""What is doubtful about the modules of a flat system that has no errors, and about its times.
+"""Warns of doubtful modules and of times that contradict each other, in a system without errors.
 
-Purpose: W012 (AC and SC look exchanged), W018 (`safe` speaks of what the module publishes), W033
-(several commands move one group of a shield), W036 (who hears itself). Times that contradict each
-other: W028 (a topic is older than its `max_age` before it is published again, or is never
-published), W034 (a measured topic may be of any age), W035 (an age is compared with what it never
-is), W026 (a property speaks of a time at which the system has ended). `doubt` is these, and the
-doubts of the other files of this folder, in one call.
-Non-goals: P1, P2, P3: nothing here is needed for a proof, and nothing here is one; what late steps
-do (`timing/`).
+Purpose: W012 (AC and SC look exchanged), W018 (`safe` reads an output of its module), W033 (several
+commands move one group of a shield), W036 (a plant or node reads what it publishes), W028 (a topic
+is older than its `max_age` before it is published again, or is never published), W034 (a measured
+topic may have any age), W035 (an age is compared with a time that it never reaches), W026 (a
+property speaks of a time at which the system has ended). `doubt` also runs the other files here.
+Non-goals: P1, P2, P3: these warnings are no proof, and none needs them; what late steps do
+(`timing/`).
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""What the steps of nodes and plants do for certain, whatever they read, and what they leave out.
+"""Warns of what steps of nodes and plants certainly do wrong, whatever they read, or leave out.
 
-Purpose: `doubt_steps`: W015 (a value that lies outside of the set of its topic), W025 (an index, an
-int or the bounds of a `clamp` that fault wherever they are reached): every expression is evaluated
-once over the declared ranges. W016 (an SC does not publish on every path). Of plants: W014 (a state
-that nothing moves), W032 (a derivative times `dt`), W019 (a scheme diverges where the plant does
-not).
+Purpose: `doubt_steps` warns W015 (a value lies outside of its topic's set) and W025 (an index, an
+int or the bounds of a `clamp` fault whenever they are reached): it evaluates each expression once,
+over the declared ranges. `doubt_publications` warns W016 (an SC does not publish on every path),
+`doubt_plant` W014 (a state that nothing moves), W032 (a derivative times `dt`) and W019 (a scheme
+diverges though the plant does not).
 Non-goals: what may happen and need not: a search and a proof answer that; other step faults, which
 the first run tells; branches that are never taken (`soter test --coverage`).
 """

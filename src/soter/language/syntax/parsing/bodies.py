@@ -2,7 +2,7 @@
 
 Purpose: `BodyParser` has what nodes, modules, plants, systems and tests share: the loop over items
 with its recovery, unknown words, items that may stand once, lists of names, types, ranges, `from`.
-Non-goals: the items themselves (`declarations.py`, `declarations.py`, `systems.py`).
+Non-goals: the items themselves (`declarations.py`, `modules.py`, `systems.py`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Functions, plants and nodes: `fun`, `plant`, `node`, and the same declared `extern`.
+"""Parses `fun`, `plant` and `node` declarations, and the same with `extern`.
 
-Purpose: the parser reads parameters, result type and body of a function, and the items of plants
-and nodes, one by one.
+Purpose: reads parameters, result type and body of a function; has the tables of the items of plants
+and nodes, and the readers of these items.
 Non-goals: statements (`statements.py`), calls (`expressions.py`), well-formedness
 (`language/check/`), the arithmetic of integration (`schemes.py`).
 """

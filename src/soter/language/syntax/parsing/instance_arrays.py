@@ -1,8 +1,7 @@
 """Parses loops over items of systems and tests, elements in paths, and `set`.
 
 Purpose: reads `for i in 0..3 { items }`, `r[i].pose`, `r[i]: What`, `set r[i].GAIN = 2.0`.
-Non-goals: the items (`systems.py`), unrolling of loops
-(`language/check/parts/instances.py`).
+Non-goals: the items (`systems.py`), unrolling of loops (`language/check/parts/instances.py`).
 """
 
 from __future__ import annotations

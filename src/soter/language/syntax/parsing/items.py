@@ -3,7 +3,7 @@
 Purpose: `Item` and its kinds (`once`, `often`, `each`); a row consists of steps, each of which
 reads a part (`expr`, `time`, `word`, ...), and `made`, which makes a node of what they read. The
 parser's loop over bodies, its report "stands twice" and the editor's completion use these tables.
-Non-goals: the tables (`declarations.py`, `modules.py`, `declarations.py`, `systems.py`).
+Non-goals: the tables (`declarations.py`, `modules.py`, `systems.py`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Modules: the `rta` declaration, and its `verify` block.
+"""Parses `rta` declarations (modules) and their `verify` blocks.
 
-Purpose: their bodies, item by item; of the block grids, polytopes, abstractions, commands, times:
-what `soter verify` needs to know.
+Purpose: the tables of the items in both bodies, and the readers of these items. A `verify` block
+has grids, polytopes, abstractions, commands and times for `soter verify`.
 Non-goals: what the names mean (`language/check/parts/verify_block.py`), well-formedness (P1a, P1b:
 `language/elaborate/wellformed.py`).
 """
@@ -183,7 +183,7 @@ VERIFY_ITEMS: Items = {
 
 
 def rta(parser: BodyParser) -> tree.Decl:
-    """A module."""
+    """Parses an `rta` declaration: a module."""
     start = parser.starts[parser.i]
     parser.i += 1
     name = parser.declare("the name of the module")

@@ -1,6 +1,6 @@
-"""Systems and tests: which parts run together, what goes wrong, and what is asked of them.
+"""Parses `system` declarations with their `faults { ... }`, and `test` declarations.
 
-Purpose: the bodies of `system`, its `faults` and `test`, item by item.
+Purpose: the tables of the items in their bodies, and the readers of these items.
 Non-goals: composition and well-formedness (`language/elaborate/`).
 """
 
@@ -102,7 +102,7 @@ FAULT_ITEMS: Items = {
 
 
 def system(parser: BodyParser) -> tree.Decl:
-    """A system."""
+    """Parses a `system` declaration."""
     start = parser.starts[parser.i]
     parser.i += 1
     name = parser.declare("the name of the system")
@@ -247,7 +247,7 @@ def _always(parser: BodyParser, kind: str, start: int) -> tree.PropertyItem:
 
 
 def _no_name(parser: BodyParser) -> None:
-    """S015 for `always calm: e;`; on with the property."""
+    """Reports S015 for `always calm: e;`, and goes on with the property."""
     i = parser.i
     if parser.kinds[i] != NAME or parser.kinds[i + 1] != ":":
         return
@@ -351,7 +351,7 @@ def _values(parser: BodyParser) -> tuple[tree.SyntaxExpr, ...]:
 
 
 def test(parser: BodyParser) -> tree.Decl:
-    """A test."""
+    """Parses a `test` declaration."""
     start = parser.starts[parser.i]
     parser.i += 1
     name = parser.declare("the name of the test")
