@@ -26,7 +26,7 @@ import numpy as np
 import soter
 from soter.campaign.batch_flights import EVENT, TO_AC, TO_SC
 from soter.campaign.statistics import rate
-from soter.campaign.tables import an_hour, bound, guilt, interval, listed, verdict
+from soter.campaign.tables import an_hour, bound, faults_explain, interval, listed, verdict
 from soter.campaign.tables import faults as faults_table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -195,7 +195,8 @@ def judged(campaign: Campaign, flat: System) -> str:
     """What counts as a violation, and what came of it."""
     what = listed([f"{p.kind} {p.text}" for p in flat.properties])
     r = campaign.result
-    because = f" {guilt(r)[0].upper()}{guilt(r)[1:]}." if r.violations and campaign.faults else ""
+    text = faults_explain(r)
+    because = f" {text[0].upper()}{text[1:]}." if r.violations and campaign.faults else ""
     return (
         f"A violation of `{campaign.system}` is one of {what}: {verdict(r)} in "
         f"{r.rate_hours:,.1f} h, "

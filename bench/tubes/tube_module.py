@@ -22,7 +22,7 @@ from soter.language.model.types import leaves
 from soter.native.cache import cached, digest
 from soter.native.compiler import compile_with, find
 from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME, library_flags, texts
-from soter.verify.deploy.missing_predicates import put, rest_claims
+from soter.verify.deploy.missing_predicates import install, rest_claims
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expressions import Node, in_order
@@ -86,7 +86,7 @@ def module_of(
     if changed is not None:
         source = changed(source)
     levels = TubeLevels(tuple(check.states), source, len(problem.map_leaves))
-    put(flat, flat.modules[0], problem, [levels])
+    install(flat, flat.modules[0], problem, [levels])
     return Module(problem, check, claims, generate(flat, prefix="m"))
 
 

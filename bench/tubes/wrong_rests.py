@@ -20,7 +20,7 @@ sys.path.insert(0, str(ROOT))
 from soter.diagnostics.diagnostic import SoterError  # noqa: E402
 from soter.language.front_end import check_file, system_to_prove  # noqa: E402
 from soter.verify.problem.extract import extract  # noqa: E402
-from soter.verify.tubes.rest_claims import shown  # noqa: E402
+from soter.verify.tubes.rest_claims import show_rest_claims  # noqa: E402
 from soter.verify.tubes.tube_check import TubeCheck  # noqa: E402
 
 FOLLOW = (ROOT / "examples" / "evidence" / "follow.soter").read_text(encoding="utf-8")
@@ -76,7 +76,7 @@ def proved(text: str) -> bool:
     try:
         flat = system_to_prove(check_file("wrong.soter", text), None)
         check = TubeCheck(extract(flat, flat.modules[0]))  # type: ignore[arg-type]
-        claims = shown(check)
+        claims = show_rest_claims(check)
     except SoterError:
         return False
     return not (claims.kept or claims.moves)

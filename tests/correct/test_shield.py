@@ -113,14 +113,14 @@ def tables_of(program: soter.Program) -> Any:
     from soter.verify.deploy import missing_predicates
 
     kept: list[Any] = []
-    put = missing_predicates.put
+    put = missing_predicates.install
 
     def noted(flat: Any, module: Any, problem: Any, tables: Any) -> None:
         kept.extend(tables)
         put(flat, module, problem, tables)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(missing_predicates, "put", noted)
+        patch.setattr(missing_predicates, "install", noted)
         program.simulate(system="Track", until="50ms")
     return kept[0]
 

@@ -20,7 +20,7 @@ from soter.campaign.arms import OURS, PAPER, arms_of, kept
 from soter.campaign.batch_flights import Fleet
 from soter.campaign.fly_campaign import cluster, flights_of, fly, require_ray
 from soter.campaign.page import write_page
-from soter.campaign.result import ORDER, Result, blames, occurred, result_of
+from soter.campaign.result import ORDER, Result, attributions, occurred, result_of
 from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
 from soter.report.wording import changed_parameters
@@ -296,7 +296,7 @@ def _flown(
         system=fleet.system,
         folder=folder,
         flights=tuple(wanted),
-        result=result_of(wanted, fleet.system, blames(fleet.system, bad, again)),
+        result=result_of(wanted, fleet.system, attributions(fleet.system, bad, again)),
         flown=max(count - before, 0),
         wall_s=time.perf_counter() - began,
     )

@@ -47,7 +47,7 @@ def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> Explor
     kept = checkpoints(wanted, systems, options, told)
     results: list[TestResult] = []
     listener = stop_request()
-    with listening(listener), _until_interrupted(results, tests):
+    with listening(listener), _keeping_results(results, tests):
         for symbol, system, place in zip(tests, systems, kept, strict=True):
             about = TraceHeader(path, told, replaced_in(symbol))
             result = explore_test(system, options, about, options.progress, listener, place)
@@ -66,7 +66,7 @@ def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> Explor
 
 
 @contextmanager
-def _until_interrupted(results: Sequence[object], tests: Sequence[object]) -> Iterator[None]:
+def _keeping_results(results: Sequence[object], tests: Sequence[object]) -> Iterator[None]:
     """Ends its block at a KeyboardInterrupt; raises it if all tests have been explored."""
     try:
         yield

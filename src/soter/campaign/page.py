@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.campaign import tables
 from soter.campaign.statistics import FLIGHTS
-from soter.campaign.tables import an_hour, guilt, interval, listed, verdict
+from soter.campaign.tables import an_hour, faults_explain, interval, listed, verdict
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.report.atomic_write import ReportError
 from soter.report.html import write_document
@@ -193,11 +193,11 @@ def _sections(campaign: CampaignLike, program: str) -> Iterator[PageSection]:
     if campaign.forced:
         says.append(f"Forced, so that nothing protects them: {', '.join(campaign.forced)}.")
     if r.violations and campaign.faults:
-        says.append(f"{guilt(r)}.")
+        says.append(f"{faults_explain(r)}.")
     if campaign.properties:
         says.insert(1, f"A violation is one of {listed(campaign.properties)}.")
     says.append(f"Program {campaign.program_sha256}; digest of all flights {r.digest}.")
-    yield PageSection("What was flown", tuple(says), *tables.broken(campaign))
+    yield PageSection("What was flown", tuple(says), *tables.violations_table(campaign))
     control = []
     if len(r.modules) > 1:
         control.append(f"All modules in AC at once: {r.ac_share:.2%} of the time.")
@@ -205,7 +205,7 @@ def _sections(campaign: CampaignLike, program: str) -> Iterator[PageSection]:
         control.append(f"Saves are counted with a horizon of {campaign.horizon_s:g} s.")
     late = (f"Lateness of the arm `paper`: {campaign.lateness}",) if campaign.lateness else ()
     for title, texts, (head, rows) in (
-        ("The first violated flights", (), tables.worst(campaign)),
+        ("The first violated flights", (), tables.worst_flights_table(campaign)),
         ("Who was in control", tuple(control), tables.modules(campaign)),
         ("The same seeds by other rules", late, tables.arms(campaign)),
         ("What was declared to go wrong", (), tables.faults(campaign)),

@@ -57,7 +57,7 @@ class FaultAttribution:
         return self.clean_without is True
 
 
-def blames(
+def attributions(
     system: System,
     bad: Sequence[FlightOutcome],
     again: Callable[[System, Sequence[int]], Iterable[FlightOutcome]],

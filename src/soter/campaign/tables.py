@@ -61,7 +61,7 @@ def bound(r: Result) -> str:
     return hourly
 
 
-def guilt(r: Result) -> str:
+def faults_explain(r: Result) -> str:
     """How many violated flights faults outside explain, in a system with faults."""
     out = r.flights_violated - r.violated_inside
     return (
@@ -155,12 +155,12 @@ class CampaignLike(Protocol):
         """As `Campaign.occurred`."""
 
 
-def broken(campaign: CampaignLike) -> Table:
+def violations_table(campaign: CampaignLike) -> Table:
     """The table of what was violated, and how often."""
     return ("times", "violated"), tuple((f"{n:,}", what) for what, n in campaign.result.broken)
 
 
-def worst(campaign: CampaignLike) -> Table:
+def worst_flights_table(campaign: CampaignLike) -> Table:
     """The table of the first violated flights."""
     rows = tuple(
         (

@@ -2,9 +2,9 @@
 
 Purpose: `recheck(folder)` goes from the bytes of a certificate to a `Report`: accepted, or the
 reason why not. What is false is rejected; whatever this room does not know how to confirm is not
-re-checked, and never accepted. While `soter verify` makes a certificate, `beyond` says for its
-headline why it would be *not re-checked* (decision 278): it reads the problem as a re-check does
-and makes ready what each claim needs, but it looks only at a few cells.
+re-checked, and never accepted. While `soter verify` makes a certificate, `why_not_recheckable` says
+for its headline why it would be *not re-checked* (decision 278): it reads the problem as a re-check
+does and makes ready what each claim needs, but it looks only at a few cells.
 Non-goals: finding sets or witnesses: there is no search and no fixpoint here, one pass only.
 
 The argument: of each module that a manifest names, the problem is read off the program that lies
@@ -16,78 +16,78 @@ A claim that is not asked is not confirmed, and whatever raises is not accepted.
 
 from __future__ import annotations
 
-import math
-import os
-import time
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-from soter.certificate.case_check import (
-    CLAIMS,
-    CaseCheck,
-    claimed_of,
-    narrowed,
-    static_claims,
-    survives_the_start,
-)
-from soter.certificate.cell_sets import Axes, Grid
-from soter.certificate.control_changes import jumps_of, read_above
-from soter.certificate.failsafe_law import kept_by_law, law_in
-from soter.certificate.folder import (
-    MANIFEST_KEYS,
-    OF_SETS,
-    Certificate,
-    NotACertificateError,
-    hexadecimal,
-    only_keys,
-    program_of,
-    read_certificate,
-    refuse_cells,
-    refuse_unclaimed,
-)
-from soter.certificate.proof_methods import GROUPS, MODULES
+from soter.certificate.case_check import CLAIMS
+from soter.certificate.case_check import CaseCheck
+from soter.certificate.case_check import claimed_of
+from soter.certificate.case_check import narrowed
+from soter.certificate.case_check import static_claims
+from soter.certificate.case_check import survives_the_start
+from soter.certificate.cell_sets import Axes
+from soter.certificate.cell_sets import Grid
+from soter.certificate.control_changes import jumps_of
+from soter.certificate.control_changes import read_above
+from soter.certificate.failsafe_law import kept_by_law
+from soter.certificate.failsafe_law import law_in
+from soter.certificate.folder import Certificate
+from soter.certificate.folder import MANIFEST_KEYS
+from soter.certificate.folder import NotACertificateError
+from soter.certificate.folder import OF_SETS
+from soter.certificate.folder import hexadecimal
+from soter.certificate.folder import only_keys
+from soter.certificate.folder import program_of
+from soter.certificate.folder import read_certificate
+from soter.certificate.folder import refuse_cells
+from soter.certificate.folder import refuse_unclaimed
+from soter.certificate.proof_methods import GROUPS
+from soter.certificate.proof_methods import MODULES
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.left_out_states import (
-    leave_out,
-    read_turning,
-    refuse_read,
-    refuse_turns_read,
-)
-from soter.certificate.reading.module_facts import Facts, Input, bounded_topics
+from soter.certificate.reading.left_out_states import leave_out
+from soter.certificate.reading.left_out_states import read_turning
+from soter.certificate.reading.left_out_states import refuse_read
+from soter.certificate.reading.left_out_states import refuse_turns_read
+from soter.certificate.reading.module_facts import Facts
+from soter.certificate.reading.module_facts import Input
+from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.module_times import compare_times
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import left_out
-from soter.certificate.report import (
-    ACCEPTED,
-    NOT_RECHECKED,
-    REJECTED,
-    NotRecheckedError,
-    RecheckedModule,
-    RejectedError,
-    Report,
-)
-from soter.certificate.scope import (
-    assumptions_of,
-    confirmed_of,
-    otherwise_in_program,
-    parameters_of,
-    uncovered,
-)
-from soter.certificate.vacuous_proofs import of_those_above, vacuous
-from soter.diagnostics.current_phase import between, phase, telling
+from soter.certificate.report import ACCEPTED
+from soter.certificate.report import NOT_RECHECKED
+from soter.certificate.report import NotRecheckedError
+from soter.certificate.report import REJECTED
+from soter.certificate.report import RecheckedModule
+from soter.certificate.report import RejectedError
+from soter.certificate.report import Report
+from soter.certificate.scope import assumptions_of
+from soter.certificate.scope import confirmed_of
+from soter.certificate.scope import open_questions
+from soter.certificate.scope import otherwise_in_program
+from soter.certificate.scope import parameters_of
+from soter.certificate.scope import uncovered
+from soter.certificate.vacuous_proofs import of_those_above
+from soter.certificate.vacuous_proofs import vacuous
+from soter.diagnostics.current_phase import between
+from soter.diagnostics.current_phase import phase
+from soter.diagnostics.current_phase import telling
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import system_to_prove
 from soter.report.wording import visible
+from typing import Any
+from typing import TYPE_CHECKING
+import math
+import os
+import time
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
+    from collections.abc import Iterable
+    from collections.abc import Iterator
     from soter.certificate.failsafe_law import Law
     from soter.certificate.groups import Group
     from soter.certificate.scope import Covered
@@ -172,7 +172,7 @@ def _check(certificate: Certificate, report: Report, workers: int) -> None:
         if all((m.system, m.name) != (module.system, module.name) for m in report.modules):
             report.modules.append(module)
     of_those_above(report.modules)
-    report.not_covered = uncovered(checked, overrides, covered)
+    report.not_covered = open_questions(checked, overrides, covered)
     if any(m.not_rechecked for m in report.modules):
         return  # some tables were not read, and some views not looked at
     for facts in covered:
@@ -443,7 +443,7 @@ def groups_of(certificate: Certificate, facts: Facts, entries: list[dict[str, An
     return sorted(groups, key=lambda g: list(GROUPS).index(g.kind))
 
 
-def beyond(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
+def why_not_recheckable(flat: System, entry: dict[str, Any], files: dict[str, bytes]) -> str:
     """Why a module would not be re-checked; "": nothing stands in the way.
 
     `flat`: the system that has it, as it is proved; `entry`: the module in the manifest; `files`:

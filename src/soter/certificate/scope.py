@@ -1,8 +1,9 @@
 """What a re-checked verdict is about: values and systems, and the assumptions that it rests on.
 
-Purpose: `parameters_of` names the values that were checked, `uncovered` what a reader might think
-is covered: other systems, modules and values, and what nothing here looks at. `assumptions_of` and
-`confirmed_of` derive assumptions again from the program: keys for programs, texts for people.
+Purpose: `parameters_of` names the values that were checked, `open_questions` what a reader might
+think is covered: other systems, modules and values, and what nothing here looks at.
+`assumptions_of` and `confirmed_of` derive assumptions again from the program: keys for programs,
+texts for people.
 Non-goals: what a manifest says about them: nothing is read there. What an extra rests on is said
 where that is (`control_changes.py`, `reading/`).
 
@@ -12,31 +13,46 @@ inputs with their ranges, the times, the machine. An assumption that is always m
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol
-
 from soter.certificate import control_changes
-from soter.certificate.reading import node_paths, sc_locals_and_modes, verification_system
-from soter.certificate.reading.module_facts import Facts, bounded_topics, number_of, read_by
+from soter.certificate.reading import node_paths
+from soter.certificate.reading import sc_locals_and_modes
+from soter.certificate.reading import verification_system
+from soter.certificate.reading.module_facts import Facts
+from soter.certificate.reading.module_facts import bounded_topics
+from soter.certificate.reading.module_facts import number_of
+from soter.certificate.reading.module_facts import read_by
 from soter.certificate.reading.module_times import DELAYS
-from soter.certificate.reading.supported_constructs import equations, parts_of
+from soter.certificate.reading.supported_constructs import equations
+from soter.certificate.reading.supported_constructs import parts_of
 from soter.certificate.report import RecheckAssumption
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import system_to_prove
 from soter.language.model.system import holder_of
 from soter.language.model.typed import FunSymbol
-from soter.language.model.types import DurationType, FloatType, leaf_name, leaves, show_ns
+from soter.language.model.types import DurationType
+from soter.language.model.types import FloatType
+from soter.language.model.types import leaf_name
+from soter.language.model.types import leaves
+from soter.language.model.types import show_ns
 from soter.language.prelude.function_error_bounds import BOUNDS
+from typing import Any
+from typing import Protocol
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
+    from collections.abc import Iterator
+    from collections.abc import Mapping
+    from collections.abc import Sequence
     from soter.certificate.control_changes import Jumps
     from soter.certificate.reading.module_facts import Input
     from soter.certificate.report import Said
     from soter.language.front_end import CheckResult
     from soter.language.model import typed
-    from soter.language.model.system import Component, Module, System
-    from soter.language.model.typed import ModuleSymbol, TypedProgram
+    from soter.language.model.system import Component
+    from soter.language.model.system import Module
+    from soter.language.model.system import System
+    from soter.language.model.typed import ModuleSymbol
+    from soter.language.model.typed import TypedProgram
     from soter.language.model.types import Value
 
 
@@ -85,7 +101,7 @@ def otherwise_in_program(checked: CheckResult, system: System) -> tuple[dict[str
     return value_by_name, contradicted
 
 
-def uncovered(
+def open_questions(
     checked: CheckResult, overrides: Mapping[str, Any], covered: Sequence[Covered]
 ) -> list[RecheckAssumption]:
     """Everything that a reader might think is covered, and is not."""
@@ -94,7 +110,7 @@ def uncovered(
         shown = ", ".join(f"{n} = {v}" for n, v in values.items())
         gaps.append(("parameters", f"values of parameters other than {shown}"))
     for facts in covered:
-        gaps += _of(facts)
+        gaps += _open_of_module(facts)
     gaps += _plants_of_no_claim(covered)
     gaps.append(("compiled", "the code that a decision module is compiled to"))
     return [RecheckAssumption(key, text) for key, text in dict.fromkeys(gaps)]
@@ -146,7 +162,7 @@ def _modelled(facts: Covered) -> set[str]:
     return {*names, *(f"{around}.{name}" for name in names if around)}
 
 
-def _of(facts: Covered) -> Said:
+def _open_of_module(facts: Covered) -> Said:
     """Each question that is left open about a covered module: its key, and it in words."""
     name, system, symbol = facts.flying_module.name, facts.flying, facts.symbol
     for link in symbol.verify.abstracts:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 READS_NOTHING = "`safe` reads no topic: it says nothing of the plant"
 HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says nothing"
 DRAWN = 2000
-HARDLY = 0.01
+RARE_SHARE = 0.01
 """The share of states drawn from K: where AC has control on less, the report says so."""
 FAILS, HOLDS = 1, 2
 """The bits of a proposition on a box: it may be false, it may hold."""
@@ -88,7 +88,7 @@ def _never_given(facts: Facts, values: tuple[int, ...]) -> str:
     """Why AC may never get control: SC has it at the start, and no claim says that it gives it."""
     if not facts.symbol.stays or facts.symbol.safer is None:
         return ""
-    safer = _asked(facts, values, facts.symbol.safer, admits=True)
+    safer = _admit_check(facts, values, facts.symbol.safer, admits=True)
     box = [(exact(i.low), exact(i.high)) for i in facts.states] + safer.decision.ranges
     if safer.decision.of(box) & FAILS:
         return ""
@@ -96,7 +96,7 @@ def _never_given(facts: Facts, values: tuple[int, ...]) -> str:
     return f"nothing says that AC ever gets control ({why})"
 
 
-def _asked(
+def _admit_check(
     facts: Facts, values: tuple[int, ...], expr: typed.TypedExpr, *, admits: bool
 ) -> AdmitCheck:
     """The check whether this predicate keeps AC from control, for states anywhere."""
@@ -130,25 +130,25 @@ def _of_predicates(
     if ttf is None or safer is None:
         return "", "predicates that are not there are not looked at"
     chance = np.random.default_rng(0)
-    asked = partial(_asked, facts, values)
+    asked = partial(_admit_check, facts, values)
     checks = asked(safer, admits=True), asked(ttf, admits=False)
     drawn, gets, keeps, both = 0, 0, 0, 0
     for x in _states(facts, chance, groups):
         drawn += 1
-        given, left = (_lets(check, x, chance) for check in checks)
+        given, left = (_admits(check, x, chance) for check in checks)
         gets, keeps, both = gets + given, keeps + left, both + (given and left)
-        if both >= HARDLY * DRAWN:
+        if both >= RARE_SHARE * DRAWN:
             return "", ""
     if not drawn:
         return "", "no state of K was drawn"
-    least = HARDLY * drawn
+    least = RARE_SHARE * drawn
     if gets < least:
-        return f"{seldom(gets)} has control (`safer` holds {on(gets, drawn)})", ""
+        return f"{rarity(gets)} has control (`safer` holds {on_drawn(gets, drawn)})", ""
     if keeps < least:
-        return f"{seldom(keeps)} keeps control (`ttf` is false {on(keeps, drawn)})", ""
+        return f"{rarity(keeps)} keeps control (`ttf` is false {on_drawn(keeps, drawn)})", ""
     if both < least:
         where = "where `safer` holds `ttf` does, too: not so"
-        return f"{seldom(both)} keeps control ({where} {on(both, drawn)})", ""
+        return f"{rarity(both)} keeps control ({where} {on_drawn(both, drawn)})", ""
     return "", ""
 
 
@@ -167,12 +167,12 @@ def of_those_above(modules: Sequence[RecheckedModule]) -> None:
         enter(m)
 
 
-def seldom(count: int) -> str:
-    """Words for "AC hardly ever" or "never", for a `count` below `HARDLY` of the drawn states."""
+def rarity(count: int) -> str:
+    """Words for "AC hardly ever" or "never", for a `count` below `RARE_SHARE` of the drawn."""
     return "AC hardly ever" if count else "as far as was seen AC never"
 
 
-def on(count: int, drawn: int) -> str:
+def on_drawn(count: int, drawn: int) -> str:
     """On how many of the drawn states, in words."""
     return f"on {count or 'none'} of {drawn:,} states drawn from K"
 
@@ -192,7 +192,7 @@ def _states(
         yield x
 
 
-def _lets(check: AdmitCheck, x: NDArray[np.float64], chance: np.random.Generator) -> bool:
+def _admits(check: AdmitCheck, x: NDArray[np.float64], chance: np.random.Generator) -> bool:
     """Whether one estimate of a state, with random errors, certainly lets AC have control."""
     box: list[tuple[arb, arb]] = [(exact(v), exact(v)) for v in x.tolist()]
     for low, high in check.decision.ranges:

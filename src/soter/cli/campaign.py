@@ -142,7 +142,7 @@ def _say(campaign: Campaign, console: Console) -> None:
     painted, limits = console.paint(colour, tables.verdict(r)), tables.bound(r)
     console.say(painted + (f"; with 95 % confidence {limits}" if limits else ""))
     if r.violations and campaign.faults:
-        console.say(tables.guilt(r))
+        console.say(tables.faults_explain(r))
     for what, count in r.broken:
         console.say(f"  {count} x {what}")
     for f in r.worst:

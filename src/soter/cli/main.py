@@ -80,7 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     quiet = "--json" in options or wanted in ("sarif", "junit")
     with Console(json=quiet, own_process=argv is None) as console:
         try:
-            code = _told(name, arguments, console, wanted)
+            code = _run_and_print(name, arguments, console, wanted)
             console.hand_over(code)
         except ChildResult as done:
             console.write(done.text)
@@ -89,13 +89,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _after_output(code, console)
 
 
-def _told(
+def _run_and_print(
     name: str | None, arguments: list[str], console: Console, format_: str | None = None
 ) -> int:
     """Runs the command, prints its outcome in the format wanted, and returns its exit code."""
     if "--json" in arguments:
         format_ = None  # `_run` refuses both, and `--json` decides how that is told
-    outcome = _guarded(name, arguments, console)
+    outcome = _outcome_of(name, arguments, console)
     console.diagnostics(outcome.diagnostics)
     if format_ is not None and name is not None and "help" not in outcome.fields:
         from soter.cli.terminal.ci_formats import written  # noqa: PLC0415 - only then
@@ -108,7 +108,7 @@ def _told(
     return outcome.exit
 
 
-def _guarded(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
+def _outcome_of(name: str | None, arguments: list[str], console: Console) -> CommandOutcome:
     """The outcome of a command line; every exception but `ChildResult` becomes one."""
     try:
         _require_utf8(arguments)

@@ -87,7 +87,7 @@ class Options:
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Proves the modules and tells the verdicts, or tells those of the cache again."""
     console.listen()
-    words = _words(args, console)
+    words = _cache_key(args, console)
     told = _told_again(args, words, console)
     if told is not None:
         return told
@@ -132,7 +132,7 @@ def _proved(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, t
     return report, written
 
 
-def _words(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
+def _cache_key(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
     """The options that the outcome depends on, a key of the cache; () if it may not be stored.
 
     It may not where another program calls `main`, as Soter may be changed in its process, nor with
@@ -203,7 +203,7 @@ def _said(report: VerifyReport) -> Printout:
     for line in _coverage(report):
         printed.say(line)
     if report.composed:
-        _together(report, printed)
+        _print_joint_verdict(report, printed)
     return printed
 
 
@@ -233,7 +233,7 @@ def _coverage(report: VerifyReport) -> list[str]:
     return lines
 
 
-def _together(report: VerifyReport, printed: Printout) -> None:
+def _print_joint_verdict(report: VerifyReport, printed: Printout) -> None:
     """Prints the verdict on all modules together, and who keeps what each takes for granted."""
     from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy  # noqa: PLC0415 - needs NumPy
     from soter.verify.scope import rows_of  # noqa: PLC0415 - what is stored needs none  # noqa: PLC0415 - what is stored needs none

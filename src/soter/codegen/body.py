@@ -13,7 +13,7 @@ from soter.codegen import c_tree as c
 from soter.codegen.c_names import field_name
 from soter.codegen.c_types import FAULT, int_number
 from soter.codegen.storage_plan import RESULT, has_address, is_still_here
-from soter.codegen.value_locations import LOGICAL, MADE, Places, compared_twice, is_foregone
+from soter.codegen.value_locations import LOGICAL, MADE, Places, compared_twice, has_known_result
 from soter.core import core
 from soter.core.core import output_name
 from soter.core.layout import scalar
@@ -190,9 +190,9 @@ class Body(Places):
             self._at_odds = None
         if e.op in COMPARISONS and not isinstance(e.left.type, FloatType):
             left_at_odds, right_at_odds = (x in (self._at_odds or ()) for x in (left, right))
-            if left == right or left_at_odds or is_foregone(e.op, e.left, e.right):
+            if left == right or left_at_odds or has_known_result(e.op, e.left, e.right):
                 left = c.CallExpr("soter_plain", (left,))
-            if right_at_odds or is_foregone(e.op, e.right, e.left):
+            if right_at_odds or has_known_result(e.op, e.right, e.left):
                 right = c.CallExpr("soter_plain", (right,))
         return c.Binary(e.op, left, right)
 

@@ -353,7 +353,7 @@ def branch_free(f: FunctionDef) -> FunctionDef:
     if f.body is None:
         return f
     whole = {s.name for s in _all(f.body) if isinstance(s, Declare) and s.type == WHOLE}
-    return replace(f, body=tuple(_Masks(whole).block(f.body)))
+    return replace(f, body=tuple(_MaskRewriter(whole).block(f.body)))
 
 
 def _all(block: tuple[CStmt, ...]) -> Iterator[CStmt]:
@@ -365,7 +365,7 @@ def _all(block: tuple[CStmt, ...]) -> Iterator[CStmt]:
             yield from _all((*s.then, *s.otherwise))
 
 
-class _Masks:
+class _MaskRewriter:
     """Rewrites blocks, and numbers the masks of one function."""
 
     def __init__(self, whole: set[str]) -> None:

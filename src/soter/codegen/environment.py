@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 DRAW_PARAMETERS = (("void *", "state"), ("const void *", "answer"))
 
 
-def whom(stream: str) -> tuple[c.CExpr, ...]:
+def draw_arguments(stream: str) -> tuple[c.CExpr, ...]:
     """The first arguments of a draw that a driver may answer."""
     return (HEADER, c.Name("answer"), stream_key(stream))
 
@@ -54,7 +54,7 @@ def uniform(
     bounds = (float_number(low), float_number(high))
     if chance:
         return c.CallExpr("soter_draw", (HEADER, stream_key(stream), index, *bounds))
-    return c.CallExpr("soter_drawn", (*whom(stream), index, *bounds))
+    return c.CallExpr("soter_drawn", (*draw_arguments(stream), index, *bounds))
 
 
 def in_order(drawn: list[tuple[str, c.CExpr]], name: str) -> tuple[list[c.CStmt], list[c.CExpr]]:
@@ -169,7 +169,7 @@ class InputEmitter:
         t = self.system.topics[drive.topic].type
         last = len(drive.values) - 1
         pick = c.CallExpr(
-            "soter_drawn_int", (*whom(stream), index, int_number(0), int_number(last))
+            "soter_drawn_int", (*draw_arguments(stream), index, int_number(0), int_number(last))
         )
         name = c.Name("drawn_pick")
         value = self.types.constant(t, drive.values[last], "value")
@@ -187,7 +187,7 @@ class InputEmitter:
             assert bound is not None
             return "double", uniform(stream, index, bound.low, bound.high)
         if isinstance(t, BoolType):
-            drawn = c.CallExpr("soter_drawn_bool", (*whom(stream), index))
+            drawn = c.CallExpr("soter_drawn_bool", (*draw_arguments(stream), index))
             return "uint8_t", c.Cast("uint8_t", drawn)
         if isinstance(t, EnumType):
             low, high = 0, len(t.members) - 1
@@ -195,7 +195,7 @@ class InputEmitter:
             assert isinstance(t, IntType)
             low, high = (int(bound.low), int(bound.high)) if bound else (t.low, t.high)
         limits = (int_number(low), int_number(high))
-        drawn = c.CallExpr("soter_drawn_int", (*whom(stream), index, *limits))
+        drawn = c.CallExpr("soter_drawn_int", (*draw_arguments(stream), index, *limits))
         return self.types.stored(t), self.types.to_store(t, drawn)
 
 

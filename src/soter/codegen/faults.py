@@ -196,7 +196,7 @@ def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]
                 target = leaf_of(frame.body.out(k), outputs[k].type, leaf)
                 now = leaf_of(frame.topic(f.topic), outputs[k].type, leaf)
                 is_float, bound = isinstance(kinds[leaf], FloatType), bounds[leaf]
-                new = _new(frame, (i, leaf), f, (target, now), bound, is_float=is_float)
+                new = _faulty_leaf(frame, (i, leaf), f, (target, now), bound, is_float=is_float)
                 done.append(c.Assign(target, new))
                 if component.plant is not None and bound is not None and is_float:
                     done.append(c.Assign(target, _within(target, bound)))
@@ -205,7 +205,7 @@ def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]
     return statements
 
 
-def _new(
+def _faulty_leaf(
     frame: Frame,
     which: tuple[int, int],
     f: Fault,

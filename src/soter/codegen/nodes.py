@@ -94,7 +94,7 @@ def empty(frame: Frame, queue: int) -> c.CStmt:
     return c.Assign(frame.topic(queue), default)
 
 
-def forgive(frame: Frame, component: Component) -> list[c.CStmt]:
+def clear_lost_queues(frame: Frame, component: Component) -> list[c.CStmt]:
     """Empties, after a capacity fault, the queues that lost a value, and clears that mark."""
     statements: list[c.CStmt] = []
     for q in queues_of(frame.system, component):
@@ -110,7 +110,7 @@ PARAMETERS = (("void *", "state"),)
 
 def hold(frame: Frame, component: Component, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
     """Keeps the outputs of a step in `held`; the kernel draws how long until they take effect."""
-    statements: list[c.CStmt] = [_nothing(frame, component)]
+    statements: list[c.CStmt] = [_empty_held(frame, component)]
     published = c.Unary("*", c.Name("published"))
     for k, output in enumerate(outputs):
         note = c.Assign(published, c.Binary("|", published, c.Number(f"{1 << k}U")))
@@ -144,7 +144,7 @@ def effect(
     body = (
         frame.state_pointer(),
         c.IfStmt(c.Binary("!=", c.Member(own, "oe"), c.Number("0U")), tuple(stores)),
-        _nothing(frame, component),
+        _empty_held(frame, component),
         c.Assign(_stamp(component.held), c.Name("SOTER_NEVER")),
     )
     doc = f"what {component.name} held takes effect"
@@ -171,7 +171,7 @@ def exchange(
     return c.FunctionDef("void", f"{name}_exchange", PARAMETERS, tuple(body), doc)
 
 
-def _nothing(frame: Frame, component: Component) -> c.CStmt:
+def _empty_held(frame: Frame, component: Component) -> c.CStmt:
     assert component.held is not None
     t = frame.system.topics[component.held].type
     return c.Assign(frame.topic(component.held), frame.types.default(t))
@@ -231,7 +231,7 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
     body = frame.load(step.locals, used)
     nothing_lost = must_not_lose(frame, component)
     if foreign:
-        body += _foreign(frame, component, step, name, takeover, nothing_lost)
+        body += _take_extern_answer(frame, component, step, name, takeover, nothing_lost)
     else:
         body += frame.declare_outputs(step.outputs)
         body += nothing_lost
@@ -241,16 +241,16 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
     if step.shield is not None:
         body += frame.body.block(step.shield.body)
     unused = [c.Unused(n) for n in ("s", "flags", "answer", "published")]
-    failed = (*frame.restore(step.locals), *forgive(frame, component))
+    failed = (*frame.restore(step.locals), *clear_lost_queues(frame, component))
     body = [frame.state_pointer(), *unused, *frame.sticky(body, failed)]
     if foreign and c_source:
-        body += [s for copy in step.locals for s in _keep(frame, copy)]
+        body += [s for copy in step.locals for s in _commit_linked_local(frame, copy)]
     else:
         body += frame.store(step.locals)
     body += [empty(frame, q) for q in queues_of(frame.system, component)]
     if component.held is None:
         body += frame.publish(step.outputs, gated=component.role != "node")
-        body += _held(frame, step)
+        body += _store_shield_memory(frame, step)
     else:
         body += hold(frame, component, step.outputs)
     body.append(c.Return(OK))
@@ -258,7 +258,7 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
     return body
 
 
-def _foreign(
+def _take_extern_answer(
     frame: Frame,
     component: Component,
     step: core.NodeStep,
@@ -281,7 +281,7 @@ def _foreign(
     return body
 
 
-def _held(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
+def _store_shield_memory(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
     """Stores what the shield remembers of the commands that a step gave.
 
     Published ones only if outputs are enabled (OE; rule n1), proposed ones always.
@@ -293,14 +293,14 @@ def _held(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
     for k in range(len(step.outputs)):
         has = c.Name("true") if k in frame.body.certain else frame.body.has(k)
         some = has if k == 0 else c.Binary("||", some, has)
-    kept = _kept(frame, shield.cell, shield.name, shield.type)
+    kept = _store_hidden_topic(frame, shield.cell, shield.name, shield.type)
     stores: list[c.CStmt] = [c.IfStmt(c.Binary("&&", enabled("SOTER_ENABLED"), some), kept)]
     if shield.proposed is not None:
-        stores.append(c.IfStmt(some, _kept(frame, *shield.proposed)))
+        stores.append(c.IfStmt(some, _store_hidden_topic(frame, *shield.proposed)))
     return stores
 
 
-def _kept(frame: Frame, cell: core.Cell, name: str, t: Type) -> tuple[c.CStmt, ...]:
+def _store_hidden_topic(frame: Frame, cell: core.Cell, name: str, t: Type) -> tuple[c.CStmt, ...]:
     """Stores the value of temporary `name` in a hidden topic, with the time of this step."""
     stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(cell.owner)))
     return (*frame.types.commit(frame.cell(cell), t, frame.body.place(name)), c.Assign(stamp, CT))
@@ -345,10 +345,10 @@ def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) 
     for x in step.locals:
         statements += received(x.type, c.Member(c.Name("kept"), field_name(x.cell.name)))
     statements += _cleaned(node)
-    return statements + _given(frame, node, lambda field: c.Member(c.Name("got"), field))
+    return statements + _copy_outputs(frame, node, lambda field: c.Member(c.Name("got"), field))
 
 
-def _keep(frame: Frame, copy: core.LocalCopy) -> list[c.CStmt]:
+def _commit_linked_local(frame: Frame, copy: core.LocalCopy) -> list[c.CStmt]:
     """Commits a local that a linked C function may have changed."""
     new = c.Member(c.Name("kept"), field_name(copy.cell.name))
     return frame.types.commit(frame.cell(copy.cell), copy.type, new)
@@ -367,13 +367,13 @@ def _answered(frame: Frame, component: Component, step: core.NodeStep, name: str
             c.Declare(f"const {name}_out *const ", "sent", c.Name("answer")),
             c.Declare(f"{name}_out", "got", c.Unary("*", c.Name("sent"))),
             *_cleaned(node),
-            *_given(frame, node, lambda field: c.Member(got, field)),
+            *_copy_outputs(frame, node, lambda field: c.Member(got, field)),
         ]
     return [
         *frame.declare_outputs(step.outputs),
         c.Declare(f"const {name}_out *const ", "got", c.Name("answer")),
         c.IfStmt(c.Binary("==", got, c.Name("NULL")), nothing),
-        *_given(frame, node, lambda field: c.Arrow(got, field)),
+        *_copy_outputs(frame, node, lambda field: c.Arrow(got, field)),
     ]
 
 
@@ -389,7 +389,7 @@ def _cleaned(node: NodeSymbol) -> list[c.CStmt]:
     return statements
 
 
-def _given(frame: Frame, node: NodeSymbol, part: Callable[[str], c.CExpr]) -> list[c.CStmt]:
+def _copy_outputs(frame: Frame, node: NodeSymbol, part: Callable[[str], c.CExpr]) -> list[c.CStmt]:
     """Copies the outputs that an extern gave; `part` reads a field of its answer."""
     statements: list[c.CStmt] = []
     for k, topic in enumerate(node.publishes):

@@ -32,7 +32,7 @@ LOGICAL = frozenset(("&&", "||"))
 STORED = (core.Get, core.Field, core.Element, core.Fact)
 
 
-def is_foregone(op: str, value: core.Expr, other: core.Expr) -> bool:
+def has_known_result(op: str, value: core.Expr, other: core.Expr) -> bool:
     """Whether a compiler could tell the result of an int comparison, and would warn of it.
 
     So it is for a stored value against a constant at or beyond the limits of its storage, and
@@ -211,7 +211,7 @@ class Places:
             return [], self.expr(e)
         if has_address(e):
             return [], c.address(self.expr(e))
-        before, value = self._apart(e)
+        before, value = self._in_new_place(e)
         return before, c.address(value)
 
     # ------------------------------------------------------------ large values
@@ -232,7 +232,7 @@ class Places:
                 return []
             return [c.Assign(target, self.types.to_store(t, self.expr(e)))]
         if self._is_read(target, root, e):
-            before, value = self._apart(e)
+            before, value = self._in_new_place(e)
             return [*before, c.Assign(target, value)]
         if isinstance(t, RecordType):
             return self._fields_into(target, root, t, e)
@@ -285,7 +285,7 @@ class Places:
         reads = self.plan.reads(*others) - there
         return any(self.plan.home(x) == self.plan.home(root) for x in reads)
 
-    def _apart(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
+    def _in_new_place(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
         """Writes a value to a new place, and returns the statements and that place."""
         self._given += 1
         made = c.Name(f"given_{self._given}")

@@ -121,9 +121,9 @@ def _shield(
     def judged() -> None:
         builder.emit(core.Set(span, name, topic.type, (), held))
         if component.role == "ac":
-            _read_as(builder, module, topic.index, (None, name))
+            _let_read(builder, module, topic.index, (None, name))
         if proposed is not None:
-            _proposed(builder, component, proposed[1], outputs)
+            _note_proposals(builder, component, proposed[1], outputs)
         if component.role == "ac":
             _permitted(builder, component, outputs)
 
@@ -140,7 +140,7 @@ def _copied(builder: Builder, topic: Topic, base: str, span: Span) -> tuple[core
     return cell, name
 
 
-def _proposed(
+def _note_proposals(
     builder: Builder, component: Component, name: str, outputs: tuple[core.Output, ...]
 ) -> None:
     """Note the numbers that a controller would publish as proposals; move what AC publishes."""
@@ -156,12 +156,12 @@ def _proposed(
     for at, (i, place) in enumerate(places, first):
         if i not in number:
             continue
-        value = _part(core.Var(system.topics[i].type, core.output_name(number[i])), place)
+        value = _number_at(core.Var(system.topics[i].type, core.output_name(number[i])), place)
         note = core.Set(span, name, topic.type, (core.Const(INT, at),), value)
         builder.emit(core.If(span, core.Fact(BOOL, "published", number[i]), (note,), ()))
     if component.role != "ac":
         return
-    _read_as(builder, module, topic.index, (None, name))
+    _let_read(builder, module, topic.index, (None, name))
     moved = [builder.let(span, "moved", builder.expr(e)) for e in module.shield.moved]
     for (i, place), value in zip(places, moved, strict=True):
         if i in number:
@@ -178,7 +178,7 @@ def _move(
     builder.emit(core.If(span, core.Fact(BOOL, "published", output), (move,), ()))
 
 
-def _read_as(builder: Builder, module: Module, topic: int, new: tuple[int | None, str]) -> None:
+def _let_read(builder: Builder, module: Module, topic: int, new: tuple[int | None, str]) -> None:
     """Let code of a module that reads a topic get what the step publishes there."""
     for symbol, index in module.scope.topics.items():
         if index == topic:
@@ -201,7 +201,7 @@ def _places(t: Type) -> Iterator[Place]:
         yield ()
 
 
-def _part(value: core.Expr, place: Place) -> core.Expr:
+def _number_at(value: core.Expr, place: Place) -> core.Expr:
     """The number at a place of a value."""
     for p in place:
         t = value.type
@@ -223,7 +223,7 @@ def _permitted(builder: Builder, component: Component, outputs: tuple[core.Outpu
     number = {o.topic: k for k, o in enumerate(outputs)}
     for index, k in number.items():
         published = None if len(outputs) == 1 else k
-        _read_as(builder, module, index, (published, core.output_name(k)))
+        _let_read(builder, module, index, (published, core.output_name(k)))
     permits = builder.expr(module.shield.permits)
     builder.emit(core.Guard(component.span, permits, FaultKind.SHIELD))
 

@@ -218,7 +218,7 @@ def _sort(layout: GraphLayout) -> None:
         downwards = sweep % 2 == 0
         count = len(layout.layers)
         for n in range(1, count) if downwards else range(count - 2, -1, -1):
-            _by_medians(layout, n, downwards=downwards)
+            _by_means(layout, n, downwards=downwards)
         _swap(layout)
         now = _crossings(layout)
         if now < least:
@@ -237,7 +237,7 @@ def _share(spot: Spot, x: float) -> float:
     return 0.98 * x / max(spot.width, 1e-9)
 
 
-def _by_medians(layout: GraphLayout, n: int, *, downwards: bool) -> None:
+def _by_means(layout: GraphLayout, n: int, *, downwards: bool) -> None:
     other = _places(layout.layers[n - 1 if downwards else n + 1])
     wish: dict[Spot, float] = {}
     met: dict[Spot, list[float]] = {}

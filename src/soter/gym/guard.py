@@ -137,7 +137,7 @@ class EnvironmentGuard:
         self._plant = session.plant.index
         self._direct = session.alone and self._moves_numbers and self._acts_numbers
         self._info_by_flags: dict[int, dict[str, Any]] = {}
-        self._told: dict[str, Any] = {}
+        self._repeated_info: dict[str, Any] = {}
         self._repeats = not made.linked and session.module.shield is None
         self._taker = None
         if self._command is None and made.commands_numbers:
@@ -232,10 +232,10 @@ class EnvironmentGuard:
             if due == NO_NUMBERS:
                 due = self._moved(last)
             elif due == NO_STATES or self.judged is not None:
-                self._tell(last, due)
+                self._note_judged(last, due)
         if due == AS_TOLD:
             self._over = ended or cut
-            info = self._told.copy()
+            info = self._repeated_info.copy()
             info["margin"] = session.outside.margin_ns / 1e9
             info["action_taken"], info["action_requested"] = taken, action
             for key in given:
@@ -263,7 +263,7 @@ class EnvironmentGuard:
                 self._off_model = True
                 warn_off_model(session.plant.name)
         elif self._repeats and info["cause"] != "gate":
-            self._told = self._quiet(info["violations"])
+            self._repeated_info = self._quiet(info["violations"])
 
     # ------------------------------------------------------------ the agent's answer
 
@@ -303,11 +303,11 @@ class EnvironmentGuard:
             if self.asked is not None:
                 session.moved[:] = array_mapping.flattened(self._states, states)
                 session.judge()
-                self._tell(observation, session.plant.index)
+                self._note_judged(observation, session.plant.index)
             session.move(states)
             return session.go()
         due = session.move_numbers() if self._in_numbers(observation) else NO_STATES
-        self._tell(observation, due)
+        self._note_judged(observation, due)
         return due
 
     def _not_finite(self) -> list[str]:
@@ -318,7 +318,7 @@ class EnvironmentGuard:
         named = zip(self._states, values, strict=True)
         return [n for (n, _), value in named if not array_mapping.is_finite(value)]
 
-    def _tell(self, observation: Any, due: int) -> None:  # noqa: ANN401 - any observation
+    def _note_judged(self, observation: Any, due: int) -> None:  # noqa: ANN401 - any observation
         """Pass the judged step to `judged`; SoterError U001 if the observation was no state."""
         if due == NO_STATES:
             raise self._no_states(observation)

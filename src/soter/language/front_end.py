@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Fix, Label, Severity, SoterError
 from soter.language.check.checker import check
-from soter.language.elaborate.derived_systems import at_once, faultless
+from soter.language.elaborate.derived_systems import faultless, without_held_topics
 from soter.language.elaborate.elaborator import Elaborator, implicit_system
 from soter.language.elaborate.lints.module_lints import doubt
 from soter.language.elaborate.system_numbers import has_param
@@ -87,10 +87,10 @@ def _merged(items: Sequence[Diagnostic]) -> list[Diagnostic]:
         if d.code in MERGED and d.primary is not None:
             key = d.code, d.message, id(d.primary.span.source)
         groups.setdefault(key, []).append(d)
-    return [_one(group) for group in groups.values()]
+    return [_one_diagnostic(group) for group in groups.values()]
 
 
-def _one(group: list[Diagnostic]) -> Diagnostic:
+def _one_diagnostic(group: list[Diagnostic]) -> Diagnostic:
     first, rest = group[0], group[1:]
     if not rest:
         return first
@@ -171,12 +171,12 @@ def check_file(
     try:
         return _check_file(path, text, overrides or {}, diagnostics, reading)
     finally:
-        diagnostics.tell = _nobody
+        diagnostics.tell = _tell_nobody
         if collecting:
             gc.enable()
 
 
-def _nobody(_: str) -> None:
+def _tell_nobody(_: str) -> None:
     """Takes the place of `tell` once the check is over, and does nothing."""
 
 
@@ -373,7 +373,7 @@ def system_to_prove(
     exact: bool = True,
 ) -> System:
     """As `system_of`, for proofs: outputs of steps are not held, and there are no faults."""
-    return faultless(at_once(system_of(checked, name, overrides, exact=exact)))
+    return faultless(without_held_topics(system_of(checked, name, overrides, exact=exact)))
 
 
 def system_of_test(

@@ -97,7 +97,7 @@ def _delayed(m: TopicMap, link: MavlinkLink | None) -> TopicMap:
     return replace(m, delay_ns=link.delay_ns or 0)
 
 
-class _Families:
+class _TypesByFamily:
     """Finds types of messages of ROS and MAVLink, as far as a mapping needs them."""
 
     def __init__(self, ros: MessageTypes | None, link: MavlinkLink | None) -> None:
@@ -176,7 +176,7 @@ class _MappingReader:
         names = _type_names(topics)
         of_ros = bool(messages) or any(not is_mavlink(name) for name in names)
         if not of_ros:
-            return _Families(None, link) if names else None
+            return _TypesByFamily(None, link) if names else None
         texts = {name: self._definition(name, path) for name, path in messages.items()}
         types = MessageTypes()
         for name, text in texts.items():
@@ -185,7 +185,7 @@ class _MappingReader:
                     types.add(name, text)
                 except UnknownMessageError as error:
                     self.problems.add(str(error))
-        return _Families(types, link)
+        return _TypesByFamily(types, link)
 
     def _definition(self, name: str, path: object) -> str | None:
         if not isinstance(path, str) or not path:

@@ -2,8 +2,8 @@
 
 Purpose: `decidable` finds the nodes of the program that can be run on the topics of a log, the
 modules that then have all that their decision modules read, and what the others miss and why.
-`Hearing` says whether a read is young enough to be judged (`max_age`; without one some periods of
-what is measured), of what a DM reads and of what nodes read that ran for it. `doubts` names
+`TopicsHeard` says whether a read is young enough to be judged (`max_age`; without one some periods
+of what is measured), of what a DM reads and of what nodes read that ran for it. `doubts` names
 measured topics that repeat one value to their end, and samples at a pace so unlike the program's
 that the unit of their time is in doubt; neither is an error.
 Non-goals: running anything (`log_replay.py`); what a DM decides on old reads
@@ -249,7 +249,7 @@ def _externs(code: object) -> list[str]:
 
 
 @dataclass
-class Rest:
+class RestsOn:
     """The topics of the log and the nodes on which a step rests."""
 
     topics: set[int]
@@ -257,7 +257,7 @@ class Rest:
 
 
 @dataclass
-class Hearing:
+class TopicsHeard:
     """Until when topics of the log were heard, and whether nodes had read what was young enough.
 
     `most_ns`: by topic of the log the age up to which a read counts as judged; `silent_ns`: the age
@@ -272,7 +272,7 @@ class Hearing:
     sound: dict[int, bool] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, system: System, samples: Iterable[TopicSamples], plan: Decidable) -> Hearing:
+    def of(cls, system: System, samples: Iterable[TopicSamples], plan: Decidable) -> TopicsHeard:
         """A record of a log of which nothing was heard yet."""
         made = cls(system, plan)
         looked_at = _ages_read(system)
@@ -290,23 +290,23 @@ class Hearing:
                 made.most_ns[topic.index] = age_ns
         return made
 
-    def rest_of(self, topics: Iterable[int]) -> Rest:
+    def rest_of(self, topics: Iterable[int]) -> RestsOn:
         """The logged topics and the run nodes on which these reads of a DM or `safe` rest."""
         topics = set(topics)
         behind = topics_behind(self.system, self.plan.nodes, topics)
         ran = {n for n in self.plan.nodes if written_by_node(self.system.components[n]) & behind}
-        return Rest(topics_behind(self.system, (), topics) & self.most_ns.keys(), ran)
+        return RestsOn(topics_behind(self.system, (), topics) & self.most_ns.keys(), ran)
 
     def note_node(self, c: Configuration, node: int) -> None:
         """Notes a step of a node, before it publishes."""
         reads = reads_of_node(self.system, self.system.components[node])
         self.sound[node] = self._young(c, reads & self.most_ns.keys())
 
-    def rests(self, c: Configuration, on: Rest) -> bool:
+    def rests(self, c: Configuration, on: RestsOn) -> bool:
         """Whether all that a step rests on is young enough; nodes count by what they last read."""
         return self._young(c, on.topics) and all(self.sound.get(n, False) for n in on.nodes)
 
-    def fell_silent(self, c: Configuration, on: Rest) -> dict[str, int]:
+    def fell_silent(self, c: Configuration, on: RestsOn) -> dict[str, int]:
         """Topic behind a step that is silent now -> its last stamp in ns."""
         read = on.topics.union(*(self._reads(n) for n in on.nodes))
         return {

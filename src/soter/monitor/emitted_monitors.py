@@ -36,7 +36,7 @@ from soter.language.front_end import system_of
 from soter.language.model.types import leaf_name, show_ns
 from soter.language.syntax.printer import format_source
 from soter.monitor.linear_model import driven_leaves, linear_model, parameter_leaves, step_of
-from soter.monitor.model_membership import ROUNDING, sight_of, topic_names
+from soter.monitor.model_membership import ROUNDING, observation_map, topic_names
 from soter.simulate.run_options import param_values
 from soter.verify.problem.extract import extract_sets
 
@@ -237,7 +237,7 @@ def monitor_source(
     `record`: the line that says what it is made of (`emitted_monitors.py`).
     SoterError U001 where no such node exists.
     """
-    lines = [*_head(problem, imported, alarm, record), *_node(problem, names, alarm), "}", ""]
+    lines = [*_head(problem, imported, alarm, record), *_node_lines(problem, names, alarm), "}", ""]
     laid_out = format_source(Source("monitor", "\n".join(lines)), Diagnostics())
     assert laid_out is not None
     return laid_out
@@ -273,7 +273,7 @@ def _told_within(problem: Problem) -> list[str]:
     if problem.kind != "flow" or problem.parameters:
         return []
     model = linear_model(problem, ())
-    error = sight_of(problem, model).error
+    error = observation_map(problem, model).error
     lines = []
     for i, leaf in enumerate(problem.quantities.states):
         e, k = float(error[i]), -float(model.a[i, i])
@@ -293,7 +293,7 @@ def _cause(state: str) -> str:
     return re.sub(r"\W+", "_", state).strip("_")
 
 
-def _node(problem: Problem, names: dict[int, str], alarm: str | None) -> list[str]:
+def _node_lines(problem: Problem, names: dict[int, str], alarm: str | None) -> list[str]:
     q, n = problem.quantities, len(problem.states)
     driven = driven_leaves(problem)
     watched = [names[i] for i in dict.fromkeys([t for t, _ in driven])]
@@ -320,7 +320,7 @@ def _node(problem: Problem, names: dict[int, str], alarm: str | None) -> list[st
         word = "if" if k == 0 else "} elseif"
         if len(cases) > 1:
             lines.append(f"    {word} {' && '.join(tests)} {{")
-        lines += _case(problem, parameter, k, names)
+        lines += _case_lines(problem, parameter, k, names)
     if len(cases) > 1:
         lines.append("    }")
     for i, c in enumerate(q.controls):
@@ -329,15 +329,17 @@ def _node(problem: Problem, names: dict[int, str], alarm: str | None) -> list[st
     return lines
 
 
-def _case(problem: Problem, parameter: Sequence[int], k: int, names: dict[int, str]) -> list[str]:
+def _case_lines(
+    problem: Problem, parameter: Sequence[int], k: int, names: dict[int, str]
+) -> list[str]:
     model = linear_model(problem, parameter)
     step = step_of(model, problem.plant_period_ns / 1e9)
-    sight = sight_of(problem, model)
+    sight = observation_map(problem, model)
     y = [leaf_name(names[t], path) for t, path in driven_leaves(problem)]
     n = len(problem.states)
     lines = [f"      let known = begun && followed == {k};"]
     for i in range(n):
-        lines += _state(i, step.phi[i], step.gamma[i], float(step.c[i]), float(step.reach[i]))
+        lines += _state_lines(i, step.phi[i], step.gamma[i], float(step.c[i]), float(step.reach[i]))
         if np.isfinite(sight.error[i]):
             row = sight.inverse[i]
             centre = _sum([(row[j], y[j]) for j in range(len(y))], -float(row @ model.offset))
@@ -374,7 +376,7 @@ def _kept(predicted: str, seen: str, meet: str) -> str:
     return f"!seen ? {predicted} : known && !alarmed ? {meet}({predicted}, {seen}) : {seen}"
 
 
-def _state(i: int, phi: Floats, gamma: Floats, c: float, reach: float) -> list[str]:
+def _state_lines(i: int, phi: Floats, gamma: Floats, c: float, reach: float) -> list[str]:
     """The code of `from` and `to`: the ends of a state's interval one period later."""
 
     def end(upper: bool) -> str:

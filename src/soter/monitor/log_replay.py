@@ -23,7 +23,7 @@ from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.predicates import PredicateEvaluator
 from soter.language.evaluate.statements import Evaluator
 from soter.monitor.decidable_modules import (
-    Hearing,
+    TopicsHeard,
     doubts,
     topics_behind,
     topics_of_safe,
@@ -198,7 +198,7 @@ class _LogState:
             self.needs[m.dm] = behind | (inputs & given)
         self.aging = {s.topic.index for s in samples if not s.always}
         self.of_safe = {m.index: topics_of_safe(m) & given for m in system.modules}
-        self.hearing = Hearing.of(system, samples, plan)
+        self.hearing = TopicsHeard.of(system, samples, plan)
         modules = [system.modules[i] for i in plan.modules]
         self.dm_rests = {m.index: self.hearing.rest_of(m.inputs) for m in modules}
         self.safe_rests = {m.index: self.hearing.rest_of(self.of_safe[m.index]) for m in modules}

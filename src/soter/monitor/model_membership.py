@@ -353,7 +353,7 @@ class ObservationMap:
     error: Floats
 
 
-def sight_of(problem: Problem, model: LinearModel) -> ObservationMap:
+def observation_map(problem: Problem, model: LinearModel) -> ObservationMap:
     """The map from estimates to states, with its errors: infinite for states that nobody sees."""
     errors = np.zeros(len(model.drives))
     at = {key: i for i, key in enumerate(driven_leaves(problem))}
@@ -429,7 +429,7 @@ def _on_estimates(
         apart, gap = now - seen_ns, silent
         seen_ns, silent = now, False
         model = models.model(parameter)
-        seen = _seen(sight_of(models.problem, model), y - model.offset, fresh)
+        seen = _seen(observation_map(models.problem, model), y - model.offset, fresh)
         if box is None or parameter != same:
             box, same = seen, parameter
             continue

@@ -110,9 +110,9 @@ def _examined(unit: Unit, told: str) -> str:
             own += ["-c", file, "-o", str(built)]
             compile_with([*compiler.command, *own], work, "the C of an extern does not compile")
         made = [o.read_bytes() for o in objects]
-        (work / TOLD).write_text(_of(made), encoding="utf-8")
+        (work / TOLD).write_text(_why_it_keeps_state(made), encoding="utf-8")
         read = (Path(f"{o}.d").read_text(errors="surrogateescape") for o in objects)
-        unknown = _unseen(" ".join(read), work, unit.c_sources) or _asked(made)
+        unknown = _unseen(" ".join(read), work, unit.c_sources) or _why_it_reads_outside(made)
         (work / UNKNOWN).write_text(unknown, encoding="utf-8", errors="replace")
 
     folder = cached(f"memory-{unit.prefix[:32]}", digest(parts), (TOLD, UNKNOWN), make)
@@ -134,7 +134,7 @@ def _unseen(rule: str, work: Path, sources: Iterable[str]) -> str:
     return ""
 
 
-def _asked(objects: list[bytes]) -> str:
+def _why_it_reads_outside(objects: list[bytes]) -> str:
     """Why the objects may read files, clocks, the environment or other libraries; else ""."""
     if any(data[:6] != ELF for data in objects):
         return "the compiler's objects cannot be looked into"
@@ -144,7 +144,7 @@ def _asked(objects: list[bytes]) -> str:
     return f"it calls `{min(left)}`, which may read anything" if left else ""
 
 
-def _of(objects: list[bytes]) -> str:
+def _why_it_keeps_state(objects: list[bytes]) -> str:
     """Why the objects may keep something, in words; "": they cannot."""
     if any(data[:6] != ELF for data in objects):
         return "the compiler's objects cannot be looked into"

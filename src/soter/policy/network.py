@@ -235,7 +235,7 @@ def standardised(layer: Standardised, x: Doubles) -> Floats:
     return np.clip(scaled, -layer.limit, layer.limit).astype(np.float32)
 
 
-class Asked(NamedTuple):
+class ReadyNetwork(NamedTuple):
     """A network that can be asked: an observation is written, and `run` gives the last layer."""
 
     observation: Floats
@@ -246,7 +246,7 @@ class Asked(NamedTuple):
     """Begins an episode: zeros all memory."""
 
 
-def answering(network: Network) -> Asked:
+def made_ready(network: Network) -> ReadyNetwork:
     """The network made ready to be asked, in float32."""
     steps: list[Callable[[], object]] = []
     memory: list[Floats] = []
@@ -280,7 +280,7 @@ def answering(network: Network) -> Asked:
         for numbers in memory:
             numbers[:] = 0.0
 
-    return Asked(observation, run, reset)
+    return ReadyNetwork(observation, run, reset)
 
 
 def _with_one(size: int) -> Floats:
@@ -367,6 +367,6 @@ ACTIVATIONS: dict[str, Callable[[Floats], Floats]] = {
 
 def answer(network: Network, observation: Floats) -> Floats:
     """The last layer's numbers in float32, (outputs,), for one observation (inputs,)."""
-    asked = answering(network)
+    asked = made_ready(network)
     asked.observation[:] = observation
     return asked.run()

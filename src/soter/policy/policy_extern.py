@@ -24,7 +24,7 @@ from soter.language.model.types import (
     IntType,
     RecordType,
 )
-from soter.policy.network import Clipped, answering, in_numbers, standardised
+from soter.policy.network import Clipped, in_numbers, made_ready, standardised
 from soter.policy.onnx_file import onnx_content
 from soter.policy.onnx_session import SAY, OnnxSession
 from soter.policy.policy_errors import bad_policy, content_of
@@ -137,7 +137,7 @@ def _asked(
         return session.observation, session.run, session.reset, assumed
     policy = read_sb3(path, Path(binding.name) if binding.name else None)
     network = policy.network
-    asked = answering(network)
+    asked = made_ready(network)
 
     def run() -> list[float]:
         return network.chosen(asked.run())

@@ -10,31 +10,44 @@ Non-goals: what the parts mean together (`sb3_file.py`); images; rewards.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cache
+from functools import partial
+from pathlib import Path
+from soter.language.load.named_files import NO_STATISTICS
+from soter.policy.network import OneHot
+from soter.policy.network import Policy
+from soter.policy.network import Standardised
+from soter.policy.network import in_numbers
+from soter.policy.pickle_data import Made
+from soter.policy.pickle_data import Name
+from soter.policy.pickle_data import Persistent
+from soter.policy.pickle_data import PickleError
+from soter.policy.pickle_data import array_of
+from soter.policy.pickle_data import read_pickle
+from soter.policy.policy_errors import FILE_MAX
+from soter.policy.policy_errors import bad_policy
+from soter.policy.policy_errors import content_of
+from typing import Any
+from typing import NamedTuple
+from typing import TYPE_CHECKING
 import base64
 import binascii
 import io
 import json
 import math
+import numpy as np
 import re
 import zipfile
-from dataclasses import replace
-from functools import cache, partial
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
-
-from soter.language.load.named_files import NO_STATISTICS
-from soter.policy.network import OneHot, Policy, Standardised, in_numbers
-from soter.policy.pickle_data import Made, Name, Persistent, PickleError, array_of, read_pickle
-from soter.policy.policy_errors import FILE_MAX, bad_policy, content_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
+    from collections.abc import Callable
+    from collections.abc import Iterator
+    from collections.abc import Mapping
+    from soter.policy.network import Doubles
+    from soter.policy.network import Floats
+    from soter.policy.network import Layer
     import numpy.typing as npt
-
-    from soter.policy.network import Doubles, Floats, Layer
 
 
 PART_MAX, PARTS_MAX = 64 * 2**20, 10_000
@@ -158,7 +171,7 @@ NUMBERS_MAX, NAME_MAX = 1_000_000, 80
 EXPORT = "export it as ONNX: `soter explain X014` has the lines"
 
 
-class Observed(NamedTuple):
+class ObservationLayout(NamedTuple):
     """What a policy observes.
 
     `sizes`: for each number, among how many it chooses, 0 where it is taken as it is. `box`: the
@@ -191,13 +204,13 @@ def space_of(path: Path, space: object, which: str, kinds: Mapping[str, object])
     return space
 
 
-def observed(path: Path, space: object) -> Observed:
+def observed(path: Path, space: object) -> ObservationLayout:
     """Reads what a policy observes from its space; SoterError X014 for any other space."""
     made = space_of(path, space, "observation space", OBSERVED)
     return OBSERVED[kind_of(made)](path, made)
 
 
-def _box(path: Path, space: Made) -> Observed:
+def _box(path: Path, space: Made) -> ObservationLayout:
     shape = _shape(path, space)
     low, high = bounds(path, space)
     if len(shape) == 3 and low.dtype == np.uint8:
@@ -209,7 +222,7 @@ def _box(path: Path, space: Made) -> Observed:
     if all(np.isfinite(end).all() for end in ends):
         # of stacked frames the space's bounds stand in another order
         hull = np.full(low.size, ends[0].min()), np.full(low.size, ends[1].max())
-    return Observed((0,) * low.size, shown(path, space), hull)
+    return ObservationLayout((0,) * low.size, shown(path, space), hull)
 
 
 def _shape(path: Path, space: Made) -> tuple[int, ...]:
@@ -219,18 +232,18 @@ def _shape(path: Path, space: Made) -> tuple[int, ...]:
     return shape
 
 
-def _one_of(path: Path, space: Made) -> Observed:
+def _one_of(path: Path, space: Made) -> ObservationLayout:
     sizes = sizes_of(path, space)
     low, high = np.zeros(len(sizes)), np.array(sizes, np.float64) - 1.0
-    return Observed(sizes, shown(path, space), (low, high))
+    return ObservationLayout(sizes, shown(path, space), (low, high))
 
 
-def _bits(path: Path, space: Made) -> Observed:
+def _bits(path: Path, space: Made) -> ObservationLayout:
     count = bits(path, space)
-    return Observed((0,) * count, shown(path, space), (np.zeros(count), np.ones(count)))
+    return ObservationLayout((0,) * count, shown(path, space), (np.zeros(count), np.ones(count)))
 
 
-def _by_name(path: Path, space: Made) -> Observed:
+def _by_name(path: Path, space: Made) -> ObservationLayout:
     kept = space.state.get("spaces")
     inner = kept.items if isinstance(kept, Made) else kept  # an OrderedDict is made
     if not isinstance(inner, dict) or not inner:
@@ -242,7 +255,7 @@ def _by_name(path: Path, space: Made) -> Observed:
         raise bad_policy(path, "it observes more numbers than are read")
     if nested := [name for name, part in parts.items() if part.keys]:
         raise bad_policy(path, f"its observation `{nested[0][:40]}` is by name again", EXPORT)
-    return Observed(
+    return ObservationLayout(
         tuple(size for part in parts.values() for size in part.sizes),
         ", ".join(f"`{name}` {part.shown}" for name, part in parts.items()),
         _together([part.box for part in parts.values()]),

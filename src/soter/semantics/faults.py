@@ -79,7 +79,7 @@ def _held_until(fault: Fault, seed: int, t: int, period_ns: int) -> int:
     return max(t, end)
 
 
-def _late(fault: Fault, seed: int, stream: str, release: int) -> int:
+def _lateness_ns(fault: Fault, seed: int, stream: str, release: int) -> int:
     """How late a release is, ns: drawn between two quantiles, all stretches equally likely."""
     times = [int(x) for x in fault.amount]
     stretches = len(times) - 1
@@ -103,7 +103,7 @@ def happens(
         elif f.slot_ns:
             t = _held_until(f, seed, t, c.period_ns)
         else:
-            t += _late(f, seed, f"{f.stream}.by", release)
+            t += _lateness_ns(f, seed, f"{f.stream}.by", release)
     return t if t == nominal or t < nominal + c.period_ns else None
 
 

@@ -190,7 +190,7 @@ def must_not_lose(c: Configuration, queues: Iterable[int], span: Span) -> None:
         raise StepFault(FaultKind.CAPACITY, span, "a queue was full")
 
 
-def forgive(c: Configuration, queues: Iterable[int]) -> Configuration:
+def clear_lost_queues(c: Configuration, queues: Iterable[int]) -> Configuration:
     """Empty those of these queues that lost a value, after the fault of `must_not_lose`."""
     for q in queues:
         if c.stamps[q] == LOST:
@@ -220,7 +220,7 @@ def latch(c: Configuration, n: int) -> Configuration:
     return replace(c, latched=put(c.latched, n, True))
 
 
-def earn(
+def count_clean_step(
     c: Configuration, module: Module, outputs: Iterable[int], published: Iterable[int]
 ) -> Configuration:
     """After a good step of the module's AC: complete outputs count as one clean step."""

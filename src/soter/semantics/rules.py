@@ -15,44 +15,50 @@ Every rule assumes its premises; `FN` is the set of components that remain to be
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from dataclasses import field
+from dataclasses import replace
+from soter.language.evaluate.arithmetic import FaultKind
+from soter.language.evaluate.arithmetic import StepFault
+from soter.language.model.types import made_of
+from soter.language.model.types import numbers_in
+from soter.semantics.configuration import AC
+from soter.semantics.configuration import DecisionVerdict
+from soter.semantics.configuration import NEVER
+from soter.semantics.configuration import SC
+from soter.semantics.configuration import StepOutcome
+from soter.semantics.configuration import enabled
+from soter.semantics.configuration import latch_seen
+from soter.semantics.configuration import latch_switched
+from soter.semantics.configuration import put
+from soter.semantics.draws import chooser
+from soter.semantics.draws import draw_bits
+from soter.semantics.faults import disturbed
+from soter.semantics.faults import is_released
+from soter.semantics.faults import next_release
+from soter.semantics.faults import overrun_ns
+from soter.semantics.publication_gate import check_publications
+from soter.semantics.publication_gate import clear_lost_queues
+from soter.semantics.publication_gate import count_clean_step
+from soter.semantics.publication_gate import earn
+from soter.semantics.publication_gate import emptied
+from soter.semantics.publication_gate import forgive
+from soter.semantics.publication_gate import latch
+from soter.semantics.publication_gate import must_not_lose
+from soter.semantics.publication_gate import publish
+from soter.semantics.publication_gate import refuse
 from typing import TYPE_CHECKING
-
-from soter.language.evaluate.arithmetic import FaultKind, StepFault
-from soter.language.model.types import made_of, numbers_in
-from soter.semantics.configuration import (
-    AC,
-    NEVER,
-    SC,
-    DecisionVerdict,
-    StepOutcome,
-    enabled,
-    latch_seen,
-    latch_switched,
-    put,
-)
-from soter.semantics.draws import chooser, draw_bits
-from soter.semantics.faults import disturbed, is_released, next_release, overrun_ns
-from soter.semantics.publication_gate import (
-    check_publications,
-    earn,
-    emptied,
-    forgive,
-    latch,
-    must_not_lose,
-    publish,
-    refuse,
-)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
     from soter.language.evaluate.environment import Environment
     from soter.language.evaluate.expressions import Compiled
-    from soter.language.model.system import Component, Module
+    from soter.language.model.system import Component
+    from soter.language.model.system import Module
     from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
-    from soter.semantics.executable_system import ExecutableSystem, ShieldCode
+    from soter.semantics.executable_system import ExecutableSystem
+    from soter.semantics.executable_system import ShieldCode
 
 
 def violated(machine: ExecutableSystem, c: Configuration) -> list[bool]:
@@ -271,7 +277,7 @@ def ac_or_sc_step(
             return c, StepOutcome(n, late)
     runs = not c.latched[n]
     c, outcome = _node_step(machine, c, component)
-    c = last(machine, c, component) if runs else c
+    c = draw_end(machine, c, component) if runs else c
     if c.stamps[component.held] == c.ct:  # the step took no time
         c, now = take_effect(machine, c, component)
         late |= now
@@ -301,7 +307,7 @@ def _node_step(
     c = emptied(c, code.queues)
     c = publish(machine.system.topics, c, commands.proposed)
     if component.role == "ac":
-        c = earn(c, _module(machine, component), code.outputs, out)
+        c = count_clean_step(c, _module(machine, component), code.outputs, out)
     before = c if component.held is None else hold(machine, c, component, out if oe else {})
     if not oe:
         return before, StepOutcome(n, {}, judged=assumed)
@@ -388,7 +394,7 @@ def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> tu
 # ---------------------------------------------------------------- of a step that takes time
 
 
-def last(machine: ExecutableSystem, c: Configuration, component: Component) -> Configuration:
+def draw_end(machine: ExecutableSystem, c: Configuration, component: Component) -> Configuration:
     """Draws when a step that has begun, or faulted, ends; that is its held topic's stamp."""
     assert component.held is not None
     low, high = component.takes_ns or (0, 0)
@@ -462,7 +468,7 @@ def _faulted(
     """After a step fault nothing is published, locals stay, AC is gated, a trusted node latched."""
     n = component.index
     if fault.kind is FaultKind.CAPACITY:
-        c = forgive(c, machine.nodes[n].queues)
+        c = clear_lost_queues(c, machine.nodes[n].queues)
     if component.role == "ac":
         module = _module(machine, component)
         return refuse(c, module), StepOutcome(n, {}, fault, module=module.index)

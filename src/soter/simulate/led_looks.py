@@ -1,6 +1,6 @@
 """Shows where SC would lead from what a decision module with `rest` read, by watching its check.
 
-Purpose: `LedLooks` compiles the predicates of a system and asks them again about a state, with a
+Purpose: `TubeLooks` compiles the predicates of a system and asks them again about a state, with a
 note behind each call of `flow`, `safe`, `rests` and `settles` (`verify/tubes/*.soter`): boxes of
 the tube, and the part that is not shown. All arithmetic is that of the C that flies.
 Non-goals: deciding, drawing (`report/run/live_diagram.py`).
@@ -98,7 +98,7 @@ CHECK = "tubes.soter"
 
 
 @dataclass(frozen=True, eq=False)
-class Led:
+class TubeLook:
     """The tube of a look: `boxes` (k, 3 + 2 n) as in a `LedPicture`; `failed`: the part not shown.
 
     SC may begin early or late, so boxes overlap in time. They hold all states until SC is at rest.
@@ -115,7 +115,7 @@ def _judgement(m: Module, name: str) -> str:
     return f"if (m == {m.index}) {{ good = {good}; }}"
 
 
-class LedLooks:
+class TubeLooks:
     """The checks of a system's modules; `SoterError`, `OSError` where they cannot be compiled."""
 
     def __init__(self, system: System, modules: Sequence[Module]) -> None:
@@ -138,7 +138,7 @@ class LedLooks:
         held = ctypes.CDLL(str(library(replace(unit, source=source), "-O1")))
         self._ask = getattr(held, f"{unit.prefix}_led")
 
-    def of(self, module: int, before: bytes | None, at: bytes, *, judged: bool = False) -> Led:
+    def of(self, module: int, before: bytes | None, at: bytes, *, judged: bool = False) -> TubeLook:
         """The tube of the DM step in the instant that ended in the state `at`, after `before`.
 
         The check is asked whether the estimate is good with any command, or with those that were
@@ -155,9 +155,9 @@ class LedLooks:
         if failed.value in TOLD:
             last = rows[count] if rows[count, 0] == FAILED else rows[count - 1]
             boxes = np.vstack([boxes, [FAILED, *last[1:]]])
-        return Led(boxes, failed.value)
+        return TubeLook(boxes, failed.value)
 
-    def told(self, module: Module, led: Led) -> str:
+    def told(self, module: Module, led: TubeLook) -> str:
         """Words on the part that failed, and where; for a good look on when SC comes to rest."""
         until = float(led.boxes[:, 2].max(initial=0.0))
         if led.failed == GOOD:
@@ -176,11 +176,11 @@ class LedLooks:
         return f"{TOLD[led.failed]}: {where} {start_s:.3g} to {end_s:.3g} s after the estimate"
 
 
-def looks_of(system: System) -> LedLooks | None:
+def looks_of(system: System) -> TubeLooks | None:
     """The looks of modules with `rest`; None: there is none, or no compiler."""
     modules = [m for m in system.modules if m.symbol.rest is not None and m.computed]
     with contextlib.suppress(SoterError, OSError):
-        return LedLooks(system, modules) if modules else None
+        return TubeLooks(system, modules) if modules else None
     return None
 
 

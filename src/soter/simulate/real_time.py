@@ -40,7 +40,7 @@ from soter.simulate.module_safe_check import InterpretedSafe
 from soter.simulate.result import Run
 from soter.simulate.run_observer import Observer, TraceParts, names_of, wanted
 from soter.targets.posix_package import FIRST_LINE, head_of, nodes_of, posix_package
-from soter.workers.child_process import end_with, let_go_on
+from soter.workers.child_process import end_with, resume
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -413,7 +413,7 @@ def _driven(
         while process.poll() is None:
             if stop.wanted:
                 process.terminate()
-            let_go_on(process.pid)
+            resume(process.pid)
             time.sleep(LOOK_S)
         out.seek(0)
         said.seek(0)

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Module, System
     from soter.language.model.types import Type
-    from soter.simulate.led_looks import LedLooks
+    from soter.simulate.led_looks import TubeLooks
     from soter.simulate.result import Run
 
 
@@ -120,7 +120,7 @@ def led_of_run(run: Run) -> tuple[LedPicture, ...]:
     return tuple(p for p in pictures if p.looks)
 
 
-def _picture(run: Run, looks: LedLooks, m: Module) -> LedPicture:
+def _picture(run: Run, looks: TubeLooks, m: Module) -> LedPicture:
     trace = run.require_trace()
     mode, stale = (trace["modules"][name][:, m.index] for name in ("mode", "stale"))
     rows = np.flatnonzero(decided_at(run.system, trace)[:, m.index] & (stale == 0))

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from soter.mapping.topic_mapping import LogMap, SourcePromise, TopicMap
 
 
-def several(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMap, SourcePromise]]]:
+def sources_by_topic(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMap, SourcePromise]]]:
     """Index of a topic -> its sources, the preferred first; topics with one are left out."""
     by_topic: dict[int, list[tuple[TopicMap, SourcePromise]]] = {}
     for m in mapped:
@@ -46,7 +46,7 @@ def broken_promises(system: System, mapped: Sequence[TopicMap]) -> Iterator[str]
     """Yields a mistake where a source of a topic gives less than the system declares."""
     declared = {e.topic: e for e in system.externals}
     stepped = _of_plants_in_steps(system.proved)
-    for index, sources in several(mapped).items():
+    for index, sources in sources_by_topic(mapped).items():
         topic = system.topics[index]
         if topic.driver != "input" and index in declared:
             yield f"`{topic.name}` goes out: it has no `sources`"
@@ -98,11 +98,11 @@ def _too_rough(topic: Topic, m: TopicMap, promise: SourcePromise, e: External) -
         yield f"`{name}` from {m.channel} {exactness}, and the system declares within {most!r}"
 
 
-def compared(system: System, mapped: Sequence[TopicMap]) -> list[str]:
+def promise_lines(system: System, mapped: Sequence[TopicMap]) -> list[str]:
     """A line for each topic of several sources: how old and how exact it is with each of them."""
     declared = {e.topic: e for e in system.externals}
     lines = []
-    for index, sources in several(mapped).items():
+    for index, sources in sources_by_topic(mapped).items():
         topic, e = system.topics[index], declared.get(index)
         parts = [_alone(topic, m, promise) for m, promise in sources]
         worst = max(promise.oldest_ns for _, promise in sources)
@@ -149,7 +149,7 @@ def bridged_topics(
         problems += _wrong_messages(m)
     problems += _unmapped(system, mapping)
     problems += [p for m in mapping.topics for p in _filled_twice(m)]
-    problems += [*_shared(mapping), *broken_promises(system, mapping.topics)]
+    problems += [*_shared_channels(mapping), *broken_promises(system, mapping.topics)]
     if problems:
         raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
     return mapping.topics
@@ -214,7 +214,7 @@ def _filled_twice(mapped: TopicMap) -> Iterator[str]:
                 yield f"`{first}` and `{name}` go out in the same field, `{leaf.name}`"
 
 
-def _shared(mapping: LogMap) -> Iterator[str]:
+def _shared_channels(mapping: LogMap) -> Iterator[str]:
     """Yields a mistake for two topics on one channel: two types, one source, or one going out."""
     by_channel: dict[str, TopicMap] = {}
     for m in mapping.topics:
@@ -230,7 +230,7 @@ def _shared(mapping: LogMap) -> Iterator[str]:
             yield f"{names}, and one of them goes out: nobody else may publish it"
 
 
-def unsaid(system: System, mapped: Collection[TopicMap], where: str) -> list[str]:
+def unmapped_notes(system: System, mapped: Collection[TopicMap], where: str) -> list[str]:
     """A note on the topics that go out and are not mapped; none where all are."""
     said = {m.topic.index for m in mapped}
     names = [

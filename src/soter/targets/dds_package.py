@@ -26,7 +26,7 @@ from soter.targets.bridge_base import (
     by_topic,
     require_world,
     shipped,
-    unsaid,
+    unmapped_notes,
 )
 from soter.targets.message_conversion import CYCLONE, MessageConverter, text_literal, unmappable
 from soter.targets.package import Package, PackageFile, filled_file
@@ -267,7 +267,7 @@ def dds_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap)
     ]
     package.trusted = TRUSTED
     package.programs = bridged.programs
-    package.notes = [*bridged.trusted.notes, *unsaid(system, mapped.values(), "in DDS")]
+    package.notes = [*bridged.trusted.notes, *unmapped_notes(system, mapped.values(), "in DDS")]
     channels = f"/dev/shm/{name}"  # noqa: S108 - where channels belong
     package.commands = [
         f"make -C {folder}",

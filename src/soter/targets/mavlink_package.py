@@ -32,7 +32,7 @@ from soter.targets.bridge_base import (
     by_topic,
     require_world,
     shipped,
-    unsaid,
+    unmapped_notes,
 )
 from soter.targets.leases_and_lateness import lease_times
 from soter.targets.message_conversion import FLOATS, INTEGERS, Dialect, MessageConverter
@@ -323,7 +323,7 @@ def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: Log
     package.programs = bridged.programs
     package.notes = [
         *bridged.trusted.notes,
-        *unsaid(system, mapped.values(), "in MAVLink"),
+        *unmapped_notes(system, mapped.values(), "in MAVLink"),
         *_notes(source),
     ]
     channels = f"/dev/shm/{name}"  # noqa: S108 - where channels belong

@@ -32,10 +32,10 @@ from soter.targets.bridge_base import (
     TRUSTED,
     BridgedSystem,
     bridged_topics,
-    compared,
     in_folder,
+    promise_lines,
     shipped,
-    unsaid,
+    unmapped_notes,
 )
 from soter.targets.c99 import c99_package
 from soter.targets.package import Package, PackageFile, filled_file
@@ -341,8 +341,8 @@ def _package(
         ]
     package.trusted = TRUSTED if system.externals else SIMULATED
     package.programs = bridged.programs
-    package.notes = [*(bridged.trusted.notes or simulated.notes), *unsaid(system, mapped, "in ROS")]
-    package.notes += compared(system, mapped)
+    package.notes = [*(bridged.trusted.notes or simulated.notes)]
+    package.notes += unmapped_notes(system, mapped, "in ROS") + promise_lines(system, mapped)
     sources = [
         f"{SIMULATED}/{f.path}" for f in simulated.files if f.path.endswith(".c") and _is_code(f)
     ]

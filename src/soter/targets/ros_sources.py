@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from soter.mapping.message_types import HEADER_STAMP
 from soter.mapping.topic_mapping import NearestSource
 from soter.report.templates import filled
-from soter.targets.bridge_base import several
+from soter.targets.bridge_base import sources_by_topic
 from soter.targets.message_conversion import (
     CPP,
     MessageConverter,
@@ -123,7 +123,7 @@ class NodeSources:
         return self._filled(
             "topics.hpp",
             headers=sorted({include_of(message, self.version) for message in messages}),
-            shared=[self._shared(sources) for sources in several(self.mapped).values()],
+            shared=[self._shared(sources) for sources in sources_by_topic(self.mapped).values()],
         )
 
     def bridge(self) -> str:

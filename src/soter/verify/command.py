@@ -29,7 +29,7 @@ from soter.language.model.system import claims_nothing
 from soter.native.compiler import end_compilers
 from soter.verify.claims.case import settled, settled_before
 from soter.verify.claims.results import ModuleResult, VerifyReport
-from soter.verify.deploy.missing_predicates import keep
+from soter.verify.deploy.missing_predicates import cache_sets
 from soter.verify.diagnosis.tried_remedies import enter_cost, mark_untried
 from soter.verify.diagnosis.vacuity import of_those_above
 from soter.verify.problem.extract import extract
@@ -86,7 +86,7 @@ def verify(
     of_those_above(results)
     with settled_before(lambda: settled(*results)):
         for (flat, _), result in zip(chosen, results, strict=True):
-            keep(result)
+            cache_sets(result)
             enter_cost(result, partial(system_of, checked, flat.name, params, exact=False))
             if find_spec("flint") is not None:
                 result.ask_rechecker = partial(_beyond_rechecker, whole[flat.name], result)
@@ -123,11 +123,11 @@ def _without_faults(program: TypedProgram, flat: System, problem: Problem) -> Pr
 
 def _beyond_rechecker(flat: System, result: ModuleResult) -> str:
     """Why the re-checker cannot check a module of that system; "": it can."""
-    from soter.certificate.rechecker import beyond  # noqa: PLC0415 - an extra
+    from soter.certificate.rechecker import why_not_recheckable  # noqa: PLC0415 - an extra
 
     files: dict[str, bytes] = {}
     entry = module_method(result.problem).entry(result, flat.name, "sets/0", files)
-    return beyond(flat, entry, files)
+    return why_not_recheckable(flat, entry, files)
 
 
 def _proved(

@@ -26,7 +26,7 @@ from soter.verify.claims.claims import (
     HOW,
     IN_PROOF,
     in_time,
-    put_off,
+    postpone_p2b,
     recover,
     recover_for_report,
     say_narrowed,
@@ -34,7 +34,7 @@ from soter.verify.claims.claims import (
     shown_scheme,
     solutions,
     static_claims,
-    waits,
+    weaken_if_waiting,
 )
 from soter.verify.claims.product_sets import NO_LAW, NOT_FOR_LAWS, FailsafeClaim, hint_of
 from soter.verify.claims.results import (
@@ -221,7 +221,7 @@ def _claims(case: Case) -> None:
         return
     after_core(case)
     waits_for_all = case.problem.computed  # P2b, for the sets of all cases
-    if not (waits_for_all or case.problem.stays or put_off(case)):
+    if not (waits_for_all or case.problem.stays or postpone_p2b(case)):
         _recover(case, recover)
 
 
@@ -247,7 +247,7 @@ def _enter_verdicts(result: ModuleResult, done: list[Case], unentered: str) -> N
         _only_if_proved(findings["P2a"], diverges, STIFF_HINT)
     for claim in ("P2a", "P3") if unentered else ():
         _only_if_proved(findings[claim], unentered, NOT_ENTERED)
-    waits(problem, findings["P2b"])
+    weaken_if_waiting(problem, findings["P2b"])
     start.while_in_ac(problem, findings["P2b"])
     findings["failsafe"] = _failsafe(problem, result, done)
     if findings["failsafe"].verdict == PROVED:

@@ -10,6 +10,9 @@ child that means harm: it has this process's user, and so may send signals.
 
 from __future__ import annotations
 
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
 import ctypes
 import os
 import resource
@@ -20,9 +23,6 @@ import struct
 import sys
 import threading
 import time
-from contextlib import suppress
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,7 +34,7 @@ PATIENCE_S = 5.0
 """How long a process that is ended may take for that, s."""
 
 
-def let_go_on(child: int) -> None:
+def resume(child: int) -> None:
     """Let a stopped child go on: an extern's code can send stop signals to its own parents.
 
     Where the user stops the command (Ctrl-Z), the caller of this is stopped as well.
@@ -72,7 +72,7 @@ def children_of(parent: int) -> list[int]:
     return children
 
 
-def stay_between(parent: int) -> int:
+def fork_under_supervisor(parent: int) -> int:
     """Forks, and returns this process's number in the child alone; this process never returns.
 
     It leads a session, adopts what the child leaves behind, and ends all of it when the child has
@@ -137,7 +137,7 @@ class Child:
         if self.process == 0:
             ours.close()
             if sys.platform == "linux":
-                parent = stay_between(parent)
+                parent = fork_under_supervisor(parent)
             _live(theirs, parent, serve)
         theirs.close()
         ours.setblocking(False)
@@ -176,7 +176,7 @@ class Child:
     def _wait(self) -> int:
         """Its wait status; a child that has closed its side but lives on is killed.
 
-        What it has started ends with it: on Linux wherever it has moved (`stay_between`),
+        What it has started ends with it: on Linux wherever it has moved (`fork_under_supervisor`),
         elsewhere only what is still in its session.
         """
         self._look(LOOK_S)

@@ -204,7 +204,7 @@ def test_each_level_is_shown_from_the_one_before(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(grid_group, "FreeCheck", lambda *of: of)
     monkeypatch.setattr(grid_group, "eroded", lambda _m, _g, cells: cells)
     monkeypatch.setattr(grid_group, "levels_hold", noted)
-    monkeypatch.setattr(grid_group, "drifts", noted)
+    monkeypatch.setattr(grid_group, "driven_estimates", noted)
     check = check_of(group, levels=4)
     assert [task() for task, _ in check.levels(7)] == [""] * 3
     first, *others = shown

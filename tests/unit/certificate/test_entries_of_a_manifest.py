@@ -314,7 +314,7 @@ class Checked:
         monkeypatch.setattr(rechecker, "program_of", lambda _: (checked, {}))
         monkeypatch.setattr(rechecker, "_entry", self.entry)
         monkeypatch.setattr(rechecker, "of_those_above", lambda _: None)
-        monkeypatch.setattr(rechecker, "uncovered", lambda *_: [])
+        monkeypatch.setattr(rechecker, "open_questions", lambda *_: [])
         monkeypatch.setattr(rechecker, "_in_all_views", lambda f, _: self.looked_at.append(f))
 
     def entry(self, _: object, __: object, ___: object, covered: list[Any], *____: object) -> Any:

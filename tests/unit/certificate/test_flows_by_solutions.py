@@ -191,7 +191,7 @@ def test_a_linear_model_is_that_of_the_rows_and_stands_where_nothing_moves() -> 
     flow = local(lambda terms, x, y, u: [terms.constant(0.0), *lag(terms, x, y, u)[1:]])
     box, command = balls([(0.0, 1.0), (-1.0, 2.0)]), balls([(-1.0, 0.5)])
     found = flow.enclosure(box, command, flow.lines(box, command))
-    assert [found.stands(i) for i in (0, 1)] == [True, False]
+    assert [found.has_zero_rate(i) for i in (0, 1)] == [True, False]
     assert [[float(x) for x in row] for row in found.a] == [[0.0, 0.0], [0.0, -2.0]]
     assert [[float(x) for x in row] for row in found.b] == [[0.0], [3.0]]
     assert [float(x) for x in found.constant] == [0.0, 1.0]
@@ -200,7 +200,7 @@ def test_a_linear_model_is_that_of_the_rows_and_stands_where_nothing_moves() -> 
     assert float(other.lower()) == pytest.approx(-2.0)
     assert float(other.upper()) == pytest.approx(2.5)
     for rates in ([(ZERO, ONE)], [(-ONE, ZERO)], [(ZERO, Builder().input(0))]):
-        assert not Enclosure([], [], [], [], [], rates, []).stands(0)
+        assert not Enclosure([], [], [], [], [], rates, []).has_zero_rate(0)
     lines = [exact(x) for x in (1.0, 2.0, 3.0, 0.5, 0.25, 0.0, 0.0, *[1.0] * 5, -1.0, 0.0)]
     made = flow.enclosure(box, command, lines)
     assert [float(x) for x in (*made.a[0], *made.b[0], made.constant[0], made.noise[0])] == [
@@ -229,9 +229,9 @@ def test_a_linear_model_is_that_of_the_rows_and_stands_where_nothing_moves() -> 
 def test_where_states_are_in_the_end_is_known_twice() -> None:
     flow = local(lag, kept=[(True, True), (False, False)])
     around: Any = SimpleNamespace(box=balls([(-9.0, 1.0), (0.0, 3.0)]))
-    ended = flow.ended(balls([(-5.0, 2.0), (1.0, 2.5)]), around)
+    ended = flow.end_ranges(balls([(-5.0, 2.0), (1.0, 2.5)]), around)
     assert floats(ended) == [(-4.0, 1.0), (1.0, 2.5)]
-    ended = flow.ended(balls([(-3.0, 0.5), (-1.0, 4.0)]), around)
+    ended = flow.end_ranges(balls([(-3.0, 0.5), (-1.0, 4.0)]), around)
     assert floats(ended) == [(-3.0, 0.5), (0.0, 3.0)]
 
 
@@ -375,7 +375,7 @@ def test_a_linear_flow_has_the_controls_that_it_feels() -> None:
     assert float(law.constant[0]) == pytest.approx(0.5 * (1 - decay))
     assert float(law.state[1][1]) == 1.0
     kept = solved([(True, True), (False, False)])
-    assert floats(kept.ended(balls([(-9.0, 9.0)] * 2), None)) == [(-4.0, 4.0), (-9.0, 9.0)]  # type: ignore[arg-type]
+    assert floats(kept.end_ranges(balls([(-9.0, 9.0)] * 2), None)) == [(-4.0, 4.0), (-9.0, 9.0)]  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(("start", "end"), [(0, 2), (-2, 0), (-1, 2)])
@@ -394,8 +394,8 @@ def test_a_linear_flow_is_around_its_solutions_and_little_else(start: int, end: 
     width = max(values) - min(values)
     assert high - low < width * 1.8
     assert [float(x) for x in (found.box[1][0], found.box[1][1])] == [2.0, 3.0]
-    assert found.stands(1)
-    assert not found.stands(0)
+    assert found.has_zero_rate(1)
+    assert not found.has_zero_rate(0)
     rest = found.others[0]
     assert float(rest.lower()) == pytest.approx(-2.0 + 0.5 - 0.25, abs=1e-6)
     assert float(rest.upper()) == pytest.approx(4.0 + 0.5 + 0.25, abs=1e-6)

@@ -18,7 +18,7 @@ from soter.certificate.grid.chain_form_layout import (
     hull_of,
     spread_of,
 )
-from soter.certificate.grid.flow_chains import DEPTH_MAX, FlowChain, Times, _apart
+from soter.certificate.grid.flow_chains import DEPTH_MAX, FlowChain, Times, _greatest_gap
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.straight_line import (
@@ -86,7 +86,7 @@ def test_rows_are_matrices() -> None:
         ((0, 4), (1, 2), 3),
         ((2, 2), (2, 2), 0),
     ):
-        assert float(_apart(*balls([one, other]))) == gap
+        assert float(_greatest_gap(*balls([one, other]))) == gap
 
 
 # ---------------------------------------------------------------- forms

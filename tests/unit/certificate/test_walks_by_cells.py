@@ -14,7 +14,7 @@ from soter.certificate.grid.group_claims import (
     ChainCheck,
     FreeCheck,
     GroupTables,
-    free,
+    driven_out,
     holds_of,
     ranked,
     witnessed,
@@ -107,11 +107,11 @@ def test_cells_from_which_a_command_may_lead_out() -> None:
 
     check: Any = SimpleNamespace(group=SimpleNamespace(grid=LINE), keeps=keeps)
     every = Cells(LINE, bools(1, 1, 1, 1))
-    assert list(free(check, bools(1, 1, 1, 1), every, LINE.whole)) == [((3, 4),)]
+    assert list(driven_out(check, bools(1, 1, 1, 1), every, LINE.whole)) == [((3, 4),)]
     assert splits == [0, 0, 0, 0, group_claims.SPLITS] or splits[-1] in (0, group_claims.SPLITS)
     assert splits[0] == 0
     assert group_claims.SPLITS in splits
-    assert list(free(check, bools(1, 1, 1, 0), every, LINE.whole)) == []
+    assert list(driven_out(check, bools(1, 1, 1, 0), every, LINE.whole)) == []
 
 
 def test_a_free_phase_stays_from_its_beginning_on() -> None:

@@ -123,7 +123,7 @@ def test_levels_hold_and_drift_by_what_is_behind_estimates() -> None:
             return within.contains([float(x) for x in box[0]])
 
         check: Any = SimpleNamespace(group=group, model=model, keeps=keeps)
-        found = estimates_and_shield.drifts(check, bools(1, 1, 1, 1), inside, LINE.whole)
+        found = estimates_and_shield.driven_estimates(check, bools(1, 1, 1, 1), inside, LINE.whole)
         assert sorted(a for ((a, _),) in found) == left
         assert {s for w, s in asked if w == 1 + 2 * error} == {estimates_and_shield.SPLITS}  # type: ignore[attr-defined]
         assert {s for w, s in asked if w > 1 + 2 * error} == {0}
@@ -189,7 +189,7 @@ def test_what_a_shield_permits_is_shown_for_each_range_of_commands(
     monkeypatch.setattr(
         estimates_and_shield, "FreeCheck", lambda model, group, ns: (model, group, ns)
     )
-    monkeypatch.setattr(estimates_and_shield, "drifts", drifts)
+    monkeypatch.setattr(estimates_and_shield, "driven_estimates", drifts)
     controls = [Control("turn", 0.0, 1.0), Control("push", -1.0, 3.0)]
     facts = SimpleNamespace(controls=controls, times={"H_ns": 9})
     model: Any = SimpleNamespace(facts=facts, parameter=(), extents=())

@@ -20,7 +20,7 @@ from soter.api import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of, read_mapping
 from soter.mapping.topic_mapping import SourcePromise, SourceTurns, early_turns
-from soter.targets.bridge_base import bridged_topics, by_topic, compared
+from soter.targets.bridge_base import bridged_topics, by_topic, promise_lines
 from soter.targets.ros_packages import TOPIC
 from tables import all_rows
 
@@ -273,7 +273,7 @@ def two(first: dict[str, Any] | None = None, second: dict[str, Any] | None = Non
 def test_two_sources_that_fit_are_told_with_their_figures(vehicle: Any) -> None:
     mapped = built(vehicle, two())
     assert [m.channel for m in mapped[:2]] == ["/odom", "/camera/odom"]
-    (told,) = compared(vehicle, mapped)
+    (told,) = promise_lines(vehicle, mapped)
     assert told == (
         "position: /odom at most 15 ms old, within 0.05; /camera/odom at most 15 ms old, within "
         "0.05; at a takeover at most 30 ms old, of 40 ms (every 20 ms, delayed 20 ms)"
@@ -283,7 +283,7 @@ def test_two_sources_that_fit_are_told_with_their_figures(vehicle: Any) -> None:
 def test_the_example_fits_its_program(vehicle: Any) -> None:
     given = read_mapping(EXAMPLES / "shuttle_ros_two_sensors.toml")
     mapped = bridged_topics(vehicle, mapping_of(given, vehicle), "ROS", TOPIC)
-    assert "at a takeover at most 37 ms old" in compared(vehicle, mapped)[0]
+    assert "at a takeover at most 37 ms old" in promise_lines(vehicle, mapped)[0]
 
 
 LASER = {**CAMERA, "channel": "/laser/odom", "every": "1ms", "after": "16ms"}
@@ -348,7 +348,7 @@ def test_a_topic_of_which_nothing_is_declared_compares_nothing(vehicle: Any) -> 
     wish = two({**fields, "channel": "/a", "every": "9s"}, {**fields, "channel": "/b"})
     wish["sources"][1]["after"] = "10s"
     mapped = built(vehicle, ODOMETRY_ALONE, wish=wish)
-    assert compared(vehicle, mapped)[0].endswith("at most 10.015 s old, nothing declared")
+    assert promise_lines(vehicle, mapped)[0].endswith("at most 10.015 s old, nothing declared")
 
 
 def test_a_plant_that_moves_in_steps_has_one_sensor(tmp_path: Path) -> None:

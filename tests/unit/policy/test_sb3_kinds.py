@@ -16,7 +16,7 @@ from policy_files import FILES, change_pickle, changed, renamed  # type: ignore[
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.load.named_files import binding_of
 from soter.language.model.types import ArrayType, FloatType, IntType, RecordType
-from soter.policy.network import Activation, Affine, Lstm, Network, Standardised, answer, answering
+from soter.policy.network import Activation, Affine, Lstm, Network, Standardised, answer, made_ready
 from soter.policy.policy_extern import load_policy, sha256_of_files
 from soter.policy.sb3_file import read_sb3
 from soter.policy.soter_source import error_bound, soter_source
@@ -194,7 +194,7 @@ def test_a_cell_keeps_what_it_is_told_to() -> None:
     for forget, wanted in ((open_, [np.tanh(0.5), 2.0 * np.tanh(0.5)]), (shut, [np.tanh(0.5)] * 2)):
         bias = np.array([open_, forget, 0.0, open_], np.float32)
         one = Affine(np.ones((1, 1), np.float32), np.zeros(1, np.float32))
-        given, run, reset = answering(Network(1, (Lstm(weight, bias), one)))
+        given, run, reset = made_ready(Network(1, (Lstm(weight, bias), one)))
         for _ in range(2):
             reset()
             given[:] = 0.5

@@ -19,7 +19,7 @@ from unit.verify.tubes.test_world_maps import BEFORE_A_WALL
 
 if TYPE_CHECKING:
     import browser
-    from soter.simulate.led_looks import Led, LedLooks
+    from soter.simulate.led_looks import TubeLook, TubeLooks
     from soter.simulate.result import Run
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
@@ -38,7 +38,7 @@ def flown(folder: Path, text: str = TEXT, until: str | None = None, seed: int = 
     return Program(str(path)).simulate(until=until, seed=seed)
 
 
-def looked(run: Run, looks: LedLooks, *, judged: bool = False) -> list[tuple[int, Led]]:
+def looked(run: Run, looks: TubeLooks, *, judged: bool = False) -> list[tuple[int, TubeLook]]:
     """(row, look) of all of its decision module."""
     trace = run.require_trace()
     rows = np.flatnonzero(decided_at(run.system, trace)[:, 0]).tolist()
@@ -62,7 +62,7 @@ def test_it_says_what_the_decision_module_said(example: str) -> None:
         assert (led.failed == GOOD) == (not own["ttf"][row])
 
 
-def held(run: Run, looks: LedLooks, plant: str, part: float = 1.0) -> tuple[int, int]:
+def held(run: Run, looks: TubeLooks, plant: str, part: float = 1.0) -> tuple[int, int]:
     """States that a look speaks of, and those outside of this part of its boxes, by their middles.
 
     A look speaks until AC has control again behind the next one, or SC may be at rest.

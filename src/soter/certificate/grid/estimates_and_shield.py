@@ -1,9 +1,9 @@
 """The sets S of computed predicates, and the table of a shield: inclusions about estimates.
 
 Purpose: for `GridCheck.levels` and `home`. `eroded`: the cells of states all of whose estimates lie
-in a set; `levels_hold`, `drifts`: the states behind the estimates of a cell lie, or stay, in a set.
-`to_show`: commands that a shield permits on an estimate lead from no state behind it out of K
-before SC's first output acts (docs/proof-flight.md, A gate that looks at commands).
+in a set; `levels_hold`, `driven_estimates`: the states behind the estimates of a cell lie, or
+stay, in a set. `to_show`: commands that a shield permits on an estimate lead from no state behind
+it out of K before SC's first output acts (docs/proof-flight.md, A gate that looks at commands).
 Non-goals: free phases (`group_claims.py`), which claims there are, the table's bytes
 (`grid_group.py`); that the DM reads its table as it should.
 
@@ -99,7 +99,7 @@ def levels_hold(
     return uncovered(claimed, block, attempt, 1 << 20)
 
 
-def drifts(
+def driven_estimates(
     check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
 ) -> Iterator[Block]:
     """The `claimed` cells of estimates from behind which a state may be driven out of `within`.
@@ -202,7 +202,7 @@ def to_show(model: CaseModel, group: GroupTables, core: Cells) -> Iterator[tuple
             check = FreeCheck(between, group, horizon)
             ends = f"[{edges[i]:g}, {edges[j + 1]:g}]"
             what = f"{control.name} in {ends}, which the shield permits, may lead out of K from"
-            yield what, partial(drifts, check, claimed, core)
+            yield what, partial(driven_estimates, check, claimed, core)
 
 
 def cut(low: float, high: float, k: int, n: int) -> float:

@@ -156,18 +156,18 @@ class FlowChain:
     def last(self, pieces: int, form: Form) -> Image:
         """The boxes over [0, e + l] after N delta - e, while the latest command still acts."""
         start = self.layout.opened(form, None)
-        return (), self._led(start, self._old(start), [(self.span / pieces, NOW)] * pieces)[1]
+        return (), self._follow(start, self._acting(start), [(self.span / pieces, NOW)] * pieces)[1]
 
     def free(self, time: Fraction, pieces: int, form: Form) -> Image:
         """A free phase: the boxes over [0, time] s under any commands."""
         start = self.layout.opened(form, self.flow.ranges * self.depth)
         spans = [(time / pieces, NOW)] * (pieces if time else 0)
-        return (), self._led(start, self._any(start), spans)[1]
+        return (), self._follow(start, self._any(start), spans)[1]
 
     def _hold(self, start: OpenedForm, pieces: int, *, fresh: bool) -> Image:
         """A hold: the command that SC answers, where it leads, and the boxes on the way."""
         new = self._answered(start, fresh=fresh)
-        way, boxes = self._led(start, new, self.spans(pieces * self.least_pieces, fresh=fresh))
+        way, boxes = self._follow(start, new, self.spans(pieces * self.least_pieces, fresh=fresh))
         return self.layout.closed(start, way, new), boxes
 
     def spans(self, count: int, *, fresh: bool) -> list[tuple[Fraction, Fraction]]:
@@ -180,7 +180,7 @@ class FlowChain:
         handed = [(early, early)] if early else []
         return [*handed, *[(rest / count, NOW)] * (count if rest else 0)]
 
-    def _old(self, start: OpenedForm) -> CommandRows:
+    def _acting(self, start: OpenedForm) -> CommandRows:
         """The command that acts already when the hold begins."""
         n, q = self.n, self.q
         return CommandRows(start.rows(n, q), start.ranges[n : n + q])
@@ -243,7 +243,7 @@ class FlowChain:
             return way
         begin, end = self.times.taken if fresh else (-self.times.d, self.span)
         acting, others = (
-            (self._any(start), []) if fresh else (self._old(start), self._others(start))
+            (self._any(start), []) if fresh else (self._acting(start), self._others(start))
         )
         n, q = self.n, self.q
         ranges = [hull_of(start.ranges[n + k :: q][: self.depth]) for k in range(q)]
@@ -305,11 +305,11 @@ class FlowChain:
     def _gap(start: OpenedForm, one: int, other: int) -> Any:  # noqa: ANN401  a ball or a value
         """By how much two old commands differ at most."""
         apart = spread_of([x - y for x, y in zip(start.z[one], start.z[other], strict=True)])
-        return applied("min", apart, _apart(start.ranges[one], start.ranges[other]))
+        return applied("min", apart, _greatest_gap(start.ranges[one], start.ranges[other]))
 
     # ------------------------------------------------------------ one step
 
-    def _led(
+    def _follow(
         self, start: OpenedForm, new: CommandRows, spans: Sequence[tuple[Fraction, Fraction]]
     ) -> tuple[StateRows, Boxes]:
         """The states after these steps under the commands `new`, and the boxes on the way."""
@@ -330,7 +330,7 @@ class FlowChain:
         """The states `span` later, and the box between; up to `early` the old commands may act."""
         ranges = new.ranges
         if early:
-            old = self._old(start)
+            old = self._acting(start)
             ranges = [hull_of(pair) for pair in zip(new.ranges, old.ranges, strict=True)]
         flow, local = self.flow, self.flow.around(way.box, ranges, NOW, span)
         law = flow.solved(local, span)
@@ -362,8 +362,8 @@ class FlowChain:
         box = []
         for i, row in enumerate(product(way.rows, start.z)):
             radius = spread_of(row[1:]) + way.rest[i]
-            box.append(way.box[i] if local.stands(i) else (row[0] - radius, row[0] + radius))
-        return StateRows(way.rows, way.rest, self.flow.ended(box, local))
+            box.append(way.box[i] if local.has_zero_rate(i) else (row[0] - radius, row[0] + radius))
+        return StateRows(way.rows, way.rest, self.flow.end_ranges(box, local))
 
     def _between(self, way: StateRows, after: StateRows, local: Enclosure, span: Fraction) -> Boxes:
         """The box of the states between two instants: low, high, low, ..., rounded outwards."""
@@ -387,12 +387,12 @@ class FlowChain:
 
         E is the integral of e^{A(h - s)} B over [0, t], e^{Ah} times that of e^{-As}, times B.
         """
-        old = self._old(start)
+        old = self._acting(start)
         back = [[-x for x in row] for row in self.flow.integral(local, -early, NOW)]
         reach = product(law.state, product(back, local.b))
         gap = plus(old.rows, new.rows, -ONE)
         sizes = [
-            applied("min", spread_of(values), _apart(a, b))
+            applied("min", spread_of(values), _greatest_gap(a, b))
             for values, a, b in zip(product(gap, start.z), old.ranges, new.ranges, strict=True)
         ]
         noise = [dot([x.rad() for x in row], sizes) for row in reach]
@@ -402,7 +402,7 @@ class FlowChain:
 # ---------------------------------------------------------------- helpers
 
 
-def _apart(a: Interval, b: Interval) -> Any:  # noqa: ANN401  a ball or a value
+def _greatest_gap(a: Interval, b: Interval) -> Any:  # noqa: ANN401  a ball or a value
     """By how much numbers of two intervals differ at most."""
     return applied("max", applied("max", a[1] - b[0], b[1] - a[0]), ZERO)
 

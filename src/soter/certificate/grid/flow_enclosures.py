@@ -98,7 +98,7 @@ class Enclosure:
     others: list[Any]
     """For each rate the ball that it is without a_ii x_i."""
 
-    def stands(self, i: int) -> bool:
+    def has_zero_rate(self, i: int) -> bool:
         """Whether the rate of a state is certainly 0."""
         return all(isinstance(x, arb) and x.is_zero() for x in self.rates[i])
 
@@ -207,7 +207,7 @@ class SolvedFlow(KeptEnds):
         rows = [[gain[i] for gain in gains] for i in range(self.n)]
         return flow.added(flow.noise, start, end), rows
 
-    def ended(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
+    def end_ranges(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
         """The states' ranges at the end of a span, from `box` and the enclosure of the span."""
         del enclosure  # says no more
         return self.clipped(box)
@@ -364,7 +364,7 @@ class LocalFlow(KeptEnds):
             others,
         )
 
-    def ended(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
+    def end_ranges(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
         """The states' ranges at the end of a span, from `box` and the enclosure of the span."""
         pairs = zip(box, enclosure.box, strict=True)
         return self.clipped([outwards(larger(a, c), smaller(b, d)) for (a, b), (c, d) in pairs])

@@ -18,7 +18,7 @@ from soter.certificate.cell_sets import Cells, Grid, brought_back, parts, volume
 from soter.certificate.folder import FREE
 from soter.certificate.grid.estimates_and_shield import (
     cells_of,
-    drifts,
+    driven_estimates,
     eroded,
     levels_hold,
     to_show,
@@ -30,7 +30,7 @@ from soter.certificate.grid.group_claims import (
     ChainCheck,
     FreeCheck,
     GroupTables,
-    free,
+    driven_out,
     ranked,
     witnessed,
 )
@@ -278,7 +278,7 @@ class GridCheck(GroupCheck):
             return ()
         check = FreeCheck(self.model, self.tables, horizon_ns)
         check.phase(FREE_PIECES[0])
-        show = partial(free, check, self.tables.free, self.kernel)
+        show = partial(driven_out, check, self.tables.free, self.kernel)
         return blocks("some command leads out of K within H from", self.grid, show)
 
     def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
@@ -312,7 +312,7 @@ class GridCheck(GroupCheck):
                 raise RejectedError(f"S_{k} is no part of S_{k - 1}")
             calm = eroded(self.model, tables, Cells(self.grid, levels[k - 1]))
             if not self._never_left(calm):
-                show = partial(drifts, check, levels[k], calm)
+                show = partial(driven_estimates, check, levels[k], calm)
                 what = f"S_{k} may be left for outside S_{k - 1} at once, from"
                 yield from blocks(what, self.grid, show)
 

@@ -349,7 +349,7 @@ class FreeCheck:
         return splits > 0 and any(finer(box, stays, splits) for stays in tried)
 
 
-def free(
+def driven_out(
     check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
 ) -> Iterator[Block]:
     """Cells of `claimed` (shaped as the grid) that some command may drive out of `within`."""

@@ -216,7 +216,7 @@ class _Steps:
         solver.add(*self.known, what)
         return bool(answer_of(solver) == z3.unsat)
 
-    def _sight(self, scope: Scope, topics: dict[int, Term], mode: Term) -> VisibleValues:
+    def _visible_values(self, scope: Scope, topics: dict[int, Term], mode: Term) -> VisibleValues:
         """The values that a step sees: one for each topic, of which nothing more is known."""
         flying = self.facts.flying
 
@@ -238,7 +238,7 @@ class _Steps:
     def _step(self, before: Sequence[Term]) -> _Step:
         assert self.c.node is not None
         read: dict[int, Term] = {}
-        sight = self._sight(self.c.scope, read, unknown(MODE, "mode", self.known))
+        sight = self._visible_values(self.c.scope, read, unknown(MODE, "mode", self.known))
         reading = SolverReading(sight, deep=True)
         behind, published = reading.step(self.c.node, before)
         said = {self.c.scope.topics[t]: value for t, value in published.items()}
@@ -253,7 +253,7 @@ class _Steps:
             t = self.facts.flying.topics[i].type
             seen[i] = either(says, value, unknown(t, "before", self.known))
         scope = self.facts.flying_module.scope
-        sight = self._sight(scope, seen, unknown(MODE, "mode", self.known))
+        sight = self._visible_values(scope, seen, unknown(MODE, "mode", self.known))
         value, fault = SolverReading(sight, deep=True).truth(enters)
         return both(value, negation(fault))
 

@@ -377,7 +377,7 @@ class TransitionSystem:
             return self._anything(c, at, self.now["mode"] == IN_AC)
         return self._code(c, at, c.role != "sc" or self.now["mode"] == IN_SC)
 
-    def _sight(self, c: Component, at: Term, on: Term) -> VisibleValues:
+    def _visible_values(self, c: Component, at: Term, on: Term) -> VisibleValues:
         now, flying = self.now, self.facts.flying
 
         def topic(i: int) -> Term:
@@ -404,7 +404,7 @@ class TransitionSystem:
         dm, symbol, module = self.facts.dm, self.facts.symbol, self.facts.flying_module
         assert symbol.ttf is not None
         assert symbol.safer is not None
-        sight = self._sight(dm, at, on=True)
+        sight = self._visible_values(dm, at, on=True)
         looked_at = maybe_nan(self.facts.flying, module)
         ttf, unsure = SolverReading(sight, looked_at=looked_at).truth(symbol.ttf)
         safer, doubtful = SolverReading(sight, looked_at=looked_at).truth(symbol.safer)
@@ -434,7 +434,7 @@ class TransitionSystem:
         """SC or a node: its statements."""
         now, flying, node = self.now, self.facts.flying, c.node
         assert node is not None
-        reading = SolverReading(self._sight(c, at, on))
+        reading = SolverReading(self._visible_values(c, at, on))
         before = now["locals", c.index]
         taken = both(on, negation(now["had", c.index]))
         behind, said = reading.step(node, before, taken)
@@ -470,7 +470,7 @@ class TransitionSystem:
         symbol, dm = self.facts.symbol, self.facts.dm
 
         def holds(e: typed.TypedExpr, now: Term) -> Term:
-            value, fault = SolverReading(self._sight(dm, now, on=True)).truth(e)
+            value, fault = SolverReading(self._visible_values(dm, now, on=True)).truth(e)
             return both(value, negation(fault))
 
         safe = holds(symbol.safe, at)

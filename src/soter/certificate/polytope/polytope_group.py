@@ -28,7 +28,7 @@ from soter.certificate.polytope.certificate_tables import (
 from soter.certificate.polytope.polytope_check import PolytopeCheck, least
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, ZERO, exact
-from soter.certificate.vacuous_proofs import HARDLY, on, seldom
+from soter.certificate.vacuous_proofs import RARE_SHARE, on_drawn, rarity
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -123,9 +123,9 @@ class PolytopeGroup(Group):
             rows = np.array([row for row, _ in faces or ()]).reshape(-1, len(self.states))
             limits = np.array([float(limit) for _, limit in faces or ()])
             count = int((points @ rows.T <= limits).all(axis=1).sum())
-            if count < HARDLY * len(points):
-                where = f"the half-spaces {does} {on(count, len(points))}"
-                return f"{seldom(count)} {what} control ({where})", ""
+            if count < RARE_SHARE * len(points):
+                where = f"the half-spaces {does} {on_drawn(count, len(points))}"
+                return f"{rarity(count)} {what} control ({where})", ""
         return "", ""
 
     def drawn(self, facts: Facts, chance: np.random.Generator) -> Iterator[NDArray[np.float64]]:

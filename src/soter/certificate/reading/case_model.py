@@ -212,25 +212,25 @@ class CaseModel:
         self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
     ) -> tuple[list[Linear], list[Linear]]:
         """The derivative of every state as a real number, and the disturbances in it."""
-        return self._moved(terms, states, controls, self.facts.states, rounded=False)
+        return self._rates_or_next(terms, states, controls, self.facts.states, rounded=False)
 
     def rates_left_out(
         self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
     ) -> list[Linear]:
         """The derivatives of states that are left out, wherever these are."""
-        return self._moved(terms, states, controls, self.facts.left_out, rounded=False)[0]
+        return self._rates_or_next(terms, states, controls, self.facts.left_out, rounded=False)[0]
 
     def next_states(
         self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
     ) -> list[Linear]:
         """The next value of every state of a map, as the machine computes it."""
-        return self._moved(terms, states, controls, self.facts.states, rounded=True)[0]
+        return self._rates_or_next(terms, states, controls, self.facts.states, rounded=True)[0]
 
     def _said_by_others(self, terms: Terms, c: Component, topic: typed.TopicSymbol) -> list[Linear]:
         own = (x for x in self.facts.disturbances if x.of_others and x.owner == c.index)
         return free(terms, (x for x in own if x.variable == topic.name))
 
-    def _moved(
+    def _rates_or_next(
         self,
         terms: Terms,
         states: Sequence[Linear],

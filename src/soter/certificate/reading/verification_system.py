@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.reading.module_facts import DiffersError, driven_topics, read_by
 from soter.certificate.report import NotRecheckedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.elaborate.derived_systems import at_once
+from soter.language.elaborate.derived_systems import without_held_topics
 from soter.language.elaborate.elaborator import Elaborator
 from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.model import typed
@@ -53,7 +53,7 @@ def abstracted(system: System, module: Module) -> tuple[System, Module, tuple[Co
     flattened = elaborator.run()
     if flattened is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
-    flattened = at_once(flattened)
+    flattened = without_held_topics(flattened)
     plants = tuple(c for c in flattened.components if c.role == "plant")
     return flattened, flattened.modules[0], plants
 

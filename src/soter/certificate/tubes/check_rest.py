@@ -22,8 +22,8 @@ from soter.certificate.report import (
     RejectedError,
 )
 from soter.certificate.scope import assumptions_of
-from soter.certificate.tubes.rest_claims import answers, drifts, keeps
-from soter.certificate.tubes.rest_problem import REACH, read_rest, shield_of
+from soter.certificate.tubes.rest_claims import show_answers, show_rule_1, show_rule_2
+from soter.certificate.tubes.rest_problem import LARGEST, read_rest, shield_of
 from soter.certificate.tubes.tube_chains import ModuleTube
 
 if TYPE_CHECKING:
@@ -74,11 +74,11 @@ def _contracts(problem: RestProblem) -> Iterator[tuple[str, str]]:
 
 
 def _far(problem: RestProblem) -> Iterator[tuple[str, str]]:
-    """The assumption that each followed state without a smaller set stays below `REACH`."""
+    """The assumption that each followed state without a smaller set stays below `LARGEST`."""
     for s in problem.followed:
-        if max(map(abs, problem.sets[s])) > REACH:
+        if max(map(abs, problem.sets[s])) > LARGEST:
             name = problem.facts.states[s].name
-            yield f"far {name}", f"{name}, whose topic has no smaller set, stays below {REACH:g}"
+            yield f"far {name}", f"{name}, whose topic has no smaller set, stays below {LARGEST:g}"
 
 
 def read_all(flat: System, entry: dict[str, Any]) -> None:
@@ -98,9 +98,9 @@ def _show(
 ) -> None:
     """Show every claim; NotRecheckedError, RejectedError where one is not shown."""
     if "P2a" in claims:
-        answers(problem)
-        keeps(problem, box, ways)
-        drifts(problem, box, ways)
+        show_answers(problem)
+        show_rule_1(problem, box, ways)
+        show_rule_2(problem, box, ways)
     if "start" in claims:
         if "P2a" not in claims:
             raise RejectedError("start: that SC keeps where it rests (P2a) is not claimed")

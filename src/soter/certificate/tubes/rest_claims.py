@@ -1,9 +1,10 @@
 """What a module with `rest` claims before anything flies, checked again by another tube.
 
-Purpose: `answers` shows condition 3, `keeps` and `drifts` the two rules of rest ("Decisions by
-tubes", proof-flight.md). Rule 1 is about the box B and the ways Y that a certificate names, a range
-each for every followed state that `moves` does not name: `rest` holds only in B, and SC then keeps
-the states in Y. Rule 2 is about what `moves` says. `slope` encloses derivatives of a term.
+Purpose: `show_answers` shows condition 3, `show_rule_1` and `show_rule_2` the two rules of rest
+("Decisions by tubes", proof-flight.md). Rule 1 is about the box B and the ways Y that a certificate
+names, a range each for every followed state that `moves` does not name: `rest` holds only in B, and
+SC then keeps the states in Y. Rule 2 is about what `moves` says. `slope` encloses derivatives of a
+term.
 Non-goals: the start and single estimates (`tube_chains.py`); finding B and Y.
 
 `slope` is a ball, by the chain rule, atom by atom, over the range of each; at kinks it encloses
@@ -29,25 +30,45 @@ there on. Where x_i stays 0 for a while, both are 0. Where no c_i is found x_i i
 
 from __future__ import annotations
 
-from math import inf
-from typing import TYPE_CHECKING, NamedTuple
-
 from flint import arb
-
+from math import inf
 from soter.certificate.case_check import harmless
 from soter.certificate.grid.flow_chains import NOW
-from soter.certificate.reading.case_model import atom_of, boxes_of, control_inputs
+from soter.certificate.reading.case_model import atom_of
+from soter.certificate.reading.case_model import boxes_of
+from soter.certificate.reading.case_model import control_inputs
 from soter.certificate.reading.left_out_states import all_certain
 from soter.certificate.reading.module_facts import read_by_sc
 from soter.certificate.reading.symbolic_operations import filled
-from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import HALF, ONE, UNIT, ZERO, above, exact, hull
-from soter.certificate.terms.compile_terms import compile_lines, form_of_box
+from soter.certificate.report import NotRecheckedError
+from soter.certificate.report import RejectedError
+from soter.certificate.terms.arb_balls import HALF
+from soter.certificate.terms.arb_balls import ONE
+from soter.certificate.terms.arb_balls import UNIT
+from soter.certificate.terms.arb_balls import ZERO
+from soter.certificate.terms.arb_balls import above
+from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.arb_balls import hull
+from soter.certificate.terms.compile_terms import compile_lines
+from soter.certificate.terms.compile_terms import form_of_box
 from soter.certificate.terms.straight_line import NotCertainError
-from soter.certificate.terms.terms import Terms, closure, inputs_of
-from soter.certificate.tubes.rest_problem import NANOSECOND, REACH, RestModel
-from soter.certificate.tubes.tube_chains import Body, Truths, TubeChain, TubeFlow
-from soter.language.model.types import FloatType, leaves
+from soter.certificate.terms.terms import Terms
+from soter.certificate.terms.terms import closure
+from soter.certificate.terms.terms import inputs_of
+from soter.certificate.tubes.rest_problem import LARGEST
+from soter.certificate.tubes.rest_problem import NANOSECOND
+from soter.certificate.tubes.rest_problem import REACH
+from soter.certificate.tubes.rest_problem import RestModel
+from soter.certificate.tubes.tube_chains import Body
+from soter.certificate.tubes.tube_chains import ConditionOnBoxes
+from soter.certificate.tubes.tube_chains import StateSet
+from soter.certificate.tubes.tube_chains import Truths
+from soter.certificate.tubes.tube_chains import TubeChain
+from soter.certificate.tubes.tube_chains import TubeFlow
+from soter.language.model.types import FloatType
+from soter.language.model.types import leaves
+from typing import NamedTuple
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -142,11 +163,11 @@ PARTS = 16
 """Into so many parts Y is cut on each side of 0, for rule 2."""
 
 
-def answers(problem: RestProblem) -> None:
+def show_answers(problem: RestProblem) -> None:
     """Show that SC faults on nothing that its topics may hold, and answers within its sets.
 
-    What has no set may be anything up to `REACH`. NotRecheckedError where that is not shown, and
-    where SC reads what is no float.
+    What has no set may be anything up to `LARGEST`. NotRecheckedError where that is not shown,
+    and where SC reads what is no float.
     """
     facts, terms, known = problem.facts, Terms(), {}
     for symbol in read_by_sc(facts.sc):
@@ -154,7 +175,7 @@ def answers(problem: RestProblem) -> None:
         for (_, of), b in zip(leaves(topic.type), topic.bounds, strict=True):
             if not isinstance(of, FloatType):
                 raise NotRecheckedError(f"SC reads what is no float of `{topic.name}`")
-            ends = (-REACH, REACH) if b is None else (b.low, b.high)
+            ends = (-LARGEST, LARGEST) if b is None else (b.low, b.high)
             parts.append(terms.input("box", topic.name, *map(exact, ends)))
         known[symbol] = filled(topic.type, parts)
     if not harmless(facts, terms, known):
@@ -166,7 +187,7 @@ def answers(problem: RestProblem) -> None:
 # ---------------------------------------------------------------- rule 1
 
 
-def keeps(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
+def show_rule_1(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
     """Show rule 1 of B (`box`) and Y (`ways`), by state; NotRecheckedError where it is not shown.
 
     RejectedError where B is not in Y, or Y not in the sets.
@@ -226,7 +247,7 @@ def _returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, cut: 
 
 
 def _leads_back(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, pieces: int) -> bool:
-    body, late = Body.of(start), bool(chain.span)
+    body, late = StateSet.of(start), bool(chain.span)
     try:
         for n in range(holds + 1):
             if n and not late and inside(body.box, end):
@@ -254,7 +275,7 @@ def _ends(ranges: Ranges, states: tuple[int, ...]) -> Box:
 def _holds_only_in(problem: RestProblem, box: Ranges) -> None:
     """Show that `rest` holds nowhere in the states' sets outside of a box; NotRecheckedError."""
     model = RestModel(problem.facts, (), problem.facts.extents)
-    rest = Truths(
+    rest = ConditionOnBoxes(
         model,
         problem.followed,
         lambda t, x: model.predicate(t, x, problem.rest.condition, errors=False),
@@ -270,9 +291,9 @@ def _holds_only_in(problem: RestProblem, box: Ranges) -> None:
 
 
 def _nowhere(
-    rest: Truths, problem: RestProblem, at: dict[int, tuple[arb, arb]], s: int, cut: int
+    rest: ConditionOnBoxes, problem: RestProblem, at: dict[int, tuple[arb, arb]], s: int, cut: int
 ) -> bool:
-    if rest.nowhere([at[k] for k in problem.followed]):
+    if rest.certainly_false([at[k] for k in problem.followed]):
         return True
     if cut == HALVINGS:
         return False
@@ -285,7 +306,7 @@ def _nowhere(
 def _between(low: arb, high: arb) -> arb:
     """The middle; of a slab without an end a number between the magnitudes of its ends."""
     far, near = abs(low).max(abs(high)), abs(low).min(abs(high)).max(ONE)
-    if far < REACH / 2**60 and far < near * 2**20:
+    if far < LARGEST / 2**60 and far < near * 2**20:
         return ((low + high) * HALF).mid()
     if low < 0 < high:
         return ZERO
@@ -303,7 +324,7 @@ class AtRest(NamedTuple):
     commands: list[tuple[arb, arb]]
 
 
-def drifts(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
+def show_rule_2(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
     """Show rule 2 of each state that `moves` names; NotRecheckedError where it is not shown."""
     if not problem.moving:
         return

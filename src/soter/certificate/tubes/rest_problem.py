@@ -58,11 +58,11 @@ if TYPE_CHECKING:
     Range = tuple[float, float]
 
 NANOSECOND = Fraction(1, 10**9)
-WIDE = 2.0**1000
+UNKNOWN_END = 2.0**1000
 """The ends of a map's numbers that are not known; a box beyond it is not certainly in C."""
-REACH = 1e100
+LARGEST = 1e100
 """Every followed state without a smaller set is assumed to stay below it."""
-FARTHEST = arb(2) ** 10**6
+UNBOUNDED_END = arb(2) ** 10**6
 """How far from 0 the terms of a `RestModel` with `far` hold, in states without a set."""
 
 
@@ -159,7 +159,7 @@ class RestProblem:
 
 @dataclass(eq=False)
 class RestModel(CaseModel):
-    """Makes the terms of a module with `rest`; `far`: states without a set go up to `FARTHEST`.
+    """Makes the terms of a module with `rest`; `far`: states without a set go to `UNBOUNDED_END`.
 
     `known`: the values of maps; a map that is not in it may have any value.
     """
@@ -169,7 +169,7 @@ class RestModel(CaseModel):
 
     def new_terms(self, farthest: arb | None = None) -> tuple[Terms, list[Linear]]:
         """Fresh terms, and the states in them."""
-        return super().new_terms(FARTHEST if self.far else farthest)
+        return super().new_terms(UNBOUNDED_END if self.far else farthest)
 
     def topics(self, terms: Terms, states: Sequence[Linear], *, errors: bool) -> dict[int, Any]:
         """The driven topics and the others in these states, and maps."""
@@ -179,7 +179,7 @@ class RestModel(CaseModel):
             if index in self.known:
                 found[index] = self.known[index]
                 continue
-            ends = exact(-WIDE), exact(WIDE)
+            ends = exact(-UNKNOWN_END), exact(UNKNOWN_END)
             every = [
                 terms.input("box", name, *ends) for _, name, _ in named(topic.name, topic.type)
             ]
@@ -203,9 +203,9 @@ def read_rest(flat: System, name: str) -> RestProblem:
     if setting.first_available(0, setting.by_sc) != setting.sc.phase:
         survives_the_start(facts)
     sets = _sets(facts)
-    facts.extents = tuple((max(a, -REACH), min(b, REACH)) for a, b in sets.values())
+    facts.extents = tuple((max(a, -LARGEST), min(b, LARGEST)) for a, b in sets.values())
     states = _followed(facts, rest)
-    facts.unbounded = {s for s in states if max(map(abs, sets[s])) > REACH}
+    facts.unbounded = {s for s in states if max(map(abs, sets[s])) > LARGEST}
     at = _estimate(facts)
     for s in states:
         if s not in at:

@@ -1,11 +1,12 @@
 """The re-checker's tubes: sets of states carried step by step, and what an estimate leads to.
 
-Purpose: a `Body` holds all states in which a run may be at an instant, and the commands that still
-act. `TubeChain` makes the next body: after a hold of SC, after a span of any command, or for all
-instants of a span. `Truths` says on which boxes a condition certainly holds, or certainly does not;
-of boxes outside of the states' sets it says neither. `ModuleTube` follows SC of one module from an
-estimate of a flight (`good`) or from all starts (`starts`), as "Decisions by tubes"
-(proof-flight.md) has it, and gives a reason where it is not certain that SC ends at rest within C.
+Purpose: a `StateSet` holds all states in which a run may be at an instant, and the commands that
+still act. `TubeChain` makes the next one: after a hold of SC, after a span of any command, or for
+all instants of a span. `ConditionOnBoxes` says on which boxes a condition certainly holds, or
+certainly does not; of boxes outside of the states' sets it says neither. `ModuleTube` follows SC of
+one module from an estimate of a flight (`good`) or from all starts (`starts`), as "Decisions by
+tubes" (proof-flight.md) has it, and gives a reason where it is not certain that SC ends at rest
+within C.
 Non-goals: how one step is enclosed (`grid/flow_chains.py`), which conditions there are
 (`rest_problem.py`), what is shown beforehand (`rest_claims.py`).
 
@@ -26,28 +27,38 @@ ends of sets that no run crosses (`grid/sc_chains.py`): that they lie in C is wh
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import reduce
-from math import inf, isfinite
-from typing import TYPE_CHECKING, Any
-
-import flint
 from flint import arb
-
-from soter.certificate.grid.chain_form_layout import OpenedForm, spread_of
-from soter.certificate.grid.flow_chains import NOW, FlowChain
+from functools import reduce
+from math import inf
+from math import isfinite
+from soter.certificate.grid.chain_form_layout import OpenedForm
+from soter.certificate.grid.chain_form_layout import spread_of
+from soter.certificate.grid.flow_chains import FlowChain
+from soter.certificate.grid.flow_chains import NOW
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.sc_chains import uncrossed_ends
-from soter.certificate.reading.case_model import atom_of, boxes_of
-from soter.certificate.reading.symbolic_operations import filled, flat
-from soter.certificate.terms.arb_balls import HALF, ONE, UNIT_ROUNDOFF, ZERO, exact
-from soter.certificate.terms.compile_terms import compile_truths, form_of_box
-from soter.certificate.terms.straight_line import CERTAIN, NotCertainError, product
-from soter.certificate.tubes.rest_problem import (
-    NANOSECOND,
-    WIDE,
-    RestModel,
-    constraint,
-)
+from soter.certificate.reading.case_model import atom_of
+from soter.certificate.reading.case_model import boxes_of
+from soter.certificate.reading.symbolic_operations import filled
+from soter.certificate.reading.symbolic_operations import flat
+from soter.certificate.terms.arb_balls import HALF
+from soter.certificate.terms.arb_balls import ONE
+from soter.certificate.terms.arb_balls import UNIT_ROUNDOFF
+from soter.certificate.terms.arb_balls import ZERO
+from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.compile_terms import compile_truths
+from soter.certificate.terms.compile_terms import form_of_box
+from soter.certificate.terms.straight_line import CERTAIN
+from soter.certificate.terms.straight_line import NotCertainError
+from soter.certificate.terms.straight_line import product
+from soter.certificate.tubes.rest_problem import NANOSECOND
+from soter.certificate.tubes.rest_problem import RestModel
+from soter.certificate.tubes.rest_problem import UNKNOWN_END
+from soter.certificate.tubes.rest_problem import WIDE
+from soter.certificate.tubes.rest_problem import constraint
+from typing import Any
+from typing import TYPE_CHECKING
+import flint
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -65,7 +76,7 @@ if TYPE_CHECKING:
 
 
 COLUMNS = 40
-"""How many unknowns a body keeps as they are, at most."""
+"""How many unknowns a state set keeps as they are, at most."""
 
 
 class TubeFlow(LocalFlow):
@@ -80,7 +91,7 @@ class TubeFlow(LocalFlow):
 
 
 @dataclass(eq=False)
-class Body:
+class StateSet:
     """All states of a run at an instant: each in its interval of `box`, and in its row.
 
     A row: a constant, and factors of unknowns in [-1, 1] that all rows share. `memory`: the rows of
@@ -93,7 +104,7 @@ class Body:
     ranges: Box
 
     @classmethod
-    def of(cls, box: Box) -> Body:
+    def of(cls, box: Box) -> StateSet:
         """All states of a box, whatever commands acted before."""
         rows = []
         for i, (low, high) in enumerate(box):
@@ -108,8 +119,8 @@ class TubeChain(FlowChain):
 
     # ------------------------------------------------------------ steps
 
-    def hold(self, body: Body, pieces: int) -> tuple[Body, list[Box]]:
-        """Follow SC's next command until the one after it may act: the body then, and the boxes.
+    def hold(self, body: StateSet, pieces: int) -> tuple[StateSet, list[Box]]:
+        """Follow SC's next command until the one after it may act: the set then, and the boxes.
 
         Where commands may act late the first box has all states in which this command begins to
         act. `pieces`: into how many steps the hold is cut.
@@ -117,24 +128,24 @@ class TubeChain(FlowChain):
         fresh = not body.memory and self.depth > 0
         start = self._opened(body)
         new = self._answered(start, fresh=fresh)
-        way, tube = self._led(start, new, self.spans(pieces, fresh=fresh or not self.depth))
+        way, tube = self._follow(start, new, self.spans(pieces, fresh=fresh or not self.depth))
         return self._closed(start, way, new), _boxes(tube, self.n)
 
-    def anything(self, body: Body, span: Fraction) -> tuple[Body, list[Box]]:
-        """Follow any commands for `span` s: the body then, and the boxes until then."""
-        start = self._opened(Body(body.box, body.rows, [], []))
-        way, tube = self._led(start, self._any(start), [(span, NOW)])
+    def after_any_commands(self, body: StateSet, span: Fraction) -> tuple[StateSet, list[Box]]:
+        """Follow any commands for `span` s: the set then, and the boxes until then."""
+        start = self._opened(StateSet(body.box, body.rows, [], []))
+        way, tube = self._follow(start, self._any(start), [(span, NOW)])
         return self._closed(start, way, None), _boxes(tube, self.n)
 
-    def window(self, body: Body, span: Fraction) -> Body:
+    def at_some_instant(self, body: StateSet, span: Fraction) -> StateSet:
         """All states at some instant of the next `span` s, under any commands."""
-        start = self._opened(Body(body.box, body.rows, [], []))
+        start = self._opened(StateSet(body.box, body.rows, [], []))
         way = self._moved(start, (NOW, span), self._any(start), self.flow.ranges, [])
         return self._closed(start, way, None)
 
     # ------------------------------------------------------------ bodies
 
-    def _opened(self, body: Body) -> OpenedForm:
+    def _opened(self, body: StateSet) -> OpenedForm:
         """The rows z of a step: states, old commands, the error of each new one's row, and 1."""
         count, any_before = self.depth * self.q, not body.memory
         known = len(body.rows[0])
@@ -152,7 +163,7 @@ class TubeChain(FlowChain):
         z.append([ONE, *[ZERO] * (known + extra - 1)])
         return OpenedForm([*body.box, *ranges], z, [])
 
-    def _closed(self, start: OpenedForm, way: StateRows, new: CommandRows | None) -> Body:
+    def _closed(self, start: OpenedForm, way: StateRows, new: CommandRows | None) -> StateSet:
         """The body after a step; `new`: the command that acts now, None where any may."""
         rows = product(way.rows, start.z)
         memory, ranges = [], []
@@ -162,8 +173,8 @@ class TubeChain(FlowChain):
             ranges = [*new.ranges, *start.ranges[n : n + old]]
         rows = [self._with_own(row, i, way) for i, row in enumerate(rows)]
         memory = [[*row, *[ZERO] * self.n] for row in memory]
-        rows, memory = _fewer(rows, memory)
-        return Body(list(way.box), rows, memory, ranges)
+        rows, memory = _with_fewer_unknowns(rows, memory)
+        return StateSet(list(way.box), rows, memory, ranges)
 
     def _with_own(self, row: list[Any], i: int, way: StateRows) -> list[Any]:
         """A state's row, its rest a new unknown; if its range is half as wide, that alone."""
@@ -182,7 +193,7 @@ def _boxes(tube: Sequence[float], n: int) -> list[Box]:
     return [ends[k : k + n] for k in range(0, len(ends), n)]
 
 
-def _lost(column: list[float], whole: list[float]) -> float:
+def _unshared_size(column: list[float], whole: list[float]) -> float:
     shares = [x / w for x, w in zip(column, whole, strict=True)]
     return sum(shares) - max(shares)
 
@@ -194,13 +205,13 @@ def _own_unknown(i: int, rows: int, left: Sequence[Sequence[Any]]) -> list[Any]:
     return own
 
 
-def _fewer(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
+def _with_fewer_unknowns(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
     """Rows with `COLUMNS` shared unknowns and one each; those stay that rows share most."""
     every = [*rows, *memory]
     columns = [c for c in zip(*(row[1:] for row in every), strict=True) if any(c)]
     sizes = [[float(abs(x.mid())) for x in c[: len(rows)]] for c in columns]
     whole = [sum(of) or 1.0 for of in zip(*sizes, strict=True)] if columns else []
-    scores = [_lost(c, whole) for c in sizes]
+    scores = [_unshared_size(c, whole) for c in sizes]
     order = sorted(range(len(columns)), key=scores.__getitem__, reverse=True)
     kept = [columns[k] for k in order[:COLUMNS]]
     left = [columns[k] for k in order[COLUMNS:]]
@@ -214,7 +225,7 @@ NOWHERE = 1
 """The bits of a proposition that is certainly false."""
 
 
-class Truths:
+class ConditionOnBoxes:
     """A condition (`said`) on true states, asked of boxes of `members`; other states: anywhere."""
 
     def __init__(
@@ -240,7 +251,7 @@ class Truths:
         """Whether the condition certainly holds, and is defined, in all of a box."""
         return self._within(box) and all(t == CERTAIN for t in self._of(box))
 
-    def nowhere(self, box: Box) -> bool:
+    def certainly_false(self, box: Box) -> bool:
         """Whether the condition certainly holds in no state of a box."""
         return self._within(box) and self._of(box)[0] == NOWHERE
 
@@ -275,7 +286,7 @@ class ModuleTube:
         model = RestModel(facts, (), facts.extents)
         self._seen: list[str] | None = None
         self._within(problem.first_map)
-        self.rest = Truths(
+        self.rest = ConditionOnBoxes(
             model, members, lambda t, x: model.predicate(t, x, problem.rest.condition, errors=False)
         )
         flow = TubeFlow(model, members, uncrossed_ends(model, members))
@@ -326,7 +337,7 @@ class ModuleTube:
         if seen != self._seen:
             model = RestModel(self.problem.facts, (), self.problem.facts.extents, known=maps)
             self._seen = seen
-            self.constraint = Truths(
+            self.constraint = ConditionOnBoxes(
                 model, self.problem.followed, lambda t, x: constraint(model, t, x)
             )
 
@@ -336,20 +347,20 @@ class ModuleTube:
         """None where SC, acting first in [earliest, latest] ns, ends at rest from all of `box`."""
         if not self.stays(box):
             return "C is not certain of the estimate itself"
-        body, step = Body.of(box), earliest * NANOSECOND / FREE_PIECES
+        body, step = StateSet.of(box), earliest * NANOSECOND / FREE_PIECES
         try:
             for _ in range(FREE_PIECES if earliest else 0):
-                body, boxes = self.chain.anything(body, step)
+                body, boxes = self.chain.after_any_commands(body, step)
                 if not self.stay(boxes):
                     return "any command may lead out of C before SC acts"
         except NotCertainError:
             return "where any command leads before SC acts is not known"
         return self._window(body, (latest - earliest) * NANOSECOND, 0)
 
-    def _window(self, body: Body, span: Fraction, cut: int) -> str | None:
+    def _window(self, body: StateSet, span: Fraction, cut: int) -> str | None:
         """As `followed`, from `body`: an output of SC begins to act within the next `span` s."""
         try:
-            inside = self.chain.window(body, span) if span else body
+            inside = self.chain.at_some_instant(body, span) if span else body
             why = None
             if not self.stays(inside.box):
                 why = "any command may lead out of C before SC acts"
@@ -358,12 +369,12 @@ class ModuleTube:
                 return why
             if not span:
                 return self._window(body, span, cut + 1)
-            middle, _ = self.chain.anything(body, span / 2)
+            middle, _ = self.chain.after_any_commands(body, span / 2)
             return self._window(body, span / 2, cut + 1) or self._window(middle, span / 2, cut + 1)
         except NotCertainError:
             return "a tube has no end"
 
-    def _settles(self, body: Body, pieces: int) -> str | None:
+    def _settles(self, body: StateSet, pieces: int) -> str | None:
         """As `followed`, where an output of SC begins to act in the states of `body`."""
         if self.at_rest(body.box):
             return None
@@ -382,8 +393,8 @@ class ModuleTube:
         return "SC is not certainly at rest in time"
 
     def stays(self, box: Box) -> bool:
-        """Whether all of a box is certainly in C, and no end of it is beyond `WIDE`."""
-        near = all(low >= -WIDE and high <= WIDE for low, high in box)
+        """Whether all of a box is certainly in C, and no end of it is beyond `UNKNOWN_END`."""
+        near = all(low >= -UNKNOWN_END and high <= UNKNOWN_END for low, high in box)
         return near and self.constraint.certain(box)
 
     def stay(self, boxes: Sequence[Box]) -> bool:

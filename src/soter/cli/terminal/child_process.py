@@ -1,7 +1,7 @@
 """Runs a command that calls externs in a child process, so that a crash in them is no verdict.
 
 Purpose: the child runs the command, and leaves its output and exit code in a file without a name
-(`ResultPipe` of `console.py`); the parent, in which no extern runs, passes signals on, waits, and
+(`ResultFile`); the parent, in which no extern runs, passes signals on, waits, and
 prints what it finds there. Where it finds nothing it says X011, never success, however the child
 ended. Processes that externs started end with the run, and the child with its parent.
 Non-goals: isolation (`workers/`). An extern has all rights of the child: one that wants to harm may
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 from soter.cli.terminal.console import ChildResult
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.workers.child_process import adopt_orphans, end_children, end_with, let_go_on
+from soter.workers.child_process import adopt_orphans, end_children, end_with, resume
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,7 +46,7 @@ def in_child_process(console: Console, rescue: Rescue) -> None:
     """
     if not console.own_process or not hasattr(os, "fork"):
         return
-    verdict = ResultPipe()
+    verdict = ResultFile()
     console.flush()
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     ending = {signal.SIGINT, signal.SIGTERM, signal.SIGHUP}
@@ -85,7 +85,7 @@ def _wait(child: int, signals: set[signal.Signals]) -> tuple[int, bool]:
             if ended:
                 signal.alarm(0)
                 return status, told_s is not None
-            let_go_on(child)
+            resume(child)
         elif number == signal.SIGALRM or (told_s and time.monotonic() - told_s > AGAIN_S):
             os.kill(child, signal.SIGKILL)
         else:
@@ -125,11 +125,11 @@ HIGH = 200
 """The result's file gets at least this descriptor: an extern misuses lower ones by mistake."""
 
 
-class ResultPipe:
+class ResultFile:
     """The file in which a child leaves its result; a mark and a hash show that it is whole."""
 
     def __init__(self) -> None:
-        self._file = _nameless()
+        self._file = _unnamed_file()
         self._mark = os.urandom(16)
         self._process = 0
 
@@ -166,7 +166,7 @@ class ResultPipe:
         return hashlib.sha256(self._mark + body).digest()
 
 
-def _nameless() -> int:
+def _unnamed_file() -> int:
     """The descriptor of a new file without a name; programs started later do not inherit it."""
     if sys.platform == "linux":
         made = os.memfd_create("soter verdict")

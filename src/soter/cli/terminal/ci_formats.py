@@ -94,8 +94,8 @@ def sarif(command: str, findings: Sequence[CiFinding], exit_code: int) -> str:
         "invocations": [{"executionSuccessful": exit_code in (0, 1, 3, 4), "exitCode": exit_code}],
         "results": [_result(f, rules.index(f.rule)) for f in shown],
     }
-    document = {"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}
-    return json.dumps(document, indent=2, allow_nan=False)
+    log = {"$schema": SCHEMA, "version": "2.1.0", "runs": [run]}
+    return json.dumps(log, indent=2, allow_nan=False)
 
 
 def _rule(code: str) -> dict[str, Any]:

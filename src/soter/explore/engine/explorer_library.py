@@ -262,7 +262,7 @@ class Engine:
         trace = self.ffi.new("soter_trace_step[]", STEPS_MAX)  # untouched pages cost nothing
         began = time.perf_counter()
         try:
-            stopped = self.apart(
+            stopped = self.run_in_thread(
                 lambda: search(options, progress, result, trace), progress, look, patience_s, saver
             )
             seconds = time.perf_counter() - began
@@ -274,7 +274,7 @@ class Engine:
         self._kept = result.kept
         return replace(self._searched(result, trace, seconds), stopped=stopped)
 
-    def apart(
+    def run_in_thread(
         self,
         do: Callable[[], object],
         progress: Any,  # noqa: ANN401 - cdata
@@ -454,7 +454,7 @@ class Engine:
         def look() -> None:
             verdicts.append(bool(self.lib.soter_explore_starts_broken(self.model, progress)))
 
-        return bool(self.apart(look, progress, None, patience_s)) or verdicts[0]
+        return bool(self.run_in_thread(look, progress, None, patience_s)) or verdicts[0]
 
     def _raw(self, steps: Sequence[RawStep]) -> Any:  # noqa: ANN401 - cdata
         trace = self.ffi.new("soter_trace_step[]", max(len(steps), 1))

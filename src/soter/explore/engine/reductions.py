@@ -160,7 +160,7 @@ class ComposedSearch:
                 )
             )
 
-        stopped = engine.apart(combine, progress, self._look, patience_s)
+        stopped = engine.run_in_thread(combine, progress, self._look, patience_s)
         return STATUSES[ended[0]], goals, stopped
 
     def _execution(self, joint: SharedProperty, goals: Words, until: float) -> Searched:

@@ -201,8 +201,8 @@ class Packing:
         elif isinstance(t, (ArrayType, ListType)):
             self._sequence(place, t, hulls_, present)
         else:
-            packed = self.field(_shown(place, t, hulls_[0], present), scalar_width(t, hulls_[0]))
-            self.unpack.append(c.Assign(place, _stored(packed, t, hulls_[0])))
+            packed = self.field(_to_word(place, t, hulls_[0], present), scalar_width(t, hulls_[0]))
+            self.unpack.append(c.Assign(place, _from_word(packed, t, hulls_[0])))
 
     def _sequence(
         self,
@@ -289,13 +289,13 @@ class Packing:
             return at + width * _size(t)
         width = scalar_width(t, hulls_[0])
         if width == 0:
-            reads.append(c.Assign(place, _stored(word(0), t, hulls_[0])))
+            reads.append(c.Assign(place, _from_word(word(0), t, hulls_[0])))
             return at
         where = c.Binary("+", base, word(at)) if at else base
-        shown = _shown(place, t, hulls_[0], present)
+        shown = _to_word(place, t, hulls_[0], present)
         writes.append(c.Do(c.CallExpr("soter_put", (WORDS, where, short(width), shown))))
         got = c.CallExpr("soter_get", (WORDS, where, short(width)))
-        reads.append(c.Assign(place, _stored(got, t, hulls_[0])))
+        reads.append(c.Assign(place, _from_word(got, t, hulls_[0])))
         return at + width
 
     # ------------------------------------------------------------ done
@@ -345,7 +345,7 @@ def _width(t: Type, hulls_: Sequence[Hull]) -> int:
     return scalar_width(t, hulls_[0])
 
 
-def _shown(place: c.CExpr, t: Type, hull: Hull, present: c.CExpr | None) -> c.CExpr:
+def _to_word(place: c.CExpr, t: Type, hull: Hull, present: c.CExpr | None) -> c.CExpr:
     """A stored scalar as a word, counted from the low end of its hull."""
     if isinstance(t, FloatType):
         e: c.CExpr = c.CallExpr("soter_float_bits", (place,))
@@ -356,7 +356,7 @@ def _shown(place: c.CExpr, t: Type, hull: Hull, present: c.CExpr | None) -> c.CE
     return e if present is None else c.Binary("&", e, present)
 
 
-def _stored(packed: c.CExpr, t: Type, hull: Hull) -> c.CExpr:
+def _from_word(packed: c.CExpr, t: Type, hull: Hull) -> c.CExpr:
     """The scalar that a packed word stands for, as it is stored."""
     if isinstance(t, FloatType):
         return c.CallExpr("soter_float_of", (packed,))

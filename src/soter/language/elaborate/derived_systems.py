@@ -113,7 +113,7 @@ def module_alone(system: System, module: Module, plants: Sequence[Component] = (
     return undriven(system, [*kept, module.dm, module.sc, module.ac])
 
 
-def beside(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol]) -> System:
+def with_plants(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol]) -> System:
     """A system of a module of `flat` and the plants of its proof, with the values of `flat`.
 
     Topics are those that the module sees, and the plants get the parameters of the module. Raises
@@ -140,7 +140,7 @@ def beside(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol])
     if system is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
     system.params = flat.params
-    return at_once(only(system, range(len(system.components))))
+    return without_held_topics(only(system, range(len(system.components))))
 
 
 def own_of(module: Module, instances: Sequence[typed.InstanceSymbol]) -> Iterator[typed.SetSymbol]:
@@ -257,7 +257,7 @@ def drawn_where(system: System, wanted: Callable[[int], bool]) -> System:
     return replace(system, inputs=tuple(i for i in system.inputs if wanted(i.topic)))
 
 
-def at_once(system: System) -> System:
+def without_held_topics(system: System) -> System:
     """The system without held topics: outputs of steps that take time take effect at once.
 
     It is for proofs and tests, which handle `Component.takes_ns` themselves.

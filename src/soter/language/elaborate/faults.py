@@ -2,7 +2,7 @@
 
 Purpose: turns each `SystemFaultSymbol` into `Fault`s, one for each component, with diagnostics for
 impossible ones, and decides whether a proof's assumptions still hold with it. `named` finds a
-component by the path in a fault or a test; `nobody` reports that there is none.
+component by the path in a fault or a test; `not_found` reports that there is none.
 Non-goals: what a fault does (`semantics/faults.py`, `codegen/faults.py`), tests
 (`language/elaborate/tested_system.py`).
 """
@@ -45,7 +45,7 @@ def _aliases(system: System, c: Component) -> set[str]:
     return aliases | {s.name for s in symbols} | {_short(s.name) for s in symbols}
 
 
-def nobody(
+def not_found(
     system: System, path: str, span: Span, diagnostics: Diagnostics, *, verb: str, plants: bool
 ) -> None:
     """Reports E009, no such component; `verb`: what it could do, `plants`: whether plants can."""
@@ -87,14 +87,14 @@ GIVEN = (*TIMED, "bias", "noise", "scale")
 
 def place_faults(elaborator: Topics, system: System) -> None:
     """Enters the faults of a system, `shuffled` included, from its symbol."""
-    places = _Places(elaborator, system)
+    places = _FaultPlacer(elaborator, system)
     faults = [f for item in elaborator.symbol.faults for f in places.of(item)]
     places.decide(faults)
     system.shuffled = any(item.kind == "order" for item in elaborator.symbol.faults)
     system.faults = waiting(system.modules, faults, shuffled=system.shuffled)
 
 
-class _Places:
+class _FaultPlacer:
     def __init__(self, elaborator: Topics, system: System) -> None:
         self.elaborator = elaborator
         self.diagnostics = elaborator.diagnostics
@@ -252,7 +252,7 @@ class _Places:
                 return [x for c in components for x in self._hit(item, c, parts[count:])]
         if not self.elaborator.partial:
             verb = f"have a fault `{item.kind}`"
-            nobody(self.system, item.path, item.span, self.diagnostics, verb=verb, plants=True)
+            not_found(self.system, item.path, item.span, self.diagnostics, verb=verb, plants=True)
         return []
 
     def _hit(
@@ -377,7 +377,7 @@ class _Places:
         said = []
         for m in self.system.modules:
             block = m.symbol.verify
-            by_name = _beside(m, block.late_of)
+            by_name = _by_full_name(m, block.late_of)
             if c.index in (m.dm, m.sc):
                 said.append((m, block.late_dm if c.index == m.dm else block.late_sc))
             elif c.name in by_name or (
@@ -395,7 +395,7 @@ class _Places:
         """Why `response` in every module that depends on `c` covers `most` ns; None: not."""
         said = []
         for m in self.system.modules:
-            by_name = _beside(m, m.symbol.verify.response_of)
+            by_name = _by_full_name(m, m.symbol.verify.response_of)
             if c.name in by_name or c.index in self._about(m) or c.index == m.ac:
                 said.append(self._number(m, by_name.get(c.name)))
         return "no longer than its declared `response`" if _keeps_to(said, most) else None
@@ -465,7 +465,7 @@ def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
     return None
 
 
-def _beside(m: Module, said: Mapping[str, typed.TypedExpr]) -> dict[str, typed.TypedExpr]:
+def _by_full_name(m: Module, said: Mapping[str, typed.TypedExpr]) -> dict[str, typed.TypedExpr]:
     """What a `verify` block says of nodes, with their full names in the system as keys."""
     return {f"{m.name.removesuffix(m.name.rpartition('.')[2])}{n}": e for n, e in said.items()}
 

@@ -15,7 +15,7 @@ from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.distinguished import Readers
 from soter.language.elaborate.elaborator import Elaborator
-from soter.language.elaborate.faults import named, nobody
+from soter.language.elaborate.faults import named, not_found
 from soter.language.elaborate.instantiate import expressions_of
 from soter.language.elaborate.stand_ins import (
     StatedValues,
@@ -414,7 +414,7 @@ class _TestElaborator(Elaborator):
     def _no_component(self, system: System, item: typed.FaultSymbol) -> None:
         if not self.partial and self.sound:
             verb = _VERBS[item.kind]
-            nobody(system, item.path, item.span, self.diagnostics, verb=verb, plants=False)
+            not_found(system, item.path, item.span, self.diagnostics, verb=verb, plants=False)
 
     def _overrun(self, system: System, c: Component, item: typed.FaultSymbol) -> None:
         assert c.node is not None

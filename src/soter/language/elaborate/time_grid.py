@@ -255,15 +255,15 @@ class _TimeReader:
             self.clocks.add(variable)
             if variable in self.others:
                 self.open.append(value.span)
-            self._off(variable, value)
+            self._add_offsets(variable, value)
         elif self._constant(value) is not None:
-            self._off(variable, value)
+            self._add_offsets(variable, value)
         else:
             self.others.add(variable)
             if variable in self.clocks:
                 self.open.append(value.span)
 
-    def _off(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
+    def _add_offsets(self, variable: typed.Variable, value: typed.TypedExpr) -> None:
         """Adds the constants and the forms of `value` to those of a local."""
         self.forms.setdefault(variable, set()).update(
             _form(0, plus + max(now, 0), minus + max(-now, 0))

@@ -104,7 +104,7 @@ class Slopes:
         if isinstance(e, typed.Vector):
             return self._vector(e)
         if isinstance(e, typed.Conditional):
-            return both(self.of(e.then), self.of(e.otherwise))
+            return union(self.of(e.then), self.of(e.otherwise))
         if isinstance(e, typed.Builtin):
             return self._builtin(e)
         if isinstance(e, typed.TypedCall):
@@ -140,9 +140,9 @@ class Slopes:
     def _builtin(self, e: typed.Builtin) -> Tree:
         parts = [self.of(x) for x in e.arguments]
         if e.name in ("min", "max") and all(isinstance(p, Slope) for p in parts):
-            return both(parts[0], parts[1])
+            return union(parts[0], parts[1])
         if e.name == "abs" and isinstance(parts[0], Slope):
-            return both(parts[0], times(parts[0], Slope(-1.0, -1.0)))
+            return union(parts[0], times(parts[0], Slope(-1.0, -1.0)))
         if e.name == "float" and isinstance(parts[0], Slope):
             return parts[0]
         return unknown(e.type, self._touched(e))
@@ -183,13 +183,13 @@ def each(t: Tree, change: Callable[[Slope], Slope]) -> Tree:
     return change(t) if isinstance(t, Slope) else tuple(each(part, change) for part in t)
 
 
-def both(a: Tree, b: Tree) -> Tree:
+def union(a: Tree, b: Tree) -> Tree:
     """A tree that covers two of one type; an unknown one if their lists differ in length."""
     if isinstance(a, Slope) and isinstance(b, Slope):
         by = {k: hull(a.by.get(k, (0.0, 0.0)), b.by.get(k, (0.0, 0.0))) for k in {*a.by, *b.by}}
         return Slope(*hull(a.range, b.range), by)
     if isinstance(a, tuple) and isinstance(b, tuple) and len(a) == len(b):
-        return tuple(both(x, y) for x, y in zip(a, b, strict=True))
+        return tuple(union(x, y) for x, y in zip(a, b, strict=True))
     return Slope(*ANY, dict.fromkeys(_states(a) | _states(b), ANY))
 
 

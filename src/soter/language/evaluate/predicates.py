@@ -161,7 +161,7 @@ def maybe_nan(system: System, module: Module, *more: t.TypedExpr) -> frozenset[t
     for predicate in (symbol.ttf, symbol.safer, *symbol.verify.progress, *more):
         if predicate is None:
             continue
-        looking = _Looking(system, module)
+        looking = _NanFinder(system, module)
         try:
             looking.evaluate(predicate)
             found |= looking.found
@@ -193,7 +193,7 @@ def _is_number(e: t.TypedExpr) -> bool:
     return isinstance(e, t.Literal) and not has_nan(e.value)
 
 
-class _Looking(RangeEvaluator):
+class _NanFinder(RangeEvaluator):
     """Evaluates code over ranges, and collects in `found` compared operands that may be NaN."""
 
     def __init__(self, system: System, module: Module) -> None:

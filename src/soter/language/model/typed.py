@@ -701,7 +701,7 @@ class ModuleSymbol(Symbol):
         return tuple(e for e in predicates if e is not None)
 
     @property
-    def spoken(self) -> tuple[TypedExpr, ...]:
+    def predicates_and_lemmas(self) -> tuple[TypedExpr, ...]:
         """`predicates`, and those of lemmas, `progress`, `enters` and `rest`."""
         verify = self.verify
         enters = () if verify.enters is None else (verify.enters,)
@@ -710,8 +710,8 @@ class ModuleSymbol(Symbol):
 
     @property
     def expressions(self) -> tuple[TypedExpr, ...]:
-        """`spoken` and the conditions of the contract: every expression that names topics."""
-        return (*self.spoken, *(c.condition for c in self.contract))
+        """Every expression that names topics: those above, and the conditions of the contract."""
+        return (*self.predicates_and_lemmas, *(c.condition for c in self.contract))
 
 
 @dataclass(eq=False, repr=False)

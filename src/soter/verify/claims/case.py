@@ -193,7 +193,7 @@ class Method(ABC):
     """Further advice where `safe` is no product over the groups."""
 
     @abstractmethod
-    def opened(self, case: Case, group: Group) -> GroupProof:
+    def new_proof(self, case: Case, group: Group) -> GroupProof:
         """A new proof of a group; `UnboundedError` where the dynamics have no enclosure."""
 
     @abstractmethod

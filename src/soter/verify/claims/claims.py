@@ -11,9 +11,9 @@ Non-goals: where control begins (`start.py`), how a group is proved (`case.py`, 
 `verify/polytope/`), refinement and verdicts (`verify_module.py`), the error of a scheme
 (`enclose/scheme_error.py`). That long arrays and lists stay in their sets is an assumption.
 
-P2b may take longer than all other claims. Where `ttf`, `safer` or the start fail, `put_off` leaves
-it to an attempt on a finer grid; if there is none, the module is undecided whatever P2b says, and
-`recover_for_report` spends about as long on it as they took. So CPU time decides no verdict.
+P2b may take longer than all other claims. Where `ttf`, `safer` or the start fail, `postpone_p2b`
+leaves it to an attempt on a finer grid; if there is none, the module is undecided whatever P2b
+says, and `recover_for_report` spends about as long on it as these. CPU time decides no verdict.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from soter.verify.claims.product_sets import (
     NOTHING_KEPT,
     VAIN,
     FailsafeClaim,
-    inside,
+    cut_to_law_core,
     law_stays_inside,
     product_holds,
     without_law,
@@ -84,7 +84,7 @@ def open_case(
     for i, group in enumerate(in_order(groups)):
         old = None if before is None else before.proofs[i]
         if old is None or before is None or old.group != group:
-            case.proofs.append(method_of(group).opened(case, group))
+            case.proofs.append(method_of(group).new_proof(case, group))
             continue
         old.fresh = False
         case.proofs.append(old)
@@ -152,7 +152,7 @@ def _kept_by_law(case: Case, parts: Sequence[SetFactor]) -> FailsafeClaim:
                 return FailsafeClaim(parts, parts, NOTHING_KEPT)
         except UnboundedError as error:
             return FailsafeClaim(parts, parts, str(error))
-    return inside(law.sets, parts)
+    return cut_to_law_core(law.sets, parts)
 
 
 def _hinted(case: Case, parts: Sequence[SetFactor]) -> list[SetFactor] | None:
@@ -173,7 +173,7 @@ def core(case: Case) -> bool:
     Where SC keeps nothing inside what the fail-safe law keeps, K is computed without the law.
     """
     whole = _cores(case)
-    if whole or case.lawful is None or not case.lawful.narrows:
+    if whole or case.lawful is None or not case.lawful.is_smaller:
         return whole
     case.lawful.give_up(NOTHING_INSIDE)
     for proof, part in zip(case.proofs, case.lawful.parts, strict=True):
@@ -250,7 +250,7 @@ def in_time(case: Case) -> None:
         )
 
 
-def waits(problem: Problem, finding: Finding) -> None:
+def weaken_if_waiting(problem: Problem, finding: Finding) -> None:
     """Weakens P2b of a module that waits for others: it is proved only while these are in AC."""
     modes = problem.modes
     if modes is None or not modes.waits or finding.verdict != PROVED:
@@ -266,7 +266,7 @@ LEAST_S = 4.0
 """CPU seconds that `recover_for_report` may take in any case."""
 
 
-def put_off(case: Case) -> bool:
+def postpone_p2b(case: Case) -> bool:
     """Whether a cheaper claim fails; then P2b is entered as a failure that was not looked at."""
     failing = next((f.claim for f in case.failures if f.claim in CHEAPER), None)
     if failing is not None:

@@ -316,7 +316,7 @@ class FailsafeClaim:
     """The sets of the law, where it is cut to K_fs."""
 
     @property
-    def narrows(self) -> bool:
+    def is_smaller(self) -> bool:
         """Whether SC has to keep less than C."""
         return self.parts is not self.whole
 
@@ -332,7 +332,7 @@ def without_law(problem: Problem, parts: Sequence[SetFactor]) -> FailsafeClaim |
     return FailsafeClaim(parts, parts, problem.law_unread or NO_LAW)
 
 
-def inside(law: CaseSets, parts: Sequence[SetFactor]) -> FailsafeClaim:
+def cut_to_law_core(law: CaseSets, parts: Sequence[SetFactor]) -> FailsafeClaim:
     """The claim with C cut to K_fs; `law` has the law's sets, on the same cells as `parts`."""
     core_parts: list[SetFactor] = []
     kept = of = 0

@@ -42,7 +42,7 @@ from soter.verify.deploy.dm_test_cases import (
     values,
 )
 from soter.verify.deploy.grid_tables import GroupTable
-from soter.verify.deploy.missing_predicates import put
+from soter.verify.deploy.missing_predicates import install
 from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.proof_methods import pairs_of, tables
 
@@ -171,7 +171,7 @@ def check_problem(problem: Problem, level_tables: Sequence[LevelTable]) -> DMChe
     system = derived_systems.unbound(problem.whole or problem.system)
     module = system.modules[problem.module.index]
     if level_tables:
-        put(system, module, problem, list(level_tables))
+        install(system, module, problem, list(level_tables))
     core = lower(system)
     for function in core.functions:
         function.source = None  # predicates call no extern functions (R003)

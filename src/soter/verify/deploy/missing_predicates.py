@@ -37,7 +37,7 @@ from soter.verify.problem.inputs import seen
 from soter.verify.proof_methods import in_order, method_of, pairs_of, tables
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.rest_claims import RestClaims, shown, too_long
+from soter.verify.tubes.rest_claims import RestClaims, show_rest_claims, too_long
 from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
 from soter.verify.tubes.tube_table import TubeLevels
 from soter.version import VERSION
@@ -117,7 +117,7 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
         if level_tables is None:
             notes.append(f"{module.name}: SC keeps no set that could be found: {NEVER}")
             continue
-        put(flat, module, problem, level_tables)
+        install(flat, module, problem, level_tables)
         every = zip(in_order(problem.groups), level_tables, strict=True)
         share = prod(table.share(group) for group, table in every)
         what = f"AC may have control on {share:.1%} of the estimates (S_0)"
@@ -136,7 +136,7 @@ def _follow(flat: System, module: Module, problem: TubeProblem) -> str:
     claims = rest_claims(check)
     if claims.kept:
         return f"{module.name}: {claims.kept}: {NEVER}"
-    put(flat, module, problem, [TubeLevels.of(check, claims)])
+    install(flat, module, problem, [TubeLevels.of(check, claims)])
     module.unshown = "; ".join(filter(None, (claims.moves, claims.start)))
     missing = f"; not shown: {module.unshown}" if module.unshown else ""
     where = "SC, followed from there, comes to rest"
@@ -175,7 +175,7 @@ def rest_claims(check: TubeCheck) -> RestClaims:
     key = digest([*told, *(f.read_text(encoding="utf-8") for f in engine_files())])
     folder = find_cached(REST, key, (REST,))
     if folder is None:
-        claims = shown(check)
+        claims = show_rest_claims(check)
         with contextlib.suppress(SoterError):
             store(REST, key, (REST,), lambda at: claims.write(at / REST))
         return claims
@@ -220,7 +220,7 @@ def _carry_shield(
     return list(topic_reads(m.shield.held, m.shield.permits, *m.shield.moved))
 
 
-def put(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:
+def install(flat: System, module: Module, problem: Problem, level_tables: Found) -> None:
     """Makes the predicates of these tables the module's own."""
     ttf, safer = predicates(problem, level_tables)
     reads = tuple(topic_reads(ttf, safer))
@@ -304,7 +304,7 @@ def sets_of(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
     return sets or (problem, None)
 
 
-def keep(result: ModuleResult) -> None:
+def cache_sets(result: ModuleResult) -> None:
     """Puts the sets of a proof into the cache, for whatever flies: they would be found again."""
     problem = result.problem
     if problem.computed and problem.groups and all(result.findings[c].holds for c in OF_SETS):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.report import RejectedError
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.language.elaborate.derived_systems import at_once, faultless
+from soter.language.elaborate.derived_systems import faultless, without_held_topics
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.verify.problem.extract import cases, extract
 from soter.verify.problem.problem import texts
@@ -155,7 +155,7 @@ def inherited(here: System, there: System) -> tuple[TransferredProof, ...]:
     `SoterError` D019 where something from outside is not covered.
     """
     diagnostics = Diagnostics()
-    proved = faultless(at_once(there))
+    proved = faultless(without_held_topics(there))
     _all_sensed(here, there, diagnostics)
     inheritances = [_of_module(here, m, proved, diagnostics) for m in here.modules]
     diagnostics.raise_errors()

@@ -341,7 +341,7 @@ def soonest(
                 search.undisturbed_s = trace.times[-1]
             if search.trace is None or trace.times[-1] < search.trace.times[-1] - period / 1000:
                 best, search.trace = trace.times[-1], trace
-                search.soonest = told(model, trace, pattern, whose)
+                search.soonest = leaving_run(model, trace, pattern, whose)
         if search.soonest is not None:
             break
         todo = [todo[i] for i in np.argsort(-np.array(reaches))[:FURTHEST]]
@@ -355,7 +355,7 @@ def _reach(model: PointModel, trace: ModelTrace) -> float:
     return float(np.nan_to_num(np.abs((states - states[0]) / half), nan=0.0).max())
 
 
-def told(model: PointModel, trace: ModelTrace, pattern: Pattern, whose: str) -> LeavingRun:
+def leaving_run(model: PointModel, trace: ModelTrace, pattern: Pattern, whose: str) -> LeavingRun:
     """A run as plain data for results."""
     names = model.names
     last = len(trace.times) - 1

@@ -41,7 +41,7 @@ from soter.verify.claims.results import (
     FlownFigures,
     RemedyCost,
 )
-from soter.verify.deploy.missing_predicates import complete, open_modules, put, sets_of
+from soter.verify.deploy.missing_predicates import complete, install, open_modules, sets_of
 from soter.verify.diagnosis.model_runs import PointModel, patterns, run
 from soter.verify.diagnosis.open_claims import HABIT, explain
 from soter.verify.diagnosis.vacuity import vacuity
@@ -178,7 +178,7 @@ def _flown(flat: System, tried: Problem, until_ns: int) -> FlownFigures | None:
         level_tables = None if sets is None else tables(problem, sets)
         if level_tables is None:
             return None
-        put(flat, module, problem, level_tables)
+        install(flat, module, problem, level_tables)
         files: dict[str, bytes] = {}
         for k, table in enumerate(level_tables):
             table.entry([""] * len(problem.states), str(k), files)

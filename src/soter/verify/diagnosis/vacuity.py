@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Problem
 
 
-HARDLY = 0.01
+RARE_SHARE = 0.01
 """Below this share of a group's K (of C_g for K itself) a headline says so: decision 45."""
 DRAWN = 2000
 FEW_STATES = 0.2
@@ -132,7 +132,7 @@ def _of_case(case: Case) -> Iterator[Vacuity]:
             yield Vacuity(NEVER, predicate, 0.0, _never(case, predicate, empty=free == 0.0))
             continue
         least_share = min(_shares(case, predicate), default=1.0)
-        if least_share < HARDLY:
+        if least_share < RARE_SHARE:
             yield Vacuity(HARDLY_EVER, predicate, least_share, _hardly(predicate, least_share))
     yield from _apart(case)
 
@@ -144,7 +144,7 @@ def _apart(case: Case) -> Iterator[Vacuity]:
     """
     for proof in case.proofs:
         share, anything = proof.both or (1.0, True)
-        if share < HARDLY:
+        if share < RARE_SHARE:
             how = HARDLY_EVER if anything else NEVER
             span = show_ns(case.problem.times.delta_dm)
             text = f"AC {how} keeps control longer than {span} (where `safer` holds, so does `ttf`)"
@@ -154,7 +154,7 @@ def _apart(case: Case) -> Iterator[Vacuity]:
 def _core(case: Case) -> Iterator[Vacuity]:
     for proof in case.proofs:
         share = proof.core_share
-        if share is not None and share < HARDLY:
+        if share is not None and share < RARE_SHARE:
             text = f"SC keeps `safe` from hardly any state (K is {share:.2%} of C)"
             yield Vacuity(HARDLY_EVER, "core", share, text)
 
@@ -250,7 +250,7 @@ class _Drawer:
         best = 0.0
         for anchor in self.anchors:
             best = max(best, self._share(own, anchor))
-            if best >= HARDLY:
+            if best >= RARE_SHARE:
                 break
         return best
 

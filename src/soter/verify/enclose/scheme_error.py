@@ -139,7 +139,7 @@ class SimulatedFlow:
     controls: int
 
 
-def followed(of: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]) -> SchemeSolution:
+def solution_of(of: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]) -> SchemeSolution:
     """Whether the simulator's steps solve the model of a group's states `own`, by how much more.
 
     Inputs lie in [low, high], (inputs,). The states that drive `own` are stepped with them, so

@@ -23,7 +23,7 @@ from soter.verify.deploy.grid_tables import CommandTable, Estimates, GroupTable,
 from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid import estimate_sets as levels
 from soter.verify.grid import recovery, set_figures
-from soter.verify.grid.recovery import led_back
+from soter.verify.grid.recovery import cells_in_way
 from soter.verify.grid.resting import resting
 from soter.verify.grid.set_figures import figure
 from soter.verify.grid.sets import RESTS, GridGroup
@@ -235,7 +235,7 @@ class GridProof(GroupProof):
         core, rank = self.found.core > 0, self.found.rank
         if rank is None:
             return 0.0
-        return float((core & ~led_back(self.found)).sum() / max(1, core.sum()))
+        return float((core & ~cells_in_way(self.found)).sum() / max(1, core.sum()))
 
     @property
     def core_cells(self) -> int:
@@ -249,7 +249,7 @@ class GridProof(GroupProof):
         assert part.rank is not None
         assert part.rank_holds is not None
         if part.finer is not None:
-            members = (part.core > 0) & led_back(part)
+            members = (part.core > 0) & cells_in_way(part)
             part.core = self.engine.core(part.allowed, members=members).witness
         else:
             part.core = np.where(part.rank == 1, part.home, part.rank_holds)
@@ -363,7 +363,7 @@ class Grids(Method):
         "start": "inclusion of the initial states",
     }
 
-    def opened(self, case: Case, group: Group) -> GridProof:
+    def new_proof(self, case: Case, group: Group) -> GridProof:
         """A new proof of a group, with an engine of its own."""
         library, problem = case.forms.library, case.problem
         engine = GridGroup.of(library, problem, group, case.parameter)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.verify.enclose.scheme_error import NS, SchemeSolution, SimulatedFlow, followed
+from soter.verify.enclose.scheme_error import NS, SchemeSolution, SimulatedFlow, solution_of
 from soter.verify.grid.group_inputs import borders_of
 from soter.verify.problem.problem import FARTHEST
 
@@ -326,7 +326,7 @@ class GridModel:
             return SchemeSolution()
         names = x.names or tuple(f"state {k}" for k in range(len(x.states)))
         stepped = SimulatedFlow(self._rate_forms, names, x.steps, len(x.controls))
-        return followed(stepped, self.low, self.high, self.axes)
+        return solution_of(stepped, self.low, self.high, self.axes)
 
     def _rate_forms(self, low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
         """Forms of all rates, (states, 4 + inputs), and the radius of every input."""

@@ -2,25 +2,25 @@
 
 Purpose: `recover` finds Q, the cells that SC keeps inside a target (where `safer` holds at every
 estimate), and W with its ranks: how many chains lead from a cell to Q, and how long they take
-(`way`; docs/verification.md, section 3; symbols: head of `sets.py`). Where `safer` is computed and
-Q is empty on the declared cells, `finer_home` tries smaller ones: each interval in which `safer`
-lies is cut in two, then in four. Whether that is done depends on counts of cells alone.
+(`recovery_ranks`; docs/verification.md, section 3; symbols: head of `sets.py`). Where `safer` is
+computed and Q is empty on the declared cells, `finer_q` tries smaller ones: each interval in which
+`safer` lies is cut in two, then in four. Whether that is done depends on counts of cells alone.
 Non-goals: targets and the time T (`verify/claims/claims.py`); a `safer` of the user's own, for
 which the whole grid is refined (`verify/claims/cells.py`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
-
-import numpy as np
-
+from dataclasses import dataclass
+from dataclasses import replace
 from soter.diagnostics.current_phase import share_done
 from soter.verify.claims.cells import halved
 from soter.verify.grid import sets as grids
-from soter.verify.grid.sets import LONGEST, GridGroup
+from soter.verify.grid.sets import GridGroup
+from soter.verify.grid.sets import LONGEST
 from soter.verify.problem.inputs import errors_of
+from typing import TYPE_CHECKING
+import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,7 +61,7 @@ class RecoveryRanks:
         return int(self.time_ns[self.cells].max(initial=0))
 
 
-def way(
+def recovery_ranks(
     group: GridGroup,
     core: Bools,
     constraint: Bools,
@@ -120,7 +120,7 @@ WAY_MAX = 80_000
 
 
 @dataclass(frozen=True, eq=False)
-class FinerHome:
+class FinerQ:
     """Q on smaller cells than the declared ones: those of `engine`; `home` holds its witnesses."""
 
     engine: GridGroup
@@ -138,7 +138,7 @@ class FinerHome:
         return found
 
 
-def finer_home(case: Case, engine: GridGroup, part: GroupSets) -> tuple[FinerHome | None, str]:
+def finer_q(case: Case, engine: GridGroup, part: GroupSets) -> tuple[FinerQ | None, str]:
     """Q on the largest of the smaller sizes that has one; else None and the sizes, in words."""
     assert part.deployed is not None
     inner = part.deployed[1]
@@ -155,7 +155,7 @@ def finer_home(case: Case, engine: GridGroup, part: GroupSets) -> tuple[FinerHom
         tried.append(size)
         home = fine.core(target).witness
         if home.any():
-            return FinerHome(fine, group, size, origin, home), ""
+            return FinerQ(fine, group, size, origin, home), ""
     return None, " or ".join(tried)
 
 
@@ -172,7 +172,7 @@ def target_on(
     return fine.erode(part.deployed[1][origin], errors_of(case.problem)) & part.allowed[origin]
 
 
-def led_back(part: GroupSets) -> Bools:
+def cells_in_way(part: GroupSets) -> Bools:
     """The declared cells, in their grid's shape, that lie in W with all their small cells."""
     assert part.rank is not None
     if part.finer is None:
@@ -236,7 +236,7 @@ def recover(
         return
     part.home, part.finer = engine.core(inside).witness, None
     if not part.home.any():
-        found, tried = finer_home(case, engine, part) if case.problem.computed else (None, "")
+        found, tried = finer_q(case, engine, part) if case.problem.computed else (None, "")
         if found is not None:
             _from_finer(case, proof, part, found)
             return
@@ -256,8 +256,8 @@ def recover(
     _stuck(case, proof, (part.core > 0) & (return_way.rank == 0))
 
 
-def _from_finer(case: Case, proof: GroupProof, part: GroupSets, found: FinerHome) -> None:
-    """Fills in Q and W on small cells, as `finer_home` found Q; K stays as it is."""
+def _from_finer(case: Case, proof: GroupProof, part: GroupSets, found: FinerQ) -> None:
+    """Fills in Q and W on small cells, as `finer_q` found Q; K stays as it is."""
     core = (part.core > 0)[found.origin]
     part.home, part.finer = found.home, (found.size, found.group)
     home = found.home > 0
@@ -291,7 +291,7 @@ def _as_before(case: Case, engine: GridGroup, part: GroupSets, inside: Bools) ->
     home = engine.core(inside, members=before).witness
     if not home.any():
         return False
-    inner_way = way(engine, before, allowed, home > 0, holds=FINER[0])
+    inner_way = recovery_ranks(engine, before, allowed, home > 0, holds=FINER[0])
     later = part.rank.astype(np.int64) + (int(inner_way.rank.max()) - 1)
     if (before & (inner_way.rank == 0)).any() or int(later.max()) > HIGHEST:
         return False
@@ -323,12 +323,12 @@ def _way(
     few = min(STRAGGLERS_MAX, int(core.sum()) // 20)
     return_way: RecoveryRanks | None = None
     for lengths in lengths_tried:
-        return_way = way(engine, core, allowed, home, holds=lengths, before=return_way)
+        return_way = recovery_ranks(engine, core, allowed, home, holds=lengths, before=return_way)
         if int((core & ~return_way.cells).sum()) <= few:
             break
     assert return_way is not None
     if 0 < int((core & ~return_way.cells).sum()) <= STRAGGLERS_MAX:
         # at the border of K chains fit W at few lengths only
         every = range(1, LONGEST + 1)
-        return_way = way(engine, core, allowed, home, holds=every, before=return_way)
+        return_way = recovery_ranks(engine, core, allowed, home, holds=every, before=return_way)
     return return_way

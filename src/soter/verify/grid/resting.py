@@ -247,7 +247,7 @@ class _Search:
             fine: Bools = np.asarray(allowed[tuple(to_rest)].all(axis=tuple(self.moving)))
             for k, (way, of, out) in enumerate(zip(self.ways, far, beyond, strict=True)):
                 least = [min((self._most(p, place) for p in side), default=inf) for side in of]
-                fine = _led(fine, k, edges[way], least, out)
+                fine = _all_fine_within(fine, k, edges[way], least, out)
             cells[tuple(place.get(a, slice(None)) for a in range(len(edges)))] = fine
         return cells & allowed
 
@@ -294,7 +294,7 @@ def _to_rest(edges: NDArray[np.float64], k: int | None) -> tuple[int, int]:
     return min(k, first), max(k, last) + 1
 
 
-def _led(
+def _all_fine_within(
     fine: Bools, axis: int, edges: NDArray[np.float64], far: Sequence[float], beyond: Sequence[bool]
 ) -> Bools:
     """The cells of `fine` around which everything within `far` along an axis is fine, too."""

@@ -118,7 +118,7 @@ def _point(terms: SolverTerms, earliest: int, latest: int) -> Point:
     if earliest == latest:
         return Point(earliest, latest, earliest, place)
     at = terms.whole("at")
-    terms.state(terms.both(earliest <= at, at <= latest))
+    terms.state(terms.all_of(earliest <= at, at <= latest))
     return Point(earliest, latest, at, place)
 
 
@@ -131,7 +131,7 @@ def before(terms: SolverTerms, a: Point, b: Point) -> Term:
     first = a.place < b.place
     if isinstance(a.at, int) and isinstance(b.at, int):
         return first  # both at one instant
-    return terms.either(a.at < b.at, terms.both(a.at == b.at, first))
+    return terms.any_of(a.at < b.at, terms.all_of(a.at == b.at, first))
 
 
 def clusters(steps: Sequence[CalendarStep]) -> list[list[CalendarStep]]:

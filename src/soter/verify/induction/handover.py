@@ -1,9 +1,9 @@
 """Whether a view's state jumps only where `enters` holds ("Hand-over" in docs/proof-sets.md).
 
 Purpose: the state of a view is computed by a map that may read topics, so it jumps when a node
-publishes new values there. `handovers` finds that node and asks z3 about any two of its steps in a
-row, and about its first step: either what the map reads is published unchanged, or `enters` holds
-of what the later step reads and publishes, and that step publishes all that the view's plants
+publishes new values there. `jumping_topics` finds that node and asks z3 about any two of its steps
+in a row, and about its first step: either what the map reads is published unchanged, or `enters`
+holds of what the later step reads and publishes, and that step publishes all that the view's plants
 drive.
 Non-goals: that the state lies in R(H) wherever `enters` holds (`claims/start.py`).
 """
@@ -37,7 +37,7 @@ Path = tuple[int, ...]
 
 
 @dataclass(frozen=True)
-class Handover:
+class JumpingTopic:
     """One topic, the node that publishes it, and `why` nothing is shown of it; "": it is shown."""
 
     topic: typed.TopicSymbol
@@ -45,7 +45,9 @@ class Handover:
     why: str = ""
 
 
-def handovers(flat: System, module: Module, link: typed.AbstractionLink) -> Iterator[Handover]:
+def jumping_topics(
+    flat: System, module: Module, link: typed.AbstractionLink
+) -> Iterator[JumpingTopic]:
     """For every topic that the map of a view reads; none where there is no view or no `enters`."""
     enters = None if module.whole is None else module.whole.verify.enters
     if enters is None:
@@ -58,8 +60,8 @@ def handovers(flat: System, module: Module, link: typed.AbstractionLink) -> Iter
         name = writers[0].name if writers else ""
         if not why:
             changed = ChangedTopic(index, _paths(link.value, topic), _driven(flat, module, link))
-            why = _shown(flat, module, enters, writers[0], changed)
-        yield Handover(topic, name, why)
+            why = _why_not_shown(flat, module, enters, writers[0], changed)
+        yield JumpingTopic(topic, name, why)
 
 
 def _ages(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> str:
@@ -170,7 +172,7 @@ class StepTransition:
 
 
 @ctrl_c_waits()
-def _shown(
+def _why_not_shown(
     flat: System,
     module: Module,
     enters: typed.TypedExpr,
@@ -215,11 +217,11 @@ def _jumps(
     says, value = step.published.get(changed.index, nothing)
     said, old = last.published.get(changed.index, nothing)
     old = terms.chosen(said, old, terms.fresh(t, "before"), t)
-    same = terms.both(*[_same(terms, value, old, t, p) for p in changed.paths])
+    same = terms.all_of(*[_same(terms, value, old, t, p) for p in changed.paths])
     shows = [step.published.get(i, (False, None))[0] for i in changed.shown]
-    runs = terms.no(terms.either(step.faults, last.faults))
-    good = terms.either(same, terms.both(step.enters, *shows))
-    bad = terms.both(runs, says, terms.no(good))
+    runs = terms.negated(terms.any_of(step.faults, last.faults))
+    good = terms.any_of(same, terms.all_of(step.enters, *shows))
+    bad = terms.all_of(runs, says, terms.negated(good))
     if isinstance(bad, bool):
         return bad
     query = terms.query()
@@ -232,7 +234,7 @@ def _same(terms: SolverTerms, a: Term, b: Term, t: Type, path: Path) -> Term:
         assert isinstance(t, RecordType)
         a, b, t = a[k], b[k], t.fields[k][1]
     pairs = zip(terms.flat(a, t), terms.flat(b, t), strict=True)
-    return terms.both(*[x == y for x, y in pairs])
+    return terms.all_of(*[x == y for x, y in pairs])
 
 
 def _step(
@@ -259,5 +261,5 @@ def _step(
     later = Evaluation(terms, functions, shown)
     later.run(asked.body)
     holds = later.expr(asked.value)
-    holds = terms.both(holds, terms.no(terms.either(later.fault, later.doubt)))
-    return StepTransition(after, published, terms.either(evaluation.fault, evaluation.doubt), holds)
+    holds = terms.all_of(holds, terms.negated(terms.any_of(later.fault, later.doubt)))
+    return StepTransition(after, published, terms.any_of(evaluation.fault, evaluation.doubt), holds)

@@ -221,7 +221,7 @@ def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -
         )
     assert sc.node is not None
     takeover = sc.node.takeover or ()
-    for call in _externs(*symbol.spoken, *sc.node.step, *takeover):
+    for call in _externs(*symbol.predicates_and_lemmas, *sc.node.step, *takeover):
         diagnostics.error(
             "R003",
             f"module `{module.name}` rests on the extern function `{call.fun.name}`",
@@ -230,7 +230,7 @@ def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -
             helps=("write it in Soter",),
         )
     known = {**sc.scope.modules, **module.scope.modules}
-    for where, read in mode_reads(*symbol.spoken, *sc.node.step, *takeover).items():
+    for where, read in mode_reads(*symbol.predicates_and_lemmas, *sc.node.step, *takeover).items():
         if known.get(where) != module.index:
             diagnostics.error(
                 "R030",
@@ -238,7 +238,7 @@ def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -
                 read.span,
                 notes=(OF_MODES,),
             )
-    for node in nodes(symbol.spoken):
+    for node in nodes(symbol.predicates_and_lemmas):
         if isinstance(node, typed.MarginRead):
             diagnostics.error(
                 "R030",
@@ -262,7 +262,7 @@ def _neighbours(
     symbol, scope = module.symbol, module.scope
     own = {module.dm, module.sc, module.ac}
     needed = {*_topics_read(scope, symbol.safe, *symbol.verify.lemmas)}
-    todo = _topics_read(scope, *symbol.spoken)
+    todo = _topics_read(scope, *symbol.predicates_and_lemmas)
     todo += _read_by(flat.components[module.sc])
     decided = {scope.topics[t]: f"decided by the DM of {name}" for t, name in modes.topics.items()}
     seen: set[int] = set()

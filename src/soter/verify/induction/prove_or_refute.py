@@ -36,7 +36,7 @@ from soter.language.model.types import (
 from soter.verify.induction.calendar import hyperperiod, settled
 from soter.verify.induction.solver_terms import SolverTerms
 from soter.verify.induction.step_terms import AC, SC, ClusterView
-from soter.verify.induction.transition_relation import Stretch
+from soter.verify.induction.transition_relation import TimeSpan
 from soter.workers.solvers import ctrl_c_waits
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def _latching(problem: InductionProblem, induction: Induction) -> None:
 def _may_fault(problem: InductionProblem) -> tuple[str, ...]:
     """The names of the components whose steps may fault, as far as is known of them."""
     terms = SolverTerms()
-    stretch = Stretch(problem, terms, hyperperiod(problem.clocks))
+    stretch = TimeSpan(problem, terms, hyperperiod(problem.clocks))
     indices = {d.step.component for d in stretch.done if d.doubt is not False}
     return tuple(problem.system.components[i].name for i in sorted(indices))
 
@@ -174,11 +174,11 @@ def _base(problem: InductionProblem, induction: Induction, k: int) -> str:
     """Whether all holds from the start of every run until k hyperperiods after all phases."""
     terms = SolverTerms()
     end = settled(problem.clocks) + k * induction.hyperperiod_ns
-    stretch = Stretch(problem, terms, end, first=True, latching=bool(induction.latching))
+    stretch = TimeSpan(problem, terms, end, first=True, latching=bool(induction.latching))
     induction.uninterpreted |= stretch.uninterpreted
     bad = _bad(stretch, 0, end)
     query = terms.query()
-    query.add(terms.either(*[b for b, _, _ in bad]))
+    query.add(terms.any_of(*[b for b, _, _ in bad]))
     answer = query.check()
     if answer == terms.z3.unsat:
         return HOLDS
@@ -210,12 +210,12 @@ def _step(problem: InductionProblem, induction: Induction, k: int) -> bool:
     """
     terms = SolverTerms()
     whole = induction.hyperperiod_ns
-    stretch = Stretch(problem, terms, (k + 1) * whole, latching=bool(induction.latching))
+    stretch = TimeSpan(problem, terms, (k + 1) * whole, latching=bool(induction.latching))
     failures = _bad(stretch, k * whole, (k + 1) * whole)
     for claim in sorted({number for _, _, number in failures}):
         query = terms.query()
         _assume(query, stretch, k * whole)
-        query.add(terms.either(*[b for b, _, number in failures if number == claim]))
+        query.add(terms.any_of(*[b for b, _, number in failures if number == claim]))
         answer = query.check()
         if answer == terms.z3.unknown:
             induction.gave_up = "; the solver gave up on some of them"
@@ -224,29 +224,29 @@ def _step(problem: InductionProblem, induction: Induction, k: int) -> bool:
     return True
 
 
-def _assume(query: Query, stretch: Stretch, until: int) -> None:
+def _assume(query: Query, stretch: TimeSpan, until: int) -> None:
     """Adds to the query that everything that is judged before `until` held."""
     terms = stretch.terms
     for seen in stretch.seen:
         if seen.earliest < until:
-            counts = terms.both(seen.counts, seen.latest < until or seen.at < until)
-            query.add(terms.z3.Implies(counts, _term(terms, terms.both(*seen.holds))))
+            counts = terms.all_of(seen.counts, seen.latest < until or seen.at < until)
+            query.add(terms.z3.Implies(counts, _term(terms, terms.all_of(*seen.holds))))
 
 
-def _bad(stretch: Stretch, begin: int, end: int) -> list[tuple[Term, Term, int]]:
+def _bad(stretch: TimeSpan, begin: int, end: int) -> list[tuple[Term, Term, int]]:
     """Each way in which a claim may fail in [begin, end): condition, time, number of the claim."""
     terms = stretch.terms
     failures = []
     for seen in stretch.seen:
         if seen.latest < begin or seen.earliest >= end:
             continue
-        inside = terms.both(
+        inside = terms.all_of(
             seen.earliest >= begin or seen.at >= begin, seen.latest < end or seen.at < end
         )
-        counts = terms.both(seen.counts, inside)
+        counts = terms.all_of(seen.counts, inside)
         for number, holds in enumerate(seen.holds):
-            holds_ = terms.both(holds, seen.later) if number == 1 else holds
-            failures.append((terms.both(counts, terms.no(holds_)), seen.at, number))
+            holds_ = terms.all_of(holds, seen.later) if number == 1 else holds
+            failures.append((terms.all_of(counts, terms.negated(holds_)), seen.at, number))
     return failures
 
 
@@ -277,10 +277,10 @@ def _nothing(problem: InductionProblem, induction: Induction, n: int, *, stays: 
     In them no step faults, and what P2b takes for granted holds.
     """
     terms, end = SolverTerms(), n * induction.hyperperiod_ns
-    stretch = Stretch(problem, terms, end, returning=True, stays=stays)
+    stretch = TimeSpan(problem, terms, end, returning=True, stays=stays)
     query = terms.query()
     _assume(query, stretch, end)
-    granted = [terms.either(terms.no(s.counts), s.granted) for s in stretch.seen]
+    granted = [terms.any_of(terms.negated(s.counts), s.granted) for s in stretch.seen]
     query.add(*granted)
     return bool(query.check() == terms.z3.unsat)
 
@@ -298,9 +298,9 @@ def _never(problem: InductionProblem, induction: Induction) -> str:
         return "fails"
     whole, latching = induction.hyperperiod_ns, bool(induction.latching)
     held = induction.k * whole
-    later = partial(Stretch, problem, end=held + whole, latching=latching)
+    later = partial(TimeSpan, problem, end=held + whole, latching=latching)
     first = partial(
-        Stretch, problem, end=settled(problem.clocks) + held, first=True, latching=latching
+        TimeSpan, problem, end=settled(problem.clocks) + held, first=True, latching=latching
     )
     for word in ("gets", "keeps"):
         if not (_decided(later, held, word) or _decided(first, 0, word)):
@@ -311,25 +311,25 @@ def _never(problem: InductionProblem, induction: Induction) -> str:
 def _holds_anyway(problem: InductionProblem) -> bool:
     """Whether `safe` is true of all values of the topics' sets, whoever publishes them."""
     terms = SolverTerms()
-    stretch = Stretch(problem, terms, 0)
-    outside = terms.no(stretch.judged(ClusterView(stretch, None, 0))[0])
+    stretch = TimeSpan(problem, terms, 0)
+    outside = terms.negated(stretch.judged(ClusterView(stretch, None, 0))[0])
     query = terms.query()
     query.add(outside)
     return bool(query.check() == terms.z3.unsat)
 
 
-def _decided(made: Callable[..., Stretch], begin: int, word: str) -> bool:
+def _decided(made: Callable[..., TimeSpan], begin: int, word: str) -> bool:
     """Whether some decision from `begin` on may give AC control ("gets"), or leave it ("keeps")."""
     terms = SolverTerms()
     stretch = made(terms=terms)
     query = terms.query()
     _assume(query, stretch, stretch.end)
     ways = [
-        terms.both(d.mode == AC, d.before == (AC if word == "keeps" else SC))
+        terms.all_of(d.mode == AC, d.before == (AC if word == "keeps" else SC))
         for d in stretch.done
         if d.mode is not None and not d.step.begun and d.step.effect.latest >= begin
     ]
-    query.add(terms.either(*ways))
+    query.add(terms.any_of(*ways))
     return bool(query.check() != terms.z3.unsat)
 
 

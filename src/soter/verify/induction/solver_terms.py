@@ -177,21 +177,21 @@ class SolverTerms:
 
     # ------------------------------------------------------------ truths
 
-    def both(self, *truths: Term) -> Term:
+    def all_of(self, *truths: Term) -> Term:
         """The conjunction of some conditions."""
         if any(t is False for t in truths):
             return False
         unknown = [t for t in truths if t is not True]
         return True if not unknown else unknown[0] if len(unknown) == 1 else self.z3.And(*unknown)
 
-    def either(self, *truths: Term) -> Term:
+    def any_of(self, *truths: Term) -> Term:
         """The disjunction of some conditions."""
         if any(t is True for t in truths):
             return True
         unknown = [t for t in truths if t is not False]
         return False if not unknown else unknown[0] if len(unknown) == 1 else self.z3.Or(*unknown)
 
-    def no(self, truth: Term) -> Term:
+    def negated(self, truth: Term) -> Term:
         """The negation of a condition."""
         return not truth if isinstance(truth, bool) else self.z3.Not(truth)
 
@@ -276,7 +276,7 @@ class SolverTerms:
             pairs = zip(
                 self.flat(element_term, t.element), self.flat(known, t.element), strict=True
             )
-            self.state(self.both(*[a == b for a, b in pairs]))
+            self.state(self.all_of(*[a == b for a, b in pairs]))
 
     def length(self, term: Term) -> Term:
         """The length of a list."""
@@ -307,7 +307,7 @@ class SolverTerms:
         size = len(elements)
         own = [bounds] * size if isinstance(t, ListType) else [b for _, b in _divided(t, bounds)]
         passes = [self.may_publish(v, p, b or ()) for (v, p), b in zip(elements, own, strict=True)]
-        self.state(claim == self.both(*passes))
+        self.state(claim == self.all_of(*passes))
 
     def listed(self, t: Type, elements: list[tuple[Term, Type]]) -> Term:
         """The term of a list or long array with these elements."""
@@ -327,12 +327,12 @@ class SolverTerms:
         """The condition that the gate lets a value pass: finite and within its bounds."""
         if is_tuple(t):
             own = zip(value, _divided(t, bounds), strict=True)
-            return self.both(*[self.may_publish(v, p, b or ()) for v, (p, b) in own])
+            return self.all_of(*[self.may_publish(v, p, b or ()) for v, (p, b) in own])
         if isinstance(t, (BoolType, EnumType)):
             return True
         if is_whole(t):
             low, high = range_of(t, bounds)
-            return self.both(low <= value, value <= high)
+            return self.all_of(low <= value, value <= high)
         if isinstance(value, float):
             return allowed(value, t, bounds)
         return self._predicate(t, bounds)(self.lifted(t, value))
@@ -438,8 +438,8 @@ class SolverTerms:
             return ns < reached
         if op == "<=":
             return ns < passed
-        same = self.both(ns >= reached, ns < passed)
-        return same if op == "==" else self.no(same)
+        same = self.all_of(ns >= reached, ns < passed)
+        return same if op == "==" else self.negated(same)
 
 
 def _same(a: Term, b: Term) -> bool:

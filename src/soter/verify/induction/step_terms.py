@@ -73,14 +73,14 @@ class Evaluation(Execution["Term"]):
     # ------------------------------------------------------------ statements
 
     def _guard(self, condition: Term) -> None:
-        self._faults(self.terms.no(condition))
+        self._faults(self.terms.negated(condition))
 
     def _faults(self, condition: Term) -> None:
-        fault = self.terms.both(self.where, condition)
+        fault = self.terms.all_of(self.where, condition)
         if self.terms.is_opaque(condition):
-            self.doubt = self.terms.either(self.doubt, fault)
+            self.doubt = self.terms.any_of(self.doubt, fault)
         else:
-            self.fault = self.terms.either(self.fault, fault)
+            self.fault = self.terms.any_of(self.fault, fault)
 
     def _branch_condition(self, condition: Term) -> Term:
         return self.terms.named(condition, "if")
@@ -89,7 +89,7 @@ class Evaluation(Execution["Term"]):
         return condition if isinstance(condition, bool) else None
 
     def _reached(self, where: Term, condition: Term, truth: bool) -> Term:
-        return self.terms.both(where, condition if truth else self.terms.no(condition))
+        return self.terms.all_of(where, condition if truth else self.terms.negated(condition))
 
     def _join(self, condition: Term, *_: None) -> Join[Term]:
         def join(a: Term, b: Term, t: Type) -> Term:
@@ -104,7 +104,7 @@ class Evaluation(Execution["Term"]):
             value = terms.truth(s.name)
         else:
             value = terms.whole(s.name)
-            terms.state(terms.both(s.low <= value, value < s.low + s.count))
+            terms.state(terms.all_of(s.low <= value, value < s.low + s.count))
         if s.ages is not None:
             t = self.frame.types[s.ages]
             self.bind(s.ages, t, terms.fresh(t, s.ages))
@@ -125,10 +125,10 @@ class Evaluation(Execution["Term"]):
         """The value where there is no fault, and the condition that there is one."""
         terms, z3 = self.terms, self.terms.z3
         if s.op == "index":
-            return v[0], terms.no(terms.both(v[0] >= 0, v[0] < limit))
+            return v[0], terms.negated(terms.all_of(v[0] >= 0, v[0] < limit))
         if s.op == "narrow":
             assert isinstance(s.type, IntType)
-            return v[0], terms.no(terms.both(s.type.low <= v[0], v[0] <= s.type.high))
+            return v[0], terms.negated(terms.all_of(s.type.low <= v[0], v[0] <= s.type.high))
         if s.op == "to_int":
             given = [terms.lifted(FLOAT, v[0])]
             return terms.apply("to_int", given, INT), terms.apply("to_int faults", given, BOOL)
@@ -147,7 +147,7 @@ class Evaluation(Execution["Term"]):
         else:
             assert s.op == "abs", s.op
             value = abs(v[0]) if is_known(v[0]) else z3.If(v[0] < 0, -v[0], v[0])
-        return value, terms.no(terms.both(value >= INT_MIN, value <= INT_MAX))
+        return value, terms.negated(terms.all_of(value >= INT_MIN, value <= INT_MAX))
 
     def _is_nan(self, value: Term) -> Term:
         """The condition that a float is NaN: uninterpreted where its value is not known."""
@@ -163,8 +163,8 @@ class Evaluation(Execution["Term"]):
         a, b = v
         if not is_known(b):
             given = [x for y in v for x in terms.flat(y, INT)]
-            over = terms.both(a == INT_MIN, b == -1)
-            return terms.apply(op, given, INT), terms.either(b == 0, over)
+            over = terms.all_of(a == INT_MIN, b == -1)
+            return terms.apply(op, given, INT), terms.any_of(b == 0, over)
         if b == 0:
             return 0, True
         if is_known(a):
@@ -182,7 +182,7 @@ class Evaluation(Execution["Term"]):
             self.where, self.fault, self.doubt = True, False, False
             value = super().call(f, arguments)
             self.where, self.fault, inner = where, fault, self.fault
-            self.doubt = terms.either(doubt, terms.both(where, self.doubt))
+            self.doubt = terms.any_of(doubt, terms.all_of(where, self.doubt))
         else:
             pairs = zip(arguments, f.parameters, strict=True)
             given = [x for a, p in pairs for x in terms.flat(a, p.type)]
@@ -280,7 +280,7 @@ class Evaluation(Execution["Term"]):
 
     def _unary(self, e: core.Unary, operand: Term) -> Term:
         if e.op == "not":
-            return self.terms.no(operand)
+            return self.terms.negated(operand)
         if isinstance(operand, (int, float)) and e.op in ("to_float", "neg", "abs"):
             known = float(operand)
             return known if e.op == "to_float" else -known if e.op == "neg" else abs(known)
@@ -297,9 +297,9 @@ class Evaluation(Execution["Term"]):
         terms = self.terms
         t = e.left.type
         if e.op == "&&":
-            return terms.both(a, b)
+            return terms.all_of(a, b)
         if e.op == "||":
-            return terms.either(a, b)
+            return terms.any_of(a, b)
         if isinstance(t, BoolType) or is_whole(t):
             return _compared(terms, e.op, a, b)
         assert isinstance(t, FloatType), t
@@ -325,7 +325,7 @@ class Evaluation(Execution["Term"]):
         if isinstance(a, float) and isinstance(b, Age):
             return terms.compare_age(SWAPPED[op], b.ns, a)
         if op == "!=":
-            return terms.no(self._floats_compared("==", a, b))
+            return terms.negated(self._floats_compared("==", a, b))
         if op in (">", ">="):
             a, b, op = b, a, SWAPPED[op]
         given = [terms.lifted(FLOAT, a), terms.lifted(FLOAT, b)]
@@ -336,7 +336,7 @@ def _compared(terms: SolverTerms, op: str, a: Term, b: Term) -> Term:
     if op == "==":
         return a == b
     if op == "!=":
-        return terms.no(a == b)
+        return terms.negated(a == b)
     return a < b if op == "<" else a <= b if op == "<=" else a > b if op == ">" else a >= b
 
 
@@ -403,7 +403,7 @@ class JudgedInstant:
 
 
 class StepSurroundings(Protocol):
-    """What a view needs of the span of time around it: `transition_relation.Stretch`."""
+    """What a view needs of the span of time around it: `transition_relation.TimeSpan`."""
 
     problem: InductionProblem
     terms: SolverTerms

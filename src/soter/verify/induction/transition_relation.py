@@ -1,9 +1,9 @@
 """The transition relation of an induction: all that may happen in a span of time, as terms.
 
-Purpose: a `Stretch` is the span [0, end) from the start of a run, or from any state. It makes terms
-for the effects of all its steps, in every order that their windows allow, and for what is judged at
-each instant: whether `safe` and the lemmas hold and no step faulted. There is no state between
-steps: what a step reads is the value of the last writer before it, by the order of steps.
+Purpose: a `TimeSpan` is the span [0, end) from the start of a run, or from any state. It makes
+terms for the effects of all its steps, in every order that their windows allow, and for what is
+judged at each instant: whether `safe` and the lemmas hold and no step faulted. There is no state
+between steps: what a step reads is the value of the last writer before it, by the order of steps.
 Non-goals: proving anything (`prove_or_refute.py`).
 """
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from soter.verify.induction.solver_terms import SolverTerms, Term
 
 
-class Stretch:
+class TimeSpan:
     """The span of time [0, end) in ns, of a run (`first`) or of any hyperperiod from any state.
 
     `returning` adds what P2b takes for granted: what the DM reads is fresh, the gate has latched no
@@ -142,14 +142,14 @@ class Stretch:
         value = evaluation.expr(p.value)
         self.uninterpreted |= evaluation.uninterpreted
         terms = self.terms
-        faults = terms.either(evaluation.fault, evaluation.doubt)
-        return terms.either(value, faults) if fault else terms.both(value, terms.no(faults))
+        faults = terms.any_of(evaluation.fault, evaluation.doubt)
+        return terms.any_of(value, faults) if fault else terms.all_of(value, terms.negated(faults))
 
 
 class Cluster:
     """Steps whose windows overlap; the effect of each is a term of what those before it did."""
 
-    def __init__(self, of: Stretch, steps: list[CalendarStep], after: int) -> None:
+    def __init__(self, of: TimeSpan, steps: list[CalendarStep], after: int) -> None:
         self.of, self.terms, self.steps, self.after = of, of.terms, steps, after
         self.done = [self._announced(s) for s in steps]
         self.locals = dict(of.state.locals)
@@ -188,14 +188,14 @@ class Cluster:
         t = self.of.problem.system.topics[index].type
         value, stamp = old
         terms = self.terms
-        counted = [(d, terms.both(here, said), new) for d, here, said, new in publications]
+        counted = [(d, terms.all_of(here, said), new) for d, here, said, new in publications]
         for d, counts, new in counted:
             later = [
-                terms.both(other, before(terms, d.step.effect, e.step.effect))
+                terms.all_of(other, before(terms, d.step.effect, e.step.effect))
                 for e, other, _ in counted
                 if e is not d
             ]
-            is_last = terms.both(counts, terms.no(terms.either(*later)))
+            is_last = terms.all_of(counts, terms.negated(terms.any_of(*later)))
             value = terms.chosen(is_last, new, value, t)
             stamp = if_(terms, is_last, d.step.effect.at, stamp)
         return value, stamp
@@ -227,7 +227,7 @@ class Cluster:
             done.mode = SC if inside else terms.fresh(MODE, "mode")
             if of.stays and not inside:
                 still = step.effect.at >= of.end
-                terms.state(terms.either(still, done.mode == SC))
+                terms.state(terms.any_of(still, done.mode == SC))
             return done
         for index in of.problem.outputs[step.component]:
             topic = of.problem.system.topics[index]
@@ -253,7 +253,7 @@ class Cluster:
         decision = problem.core.decisions[problem.module.index]
         ttf = of.predicate(decision.ttf, view, fault=True)
         safer = of.predicate(decision.safer, view, fault=False)
-        stale = terms.either(
+        stale = terms.any_of(
             *[
                 step.start.at - view.stamp(i) > limit
                 for i in problem.module.inputs
@@ -262,9 +262,9 @@ class Cluster:
         )
         gate_fault, clean = terms.truth("gate fault"), terms.truth("clean")
         if of.returning:
-            terms.state(terms.both(terms.no(gate_fault), clean, terms.no(stale)))
-        leaves = terms.either(ttf, stale, gate_fault)
-        enters = terms.both(safer, terms.no(stale), clean)
+            terms.state(terms.all_of(terms.negated(gate_fault), clean, terms.negated(stale)))
+        leaves = terms.any_of(ttf, stale, gate_fault)
+        enters = terms.all_of(safer, terms.negated(stale), clean)
         done.before = view.mode()
         from_ac = if_(terms, leaves, SC, AC)
         from_sc = if_(terms, enters, AC, SC)
@@ -282,7 +282,7 @@ class Cluster:
         for copy in code.locals:
             evaluation.bind(copy.name, copy.type, self.locals[component.index, copy.cell.name])
         if code.takeover:
-            takes = terms.both(enabled, terms.no(self.had[component.index]))
+            takes = terms.all_of(enabled, terms.negated(self.had[component.index]))
             evaluation.branch(takes, lambda: evaluation.run(code.takeover), lambda: None)
         evaluation.run(code.body)
         of.uninterpreted |= evaluation.uninterpreted
@@ -294,19 +294,19 @@ class Cluster:
             if flag is False:
                 continue
             passes = terms.may_publish(value, t, output.bounds)
-            refused = terms.both(flag, terms.no(passes))
+            refused = terms.all_of(flag, terms.negated(passes))
             if terms.is_opaque(passes):
-                doubt = terms.either(doubt, refused)
+                doubt = terms.any_of(doubt, refused)
             else:
-                fault = terms.either(fault, refused)
-            values[output.topic] = (value, t, terms.both(flag, passes))
+                fault = terms.any_of(fault, refused)
+            values[output.topic] = (value, t, terms.all_of(flag, passes))
         for q in queues_of(system, component):
             if system.topics[q].policy == "fault":
-                fault = terms.either(fault, terms.truth("queue lost a value"))
+                fault = terms.any_of(fault, terms.truth("queue lost a value"))
         done.fault, done.doubt = terms.named(fault, "fault"), terms.named(doubt, "doubt")
         runs = self._latch(component, done) if of.latching else True
         for index, (value, t, passed) in values.items():
-            self._equal(done.published[index][1], value, t, terms.both(passed, runs))
+            self._equal(done.published[index][1], value, t, terms.all_of(passed, runs))
         for copy in code.locals:
             key = component.index, copy.cell.name
             after = evaluation.frame.variables[copy.name]
@@ -322,9 +322,9 @@ class Cluster:
     def _latch(self, component: Component, done: StepEffect) -> Term:
         """The condition that the step runs to its end: a node that has faulted does nothing."""
         terms = self.terms
-        bad = terms.either(self.latched[component.index], done.fault, done.doubt)
+        bad = terms.any_of(self.latched[component.index], done.fault, done.doubt)
         self.latched[component.index] = bad = terms.named(bad, "latched")
-        return terms.no(bad)
+        return terms.negated(bad)
 
     def _failsafe(
         self, component: Component, done: StepEffect, runs: Term, said: Mapping[int, Term]
@@ -336,7 +336,7 @@ class Cluster:
             if falls_back:
                 t = self.of.problem.system.topics[index].type
                 value = terms.constant(t, component.failsafe[index])
-                self._equal(done.published[index][1], value, t, terms.no(runs))
+                self._equal(done.published[index][1], value, t, terms.negated(runs))
             condition_by_topic[index] = terms.chosen(runs, wanted, falls_back, BOOL)
         return condition_by_topic
 
@@ -351,9 +351,9 @@ class Cluster:
         free = component.role == "ac"
         for index, (flag, _) in done.published.items():
             wanted = said[index]
-            terms.state(terms.z3.Implies(flag, terms.both(wanted, terms.either(starts, ends))))
+            terms.state(terms.z3.Implies(flag, terms.all_of(wanted, terms.any_of(starts, ends))))
             if not free:
-                terms.state(terms.z3.Implies(terms.both(wanted, starts, ends), flag))
+                terms.state(terms.z3.Implies(terms.all_of(wanted, starts, ends), flag))
 
     def _enabled(self, done: StepEffect, point: Point) -> Term:
         """The condition that the step's component is in control at a point; nodes always are."""
@@ -392,11 +392,11 @@ class Cluster:
                 continue  # it may have been over before: then there is no such instant
             here = d.step.effect
             over = [
-                self.terms.no(self.terms.both(p.at == here.at, before(self.terms, here, p)))
+                self.terms.negated(self.terms.all_of(p.at == here.at, before(self.terms, here, p)))
                 for p in points
                 if p is not here and p.earliest <= here.latest and here.earliest <= p.latest
             ]
-            self._see_at(d, here, self.terms.both(*over))
+            self._see_at(d, here, self.terms.all_of(*over))
 
     def _see_at(self, d: StepEffect, point: Point | None, counts: Term) -> None:
         of, terms = self.of, self.terms
@@ -407,22 +407,22 @@ class Cluster:
         if of.aged:
             now = terms.whole("now")
             still = [
-                terms.either(before(terms, e.step.effect, at), e.step.effect.at > now)
+                terms.any_of(before(terms, e.step.effect, at), e.step.effect.at > now)
                 for e in self.done
                 if e is not d and point is not None
             ]
-            terms.state(terms.both(now >= at.at, now < max(self.after, at.latest + 1)))
+            terms.state(terms.all_of(now >= at.at, now < max(self.after, at.latest + 1)))
             view = ClusterView(of, self, now, point, d.step)
             holds_then = of.predicate(of.problem.safe, view, fault=False)
-            later = terms.either(terms.no(terms.both(*still)), holds_then)
+            later = terms.any_of(terms.negated(terms.all_of(*still)), holds_then)
         over = self.done if point is None else [d]
-        faults = [e.fault if of.latching else terms.either(e.fault, e.doubt) for e in over]
-        no_fault = terms.no(terms.either(*faults))
+        faults = [e.fault if of.latching else terms.any_of(e.fault, e.doubt) for e in over]
+        no_fault = terms.negated(terms.any_of(*faults))
         granted: Term = True
         if of.returning:
             view = ClusterView(of, self, at.at, point, d.step)
             asked = of.problem.progress
-            granted = terms.both(*[of.predicate(p, view, fault=False) for p in asked])
+            granted = terms.all_of(*[of.predicate(p, view, fault=False) for p in asked])
         every = (no_fault, *holds)
         who = d.step.component
         of.seen.append(

@@ -389,7 +389,7 @@ class Polytopes(Method):
     )
     hint = ", or give a `polytope` narrower ranges"
 
-    def opened(self, case: Case, group: Group) -> PolytopeProof:
+    def new_proof(self, case: Case, group: Group) -> PolytopeProof:
         """A new proof of a group, of which nothing is computed yet."""
         del case
         return PolytopeProof(group, PolytopePart(group))

@@ -27,7 +27,7 @@ from soter.verify.enclose.scheme_error import (
     STIFF_HINT,
     SchemeSolution,
     SimulatedFlow,
-    followed,
+    solution_of,
 )
 from soter.verify.grid.group_model import OUTSET
 from soter.verify.polytope.linear_group import LinearGroup
@@ -257,7 +257,7 @@ def _followed(
 
     names = tuple(s.name for s in problem.quantities.states)
     stepped = SimulatedFlow(rates, names, problem.schemes, len(problem.controls))
-    return followed(stepped, domain[:, 0], domain[:, 1], own)
+    return solution_of(stepped, domain[:, 0], domain[:, 1], own)
 
 
 # ---------------------------------------------------------------- the law

@@ -13,7 +13,7 @@ from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.model.tree_walk import calls_in, topic_reads
 from soter.language.model.types import FloatType, leaf_name, leaves, show_ns
 from soter.language.prelude.function_error_bounds import BOUNDS
-from soter.verify.induction.handover import handovers
+from soter.verify.induction.handover import jumping_topics
 from soter.verify.problem.problem import FRESH, SCHEME, Assumption, Jumps, of_latch
 from soter.verify.problem.problem_times import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 from soter.verify.problem.supported_constructs import assumed_of_maps
@@ -89,7 +89,7 @@ def jumps_of(place: VerificationSystem) -> Jumps:
     entered: dict[str, str] = {}
     unkept: list[Assumption] = []
     for link in place.module.symbol.verify.abstracts:
-        given = {h.topic: h for h in handovers(place.flat, place.home, link)}
+        given = {h.topic: h for h in jumping_topics(place.flat, place.home, link)}
         kept = [h for h in given.values() if not h.why]
         rest = [t for t in topic_reads(link.value) if t not in {h.topic for h in kept}]
         if rest:

@@ -33,7 +33,7 @@ from soter.verify.problem.left_out_states import (
     turning_as,
     wrapping,
 )
-from soter.verify.problem.other_modules import handed_back, modes_as_topics, under
+from soter.verify.problem.other_modules import handed_back, modes_as_topics, with_module_above
 from soter.verify.problem.problem import Assumption, Interval, Problem, Times
 from soter.verify.problem.problem_times import times_of
 from soter.verify.problem.supported_constructs import check_supported
@@ -44,7 +44,7 @@ from soter.verify.problem.verification_system import (
     under_law,
     whole,
 )
-from soter.verify.tubes.problem import followed
+from soter.verify.tubes.problem import tube_problem_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -113,7 +113,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     at = place(flat, module)
     kind = check_supported(at, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
-    at, above = under(home, at, kind, diagnostics)
+    at, above = with_module_above(home, at, kind, diagnostics)
     inputs = inputs_of(at, diagnostics)
     diagnostics.raise_errors()
     core, rest = lower(at.system), at.module.symbol.rest
@@ -171,7 +171,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         above=above.name if above else "",
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
-    return problem if rest is None else followed(problem, rest, calculator)
+    return problem if rest is None else tube_problem_of(problem, rest, calculator)
 
 
 def _levels_open(module: Module) -> bool:

@@ -1,11 +1,12 @@
 """What a proof takes of other modules: of the one above, and modes and margins of any.
 
-Purpose: `under` gives the states at which the module above gives control back, as a predicate over
-what the plants of the proof drive, and how old the state behind that verdict may be once it is in
-force (docs/proof-modules.md, Towers); `handed_back` adds that age to the times. `modes_as_topics`
-replaces `mode(M)` of another module, and `margin(M)` of any, in SC, `ttf` and `safer` by a topic
-that nobody in the proof drives: it may have any value at any read. It also says for which modules
-P2b waits, and whether those wait in turn (docs/proof-modules.md, Coordinated switching).
+Purpose: `with_module_above` gives the states at which the module above gives control back, as a
+predicate over what the plants of the proof drive, and how old the state behind that verdict may be
+once it is in force (docs/proof-modules.md, Towers); `handed_back` adds that age to the times.
+`modes_as_topics` replaces `mode(M)` of another module, and `margin(M)` of any, in SC, `ttf` and
+`safer` by a topic that nobody in the proof drives: it may have any value at any read. It also says
+for which modules P2b waits, and whether those wait in turn (docs/proof-modules.md, Coordinated
+switching).
 Non-goals: that the state is then in R(H) (`claims/start.py`), what H has to be (`schedule.py`);
 `safe`, `core` and lemmas, in which no mode or margin may stand; one's own mode; the re-checker,
 which reads `mode` by itself and refuses `margin`.
@@ -13,21 +14,34 @@ which reads `mode` by itself and refuses `margin`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import lru_cache, reduce
-from typing import TYPE_CHECKING, Any
-
+from dataclasses import dataclass
+from dataclasses import replace
+from functools import lru_cache
+from functools import reduce
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.derived_systems import with_module
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.model import typed
-from soter.language.model.system import Bound, Topic, modules_above
-from soter.language.model.tree_walk import conjuncts, nodes, rewritten, topic_reads
-from soter.language.model.types import FLOAT, MODE, show_ns
-from soter.verify.problem.problem import NO_MODES, Assumption, Modes
-from soter.verify.problem.problem_times import read_by_dm, read_by_sc, times_of
+from soter.language.model.system import Bound
+from soter.language.model.system import Topic
+from soter.language.model.system import modules_above
+from soter.language.model.tree_walk import conjuncts
+from soter.language.model.tree_walk import nodes
+from soter.language.model.tree_walk import rewritten
+from soter.language.model.tree_walk import topic_reads
+from soter.language.model.types import FLOAT
+from soter.language.model.types import MODE
+from soter.language.model.types import show_ns
+from soter.verify.problem.problem import Assumption
+from soter.verify.problem.problem import Modes
+from soter.verify.problem.problem import NO_MODES
+from soter.verify.problem.problem_times import read_by_dm
+from soter.verify.problem.problem_times import read_by_sc
+from soter.verify.problem.problem_times import times_of
 from soter.verify.problem.supported_constructs import UNKNOWN_FACTS
 from soter.verify.problem.verification_system import place
+from typing import Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -275,7 +289,7 @@ class Above:
         ]
 
 
-def under(
+def with_module_above(
     flat: System, at: VerificationSystem, kind: ProblemKind, diagnostics: Diagnostics
 ) -> tuple[VerificationSystem, Above | None]:
     """The verification system with hand-backs of the module above as `enters`, and that module.

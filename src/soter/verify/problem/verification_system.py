@@ -137,7 +137,7 @@ def _abstract(flat: System, module: Module) -> System:
     """The module beside the plants that `abstracts` names."""
     links = module.symbol.verify.abstracts
     plants = [typed.InstanceSymbol(n.name, n.plant, {}, {}, n.span) for n in links]
-    return derived_systems.beside(flat, module, plants)
+    return derived_systems.with_plants(flat, module, plants)
 
 
 def _reduced(flat: System, module: Module) -> System:

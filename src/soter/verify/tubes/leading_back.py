@@ -1,11 +1,11 @@
 """Whether SC leads back into a box around rest: rule 1, "Decisions by tubes" (proof-flight.md).
 
-Purpose: `led_back` asks the tube of `rest.soter` whether every run of SC that begins in the box
-comes back into it: first from the whole box, then, where that fails, from ever smaller halves of
-it. Where a part is not shown, its answer says which one, and into how large a box SC does lead.
-`runs_from` first simulates runs in doubles, which takes a moment: from corners of the box, under
-disturbances at their ends, with reads that are true and new. Where no output of SC finds all runs
-from one start back in the box, no tube can show that start, and the search ends at once.
+Purpose: `leads_back` asks the tube of `rest.soter` whether every run of SC that begins in
+the box comes back into it: first from the whole box, then, where that fails, from ever smaller
+halves of it. Where a part is not shown, its answer says which one, and into how large a box SC does
+lead. `runs_from` first simulates runs in doubles, which takes a moment: from corners of the box,
+under disturbances at their ends, with reads that are true and new. Where no output of SC finds all
+runs from one start back in the box, no tube can show that start, and the search ends at once.
 Non-goals: finding the box (`rest_claims.py`), the tube itself (`rest.soter`), verdicts by runs:
 that all simulated runs come back shows nothing.
 """
@@ -25,7 +25,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expressions import in_order, middle
 from soter.verify.tubes.generated_functions import Caller, TooLongError
-from soter.verify.tubes.problem import reached
+from soter.verify.tubes.problem import cut_to_farthest
 from soter.verify.tubes.tube_check import CUTS, PLAIN
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
 
 
 @dataclass(frozen=True)
-class Astray:
+class RunNotBack:
     """A simulated run that is not back: it began at `start` under `disturbed`, each by its number.
 
     After `after_s` seconds, where the simulation ended, `state` was at `value`.
@@ -91,7 +91,7 @@ class RestRuns:
     """`reached`: where all runs ended, by state; `astray`: one of a start that never came back."""
 
     reached: dict[int, Interval]
-    astray: Astray | None
+    astray: RunNotBack | None
 
 
 def runs_from(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int]) -> RestRuns | None:
@@ -131,7 +131,7 @@ def runs_from(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int])
     run = start * len(winds) + wind
     return RestRuns(
         reached,
-        Astray(
+        RunNotBack(
             own[state],
             float(ends[state, run]),
             n * check.times.period * 1e-9,
@@ -237,7 +237,7 @@ LARGER = (1.1, 1.6)
 
 
 @dataclass
-class Led:
+class LeadBackResult:
     """What the search found. `why`: why SC is not shown to lead back, in words; "": it is shown.
 
     `ways`: Y of proof-flight.md, by state: the range that SC leads through on its way back.
@@ -249,21 +249,21 @@ class Led:
     astray: bool = False
 
 
-def ends(check: TubeCheck, by_state: Mapping[int, Interval]) -> Ends:
+def region_of(check: TubeCheck, by_state: Mapping[int, Interval]) -> Ends:
     """A box as the tube takes it; [0, 0] for a state without a range, which nobody reads there."""
     ranges = [by_state.get(s, Interval(0.0, 0.0)) for s in check.states]
     return [r.low for r in ranges], [r.high for r in ranges]
 
 
-def told(check: TubeCheck, box: Mapping[int, Interval]) -> str:
+def box_in_words(check: TubeCheck, box: Mapping[int, Interval]) -> str:
     """A box in words."""
     names = check.problem.quantities.states
     return ", ".join(f"{names[s].name} in [{r.low:.4g}, {r.high:.4g}]" for s, r in box.items())
 
 
-def led_back(check: TubeCheck, caller: Caller, box: Box, own: Sequence[int]) -> Led:
+def leads_back(check: TubeCheck, caller: Caller, box: Box, own: Sequence[int]) -> LeadBackResult:
     """Whether SC leads from all of `box` back into it, as far as the states `own` are concerned."""
-    return _Search(check, caller, box, own).all_of_it()
+    return _Search(check, caller, box, own).result()
 
 
 class _Search:
@@ -272,17 +272,17 @@ class _Search:
     def __init__(self, check: TubeCheck, caller: Caller, box: Box, own: Sequence[int]) -> None:
         self._check, self._caller, self._box, self._own = check, caller, box, own
         self._name = check.problem.name
-        self._rooms = {s: reached(check.rooms[s]) for s in own}
+        self._rooms = {s: cut_to_farthest(check.rooms[s]) for s in own}
         self._rests: tuple[int, Box] | None = None
 
-    def all_of_it(self) -> Led:
+    def result(self) -> LeadBackResult:
         own, ways = self._own, {s: self._box[s] for s in self._own}
-        into = told(self._check, ways)
+        into = box_in_words(self._check, ways)
         runs = runs_from(self._check, self._box, own) if own else None
         if runs is not None and runs.astray:
             why = f"SC does not lead back into {into}: {self._run(runs.astray)}"
             announce(lambda: f"{self._name}: {why}")
-            return Led({}, why + self._instead(runs.reached), astray=True)
+            return LeadBackResult({}, why + self._larger_box_in_words(runs.reached), astray=True)
         todo, shown, tried = [(self._box, 0, 1.0)], 0.0, 0
         parts_max = max(2 * SPLITS, OPERATIONS_MAX // self._caller.operations("keeps"))
         while todo:
@@ -302,16 +302,16 @@ class _Search:
                     todo.append((self._last_part(), SPLITS, 0.0))  # counted with its whole
             phase(f"{self._name}: shown that SC leads back from {shown:.1%} of rest")
             share_done(shown)
-        return Led(ways)
+        return LeadBackResult(ways)
 
     def _given_up(
         self, part: Box, into: str, shown: float, tried: int, runs: RestRuns | None
-    ) -> Led:
+    ) -> LeadBackResult:
         if self._rests is not None:
             self._check.cut, way = self._rests
-            return Led({s: _hull(self._box[s], way[s]) for s in self._own})
+            return LeadBackResult({s: _hull(self._box[s], way[s]) for s in self._own})
         reached = {} if runs is None else runs.reached
-        return Led({}, self._not_from(part, into, shown, tried, reached))
+        return LeadBackResult({}, self._not_from(part, into, shown, tried, reached))
 
     def _last_part(self) -> Box:
         """The smallest part that would be asked last: if it fails, the search ends at once."""
@@ -344,13 +344,13 @@ class _Search:
 
     def _starts(self, way: Box) -> bool:
         initial = {s: self._check.problem.initial[s] for s in self._check.states}
-        return Caller(self._check.offline(way)).holds("starts", ends(self._check, initial))
+        return Caller(self._check.offline(way)).holds("starts", region_of(self._check, initial))
 
     def _way(self, part: Box, box: Box) -> Box | None:
         """The range of each state on the way from `part` back into `box`; None: it is not shown."""
         moving = {s: Interval(-inf, inf) for s in self._check.states if s not in self._own}
         way, end = ({**moving, **{s: of[s] for s in self._own}} for of in (self._rooms, box))
-        led = self._caller.value("keeps", *(ends(self._check, b) for b in (part, way, end)))
+        led = self._caller.value("keeps", *(region_of(self._check, b) for b in (part, way, end)))
         if led is None or not led[0]:
             return None
         return {s: Interval(*r) for s, *r in zip(self._check.states, *led[1], strict=True)}
@@ -368,7 +368,7 @@ class _Search:
 
     # ------------------------------------------------------------ in words
 
-    def _run(self, run: Astray) -> str:
+    def _run(self, run: RunNotBack) -> str:
         states = self._check.problem.quantities.states
         winds = self._check.problem.quantities.disturbances
         start = ", ".join(f"{states[s].name} = {x:.3g}" for s, x in run.start.items())
@@ -381,10 +381,10 @@ class _Search:
         what = f"SC does not certainly lead back into {into}"
         if not own:
             return what
-        where = f"not from {told(self._check, own)} ({tried} part{'s' * (tried > 1)} asked)"
-        return f"{what}: shown of {shown:.1%} of it, {where}{self._instead(reached)}"
+        where = f"not from {box_in_words(self._check, own)} ({tried} part{'s' * (tried > 1)} asked)"
+        return f"{what}: shown of {shown:.1%} of it, {where}{self._larger_box_in_words(reached)}"
 
-    def _instead(self, reached: Box) -> str:
+    def _larger_box_in_words(self, reached: Box) -> str:
         """Words about a larger box that SC leads back into; "" where no tried box is one."""
         if not all(abs(r.low) < inf and abs(r.high) < inf for r in reached.values()):
             return ""
@@ -395,7 +395,7 @@ class _Search:
                 for s, r in reached.items()
             }
             if larger and self._way({**self._box, **larger}, {**self._box, **larger}) is not None:
-                return f"; into {told(self._check, larger)} it is shown to lead"
+                return f"; into {box_in_words(self._check, larger)} it is shown to lead"
         return ""
 
 

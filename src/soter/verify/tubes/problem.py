@@ -1,7 +1,7 @@
 """The problem of a module with `rest`, whose DM encloses what SC would do from each estimate.
 
-Purpose: `followed` turns the problem of a flow into a `TubeProblem`, and refuses (R007) what the
-theorem ("Decisions by tubes" in docs/proof-flight.md) does not cover.
+Purpose: `tube_problem_of` turns the problem of a flow into a `TubeProblem`, and refuses (R007) what
+the theorem ("Decisions by tubes" in docs/proof-flight.md) does not cover.
 Non-goals: the check in flight (`tube_check.py`), what is shown offline (`rest_claims.py`).
 """
 
@@ -61,7 +61,7 @@ class TubeProblem(Problem):
         return leaf_name(declared.name, list(leaves(declared.type))[k][0])
 
 
-def followed(problem: Problem, rest: RestSymbol, calculator: Calculator) -> TubeProblem:
+def tube_problem_of(problem: Problem, rest: RestSymbol, calculator: Calculator) -> TubeProblem:
     """The problem of a module with `rest`; `SoterError` R007 for what no tube follows."""
     diagnostics = Diagnostics()
     _refuse(problem, rest, diagnostics)
@@ -95,14 +95,14 @@ def followed(problem: Problem, rest: RestSymbol, calculator: Calculator) -> Tube
     )
 
 
-def reached(r: Interval) -> Interval:
+def cut_to_farthest(r: Interval) -> Interval:
     """The set `r` of a state, cut to ±`FARTHEST`."""
     return Interval(max(r.low, -FARTHEST), min(r.high, FARTHEST))
 
 
 def is_far(r: Interval) -> bool:
     """Whether the set `r` goes beyond ±`FARTHEST`."""
-    return reached(r) != r
+    return cut_to_farthest(r) != r
 
 
 def read_by(problem: Problem) -> set[int]:

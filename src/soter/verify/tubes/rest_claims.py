@@ -1,12 +1,12 @@
 """What is shown of a module with `rest` before anything flies.
 
-Purpose: `shown` asks the tube of `rest.soter` four things: that SC answers on all that it may read,
-that it keeps a box around the states where `rest` holds (rule 1 of "Decisions by tubes" in
-proof-flight.md), how far it moves the states that `moves` names (rule 2), and that the start leads
-to rest. `undrifted` shows rule 2 with one form of potential: V is the sum of c_i |x_i| over states.
-Where z' <= sum x_i p_i and x_i' = x_i q_i, z moves by at most V as long as |p_i| + c_i q_i <= 0.
-Each x_i is taken out as a factor, so V is exactly 0 where all x_i are: only p_i, q_i and what else
-is in z' are enclosed.
+Purpose: `show_rest_claims` asks the tube of `rest.soter` four things: that SC answers on all that
+it may read, that it keeps a box around the states where `rest` holds (rule 1 of "Decisions by
+tubes" in proof-flight.md), how far it moves the states that `moves` names (rule 2), and that the
+start leads to rest. `drift_not_shown` shows rule 2 with one form of potential: V is the sum of c_i
+|x_i| over states. Where z' <= sum x_i p_i and x_i' = x_i q_i, z moves by at most V as long as |p_i|
++ c_i q_i <= 0. Each x_i is taken out as a factor, so V is exactly 0 where all x_i are: only p_i,
+q_i and what else is in z' are enclosed.
 Non-goals: verdicts (`verify.py`), the check in flight (`tube_check.py`), other potentials.
 """
 
@@ -25,8 +25,8 @@ from soter.language.model.types import show_ns
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expressions import in_order
 from soter.verify.tubes.generated_functions import Caller, TooLongError, function
-from soter.verify.tubes.leading_back import ends, led_back, told
-from soter.verify.tubes.problem import FARTHEST, is_far, reached, refused
+from soter.verify.tubes.leading_back import box_in_words, leads_back, region_of
+from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refused
 from soter.verify.tubes.tube_check import PLAIN, above, part
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ RANGES = "const SYMBOLS: int = 1;\nconst NONE: float[SYMBOLS] = [0.0];"
 """Constants for forms with one symbol, so that no two of them share an error."""
 
 
-def undrifted(
+def drift_not_shown(
     check: TubeCheck, caller: Caller, at: Mapping[int, Interval], box: Mapping[int, Interval]
 ) -> str:
     """Why the bound of some state that `moves` names is not shown; "": all bounds are.
@@ -66,7 +66,7 @@ def undrifted(
             return f"SC may move {name} without end, and the set of its topic has one"
         ways = (("up", rate, drift.above), ("down", check.make.neg(rate), drift.below))
         for way, e, by in ways:
-            if isfinite(by) and (why := _farther(check, z, e, by, ranges, box)):
+            if isfinite(by) and (why := _why_it_may_drift(check, z, e, by, ranges, box)):
                 return f"how far SC moves {name} is not shown: {way}, {why}"
     return ""
 
@@ -100,7 +100,7 @@ def _pushed(check: TubeCheck, state: int) -> str:
     return f" (moved by {', '.join(said)})" if said else ""
 
 
-def _farther(
+def _why_it_may_drift(
     check: TubeCheck, z: int, e: Node, by: float, ranges: Ranges, box: Mapping[int, Interval]
 ) -> str:
     """Why a state z with rate `e` may grow by more than `by`, with V over `box`; "": it may not."""
@@ -221,7 +221,7 @@ class RestClaims:
         return cls(**told)
 
 
-def shown(check: TubeCheck) -> RestClaims:
+def show_rest_claims(check: TubeCheck) -> RestClaims:
     """Shows one claim after the other; where one fails, those that need it take over its text.
 
     `SoterError` R007 where the check takes more operations than a step may.
@@ -242,7 +242,7 @@ def shown(check: TubeCheck) -> RestClaims:
         at = {s: claims.ways.get(s, check.rooms[s]) for s in check.states}
         unread = Interval(0.0, 0.0)  # without a set: `_kept` has seen that nothing reads it
         at = {s: r if isfinite(r.high - r.low) else unread for s, r in at.items()}
-        claims.moves = undrifted(check, caller, at, claims.box)
+        claims.moves = drift_not_shown(check, caller, at, claims.box)
     phase(f"{check.problem.name}: whether SC leads to rest from the start")
     claims.start = claims.kept or _starts(check, Caller(check.offline(claims.ways)))
     return claims
@@ -281,8 +281,8 @@ def _without_set(check: TubeCheck, states: Sequence[int]) -> str:
 
 def _answers(check: TubeCheck, caller: Caller) -> str:
     """Why SC may fault, or publish what its topics may not hold, on some read; "": it does not."""
-    sets = {s: reached(check.read_sets[s]) for s in check.read_by_law}
-    if caller.holds("answers", ends(check, sets)):
+    sets = {s: cut_to_farthest(check.read_sets[s]) for s in check.read_by_law}
+    if caller.holds("answers", region_of(check, sets)):
         return ""
     return "on something in the sets of what it reads SC may fault, or publish what is outside"
 
@@ -295,12 +295,12 @@ def _kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     read = check.read_by_law | check.read_by_rates | check.read_by_rest
     if name := _without_set(check, [s for s in moving if s in read]):
         return f"{name} moves, is read, and nothing bounds it (a set of its topic would)"
-    sets = {s: reached(check.rooms[s]) for s in check.states if s in read or s in own}
+    sets = {s: cut_to_farthest(check.rooms[s]) for s in check.states if s in read or s in own}
     box = _around_rest(check, caller, sets, own)
     if box is None:
         return "`rest` holds nowhere in the sets of what it reads"
     claims.box = {s: box[s] for s in own}
-    led = led_back(check, caller, box, own)
+    led = leads_back(check, caller, box, own)
     claims.ways, claims.astray = led.ways, led.astray
     return led.why
 
@@ -310,7 +310,7 @@ def _around_rest(
 ) -> dict[int, Interval] | None:
     """A box outside of which `rest` certainly does not hold; None where it holds nowhere."""
     box = dict(sets)
-    if caller.holds("never_rests", ends(check, box)):
+    if caller.holds("never_rests", region_of(check, box)):
         return None
     for s in own:
         box[s] = _nearer(check, caller, box, s)
@@ -326,7 +326,7 @@ def _nearer(check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int) 
         return box[s]
     for end in (10.0**k for k in range(99, -10, -1)):
         beyond = (Interval(low, -end), Interval(end, high))
-        if not all(caller.holds("never_rests", ends(check, {**box, s: r})) for r in beyond):
+        if not all(caller.holds("never_rests", region_of(check, {**box, s: r})) for r in beyond):
             break
         low, high = -end, end
     return Interval(low, high)
@@ -341,7 +341,7 @@ def _shaved(
     for _ in range(HALVINGS):
         middle = 0.5 * (outer + inner)
         off = Interval(middle, high) if upper else Interval(low, middle)
-        if caller.holds("never_rests", ends(check, {**box, s: off})):
+        if caller.holds("never_rests", region_of(check, {**box, s: off})):
             outer = middle
         else:
             inner = middle
@@ -353,6 +353,6 @@ def _starts(check: TubeCheck, caller: Caller) -> str:
     initial = {s: check.problem.initial[s] for s in check.states}
     if any(map(is_far, initial.values())):
         return f"it is beyond {FARTHEST:g}"
-    if caller.holds("starts", ends(check, initial)):
+    if caller.holds("starts", region_of(check, initial)):
         return ""
-    return f"from {told(check, initial)} SC is not certainly led to rest"
+    return f"from {box_in_words(check, initial)} SC is not certainly led to rest"

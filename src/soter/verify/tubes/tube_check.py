@@ -284,7 +284,7 @@ class TubeCheck:
             function("speeds", RANGED, self._still, over, "Ranges", RANGES),
             function("effects", RANGED, [e for *_, e in self._effects], over, "Effects", RANGES),
             function("bends", "x: Forms, u: Controls, v: Forms", self._bends, over, "Forms"),
-            self._faces(over),
+            self._rate_by_number(over),
             function("law", "y: Forms", self.law, over, "Controls"),
             certain("safe", f"x: Forms, {MAP}: Map", self._safe, over, first=self._known()),
             certain("rests", "x: Forms", self._rest, over),
@@ -296,7 +296,7 @@ class TubeCheck:
         asked = f"    if !(abs({MAP}[k]) < {number(FARTHEST)}) {{ return false; }}"
         return f"  for k in 0..MAPS {{\n{asked}\n  }}\n" if self.problem.map_leaves else ""
 
-    def _faces(self, over: Inputs) -> str:
+    def _rate_by_number(self, over: Inputs) -> str:
         """`fun faced`, which `tube.soter` calls for the rate of one state by its number."""
         lines, calls = [], "  return EVERYTHING;"
         for k in self._faced:

@@ -184,7 +184,7 @@ def test_older_reads_than_there_are_may_be_claimed(right: tuple[Any, dict[str, A
 
 # ---------------------------------------------------------------- what is shown
 
-ANSWERS, KEEPS, DRIFTS = ("answers",), ("keeps",), ("drifts",)
+ANSWERS, KEEPS, DRIFTS = ("show_answers",), ("show_rule_1",), ("show_rule_2",)
 LEADS = (*KEEPS, *DRIFTS)
 ALL = (*ANSWERS, *LEADS)
 """Parts of the re-checker that see something; what SC does not answer has no chain either."""

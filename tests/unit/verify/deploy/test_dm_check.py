@@ -11,7 +11,7 @@ from soter.verify.command import verify
 from soter.verify.deploy.dm_check import DMCheck, check_decisions, check_module, decided
 from soter.verify.deploy.dm_test_cases import AC, SC
 from soter.verify.deploy.grid_tables import GroupTable
-from soter.verify.deploy.missing_predicates import complete, put
+from soter.verify.deploy.missing_predicates import complete, install
 from soter.verify.proof_methods import pairs_of, tables
 
 EXAMPLES = Path(__file__).parents[4] / "examples"
@@ -96,7 +96,7 @@ def test_one_wrong_entry_of_a_table_is_found(open_cart: Path) -> None:
     problem = module.problem
     decision_tables = tables(problem, [pairs_of(module.cases[0])])
     flat = replace(problem.system, modules=(replace(problem.module),))
-    put(flat, flat.modules[0], problem, decision_tables)
+    install(flat, flat.modules[0], problem, decision_tables)
     table = decision_tables[0]
     assert isinstance(table, GroupTable)
     table.entries[137, 59] ^= 1

@@ -14,7 +14,7 @@ from soter.cli.main import main
 from soter.language.front_end import check_file
 from soter.verify.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
 from soter.verify.command import modules_of, problems_of, verify
-from soter.verify.diagnosis.vacuity import HARDLY
+from soter.verify.diagnosis.vacuity import RARE_SHARE
 from soter.verify.verify_module import verify_module
 from unit.verify.diagnosis.tank_modules import TANK, changed, explained
 from unit.verify.towers import changed as changed_tower
@@ -151,7 +151,7 @@ def test_a_sliver_is_hardly_ever_and_more_is_not(width: float, little: bool) -> 
         level = chance.uniform(edges[core[0]], edges[core[-1] + 1], 200_000)
         level += chance.uniform(-0.01, 0.01, level.size)
         share = float(((level >= 1.0) & (level <= 1.0 + width)).mean())
-        assert module_result.vacuity.share < HARDLY
+        assert module_result.vacuity.share < RARE_SHARE
         assert module_result.vacuity.share == pytest.approx(share, abs=0.004)  # of 2,000 drawn
 
 

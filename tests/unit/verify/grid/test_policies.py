@@ -10,7 +10,7 @@ import pytest
 
 from soter.verify.find_sc import CommandTable, _Synthesis, core_synthesis
 from soter.verify.grid.group_inputs import GridInputs
-from soter.verify.grid.recovery import way
+from soter.verify.grid.recovery import recovery_ranks
 from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.grid_adversary import Runs
 from unit.verify.grid.small_enclosure_units import corner, hill
@@ -127,14 +127,14 @@ def test_the_way_back_takes_no_longer_than_claimed(number: int, *, in_turns: boo
     middle = np.abs(group.edges[0][:-1] + group.edges[0][1:]) < 1.4
     rates = np.abs(group.edges[1][:-1] + group.edges[1][1:]) < 1.6
     goal = core & middle[:, None] & rates[None, :]
-    first = way(group, core, allowed, goal, holds=(2, 5)) if in_turns else None
-    way_back = way(group, core, allowed, goal, before=first)
+    first = recovery_ranks(group, core, allowed, goal, holds=(2, 5)) if in_turns else None
+    way_back = recovery_ranks(group, core, allowed, goal, before=first)
     if first is not None:
         before = first.cells
         assert 0.1 * core.sum() < before.sum() < way_back.cells.sum()
         assert np.array_equal(way_back.rank[before], first.rank[before])
         assert way_back.rank[way_back.cells & ~before].min() > first.rank.max()
-        assert np.array_equal(way_back.cells, way(group, core, allowed, goal).cells)
+        assert np.array_equal(way_back.cells, recovery_ranks(group, core, allowed, goal).cells)
     assert np.array_equal(way_back.rank == 1, goal)
     assert (way_back.cells & core).sum() > 0.98 * core.sum()
     rng = np.random.default_rng(6)

@@ -11,7 +11,7 @@ from soter.api.program import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file, system_of
-from soter.verify.induction.handover import handovers
+from soter.verify.induction.handover import jumping_topics
 from soter.verify.problem.problem import texts
 from tables import all_rows
 
@@ -31,7 +31,7 @@ def shown(tmp_path: Path, text: str) -> list[str]:
     reasons = []
     for system, module in systems_by_view(flat, flat.modules[0]):
         (link,) = module.symbol.verify.abstracts
-        reasons += [h.why for h in handovers(system, module, link)]
+        reasons += [h.why for h in jumping_topics(system, module, link)]
     return reasons
 
 

@@ -210,7 +210,7 @@ class Finite(Method):
     kind = "finite"
     how = dict.fromkeys(("P2a", "P2b", "ttf", "safer", "start"), "every state there is")
 
-    def opened(self, case: Case, group: Group) -> FiniteProof:
+    def new_proof(self, case: Case, group: Group) -> FiniteProof:
         return FiniteProof(case, group)
 
     def parts(

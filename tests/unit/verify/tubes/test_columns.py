@@ -15,7 +15,7 @@ from soter.verify.problem.extract import extract
 from soter.verify.tubes import leading_back
 from soter.verify.tubes.generated_functions import Caller
 from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.rest_claims import shown
+from soter.verify.tubes.rest_claims import show_rest_claims
 from soter.verify.tubes.tube_check import CUTS, MOST, PLAIN, TubeCheck
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def test_few_columns_stay_where_more_are_no_help(monkeypatch: pytest.MonkeyPatch
     if "fit" in why:
         most = Caller(check.offline({})).operations("follows")
         monkeypatch.setattr(tree_walk, "MAX_OPERATIONS", int(1.05 * most))
-    assert "does not certainly lead back" in shown(check).kept
+    assert "does not certainly lead back" in show_rest_claims(check).kept
     assert check.cut == PLAIN
 
 
@@ -115,7 +115,7 @@ def test_a_start_that_is_not_shown_leaves_rest_as_it_is(monkeypatch: pytest.Monk
     assert still in HOVER
     check = check_of(HOVER.replace(still, "state x: float = 6.95; state v: float = 3.0;"))
     monkeypatch.setattr(leading_back, "SPLITS", 0)
-    claims = shown(check)
+    claims = show_rest_claims(check)
     assert claims.kept == ""
     assert "from b.x in [6.95, 6.95]" in claims.start
     assert check.cut == MOST

@@ -75,7 +75,7 @@ def doubt_shield(system: System, module: Module, diagnostics: Diagnostics) -> No
     outputs = {*symbol.ac.publishes, *symbol.sc.publishes}
     for group in symbol.verify.groups:
         moved = [leaf for axis in group.axes for leaf in _rates(axis, plants)]
-        found = dict.fromkeys(u for p, e, path in moved for u in _felt(p, e, path, outputs))
+        found = dict.fromkeys(u for p, e, path in moved for u in _reads(p, e, path, outputs))
         if len(found) > 1:
             diagnostics.warning(
                 "W033",
@@ -127,7 +127,7 @@ def _part(e: typed.TypedExpr, path: Path) -> tuple[typed.TypedExpr, Path] | None
     return None
 
 
-def _felt(
+def _reads(
     plant: typed.PlantSymbol,
     e: typed.TypedExpr,
     path: Path,
@@ -151,7 +151,7 @@ def _felt(
     elif isinstance(e, (typed.Builtin, typed.TypedCall)) and not path:
         parts = [(x, ()) for x in e.arguments if not isinstance(x.type, WHOLE)]
     for x, there in parts:
-        yield from _felt(plant, x, there, outputs)
+        yield from _reads(plant, x, there, outputs)
 
 
 TRIED_MAX = 16
