@@ -16,78 +16,78 @@ A claim that is not asked is not confirmed, and whatever raises is not accepted.
 
 from __future__ import annotations
 
+import math
+import os
+import time
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from soter.certificate.case_check import CLAIMS
-from soter.certificate.case_check import CaseCheck
-from soter.certificate.case_check import claimed_of
-from soter.certificate.case_check import narrowed
-from soter.certificate.case_check import static_claims
-from soter.certificate.case_check import survives_the_start
-from soter.certificate.cell_sets import Axes
-from soter.certificate.cell_sets import Grid
-from soter.certificate.control_changes import jumps_of
-from soter.certificate.control_changes import read_above
-from soter.certificate.failsafe_law import kept_by_law
-from soter.certificate.failsafe_law import law_in
-from soter.certificate.folder import Certificate
-from soter.certificate.folder import MANIFEST_KEYS
-from soter.certificate.folder import NotACertificateError
-from soter.certificate.folder import OF_SETS
-from soter.certificate.folder import hexadecimal
-from soter.certificate.folder import only_keys
-from soter.certificate.folder import program_of
-from soter.certificate.folder import read_certificate
-from soter.certificate.folder import refuse_cells
-from soter.certificate.folder import refuse_unclaimed
-from soter.certificate.proof_methods import GROUPS
-from soter.certificate.proof_methods import MODULES
+from typing import TYPE_CHECKING, Any
+
+from soter.certificate.case_check import (
+    CLAIMS,
+    CaseCheck,
+    claimed_of,
+    narrowed,
+    static_claims,
+    survives_the_start,
+)
+from soter.certificate.cell_sets import Axes, Grid
+from soter.certificate.control_changes import jumps_of, read_above
+from soter.certificate.failsafe_law import kept_by_law, law_in
+from soter.certificate.folder import (
+    MANIFEST_KEYS,
+    OF_SETS,
+    Certificate,
+    NotACertificateError,
+    hexadecimal,
+    only_keys,
+    program_of,
+    read_certificate,
+    refuse_cells,
+    refuse_unclaimed,
+)
+from soter.certificate.proof_methods import GROUPS, MODULES
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.left_out_states import leave_out
-from soter.certificate.reading.left_out_states import read_turning
-from soter.certificate.reading.left_out_states import refuse_read
-from soter.certificate.reading.left_out_states import refuse_turns_read
-from soter.certificate.reading.module_facts import Facts
-from soter.certificate.reading.module_facts import Input
-from soter.certificate.reading.module_facts import bounded_topics
+from soter.certificate.reading.left_out_states import (
+    leave_out,
+    read_turning,
+    refuse_read,
+    refuse_turns_read,
+)
+from soter.certificate.reading.module_facts import Facts, Input, bounded_topics
 from soter.certificate.reading.module_times import compare_times
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.view_predicates import left_out
-from soter.certificate.report import ACCEPTED
-from soter.certificate.report import NOT_RECHECKED
-from soter.certificate.report import NotRecheckedError
-from soter.certificate.report import REJECTED
-from soter.certificate.report import RecheckedModule
-from soter.certificate.report import RejectedError
-from soter.certificate.report import Report
-from soter.certificate.scope import assumptions_of
-from soter.certificate.scope import confirmed_of
-from soter.certificate.scope import open_questions
-from soter.certificate.scope import otherwise_in_program
-from soter.certificate.scope import parameters_of
-from soter.certificate.scope import uncovered
-from soter.certificate.vacuous_proofs import of_those_above
-from soter.certificate.vacuous_proofs import vacuous
-from soter.diagnostics.current_phase import between
-from soter.diagnostics.current_phase import phase
-from soter.diagnostics.current_phase import telling
+from soter.certificate.report import (
+    ACCEPTED,
+    NOT_RECHECKED,
+    REJECTED,
+    NotRecheckedError,
+    RecheckedModule,
+    RejectedError,
+    Report,
+)
+from soter.certificate.scope import (
+    assumptions_of,
+    confirmed_of,
+    open_questions,
+    otherwise_in_program,
+    parameters_of,
+)
+from soter.certificate.vacuous_proofs import of_those_above, vacuous
+from soter.diagnostics.current_phase import between, phase, telling
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.front_end import system_to_prove
 from soter.report.wording import visible
-from typing import Any
-from typing import TYPE_CHECKING
-import math
-import os
-import time
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
+
     from soter.certificate.failsafe_law import Law
     from soter.certificate.groups import Group
     from soter.certificate.scope import Covered

@@ -13,46 +13,31 @@ inputs with their ranges, the times, the machine. An assumption that is always m
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Any, Protocol
+
 from soter.certificate import control_changes
-from soter.certificate.reading import node_paths
-from soter.certificate.reading import sc_locals_and_modes
-from soter.certificate.reading import verification_system
-from soter.certificate.reading.module_facts import Facts
-from soter.certificate.reading.module_facts import bounded_topics
-from soter.certificate.reading.module_facts import number_of
-from soter.certificate.reading.module_facts import read_by
+from soter.certificate.reading import node_paths, sc_locals_and_modes, verification_system
+from soter.certificate.reading.module_facts import Facts, bounded_topics, number_of, read_by
 from soter.certificate.reading.module_times import DELAYS
-from soter.certificate.reading.supported_constructs import equations
-from soter.certificate.reading.supported_constructs import parts_of
+from soter.certificate.reading.supported_constructs import equations, parts_of
 from soter.certificate.report import RecheckAssumption
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import system_to_prove
 from soter.language.model.system import holder_of
 from soter.language.model.typed import FunSymbol
-from soter.language.model.types import DurationType
-from soter.language.model.types import FloatType
-from soter.language.model.types import leaf_name
-from soter.language.model.types import leaves
-from soter.language.model.types import show_ns
+from soter.language.model.types import DurationType, FloatType, leaf_name, leaves, show_ns
 from soter.language.prelude.function_error_bounds import BOUNDS
-from typing import Any
-from typing import Protocol
-from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from collections.abc import Mapping
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Mapping, Sequence
+
     from soter.certificate.control_changes import Jumps
     from soter.certificate.reading.module_facts import Input
     from soter.certificate.report import Said
     from soter.language.front_end import CheckResult
     from soter.language.model import typed
-    from soter.language.model.system import Component
-    from soter.language.model.system import Module
-    from soter.language.model.system import System
-    from soter.language.model.typed import ModuleSymbol
-    from soter.language.model.typed import TypedProgram
+    from soter.language.model.system import Component, Module, System
+    from soter.language.model.typed import ModuleSymbol, TypedProgram
     from soter.language.model.types import Value
 
 

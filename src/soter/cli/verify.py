@@ -235,8 +235,8 @@ def _coverage(report: VerifyReport) -> list[str]:
 
 def _print_joint_verdict(report: VerifyReport, printed: Printout) -> None:
     """Prints the verdict on all modules together, and who keeps what each takes for granted."""
-    from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy  # noqa: PLC0415 - needs NumPy
-    from soter.verify.scope import rows_of  # noqa: PLC0415 - what is stored needs none  # noqa: PLC0415 - what is stored needs none
+    from soter.report.tables import Styled  # noqa: PLC0415 - needs NumPy
+    from soter.verify.scope import rows_of  # noqa: PLC0415 - what is stored needs none
 
     verdict = printed.paint(PAINTS[report.together], report.together.upper())
     taken = rows_of(report)

@@ -10,44 +10,31 @@ Non-goals: what the parts mean together (`sb3_file.py`); images; rewards.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import cache
-from functools import partial
-from pathlib import Path
-from soter.language.load.named_files import NO_STATISTICS
-from soter.policy.network import OneHot
-from soter.policy.network import Policy
-from soter.policy.network import Standardised
-from soter.policy.network import in_numbers
-from soter.policy.pickle_data import Made
-from soter.policy.pickle_data import Name
-from soter.policy.pickle_data import Persistent
-from soter.policy.pickle_data import PickleError
-from soter.policy.pickle_data import array_of
-from soter.policy.pickle_data import read_pickle
-from soter.policy.policy_errors import FILE_MAX
-from soter.policy.policy_errors import bad_policy
-from soter.policy.policy_errors import content_of
-from typing import Any
-from typing import NamedTuple
-from typing import TYPE_CHECKING
 import base64
 import binascii
 import io
 import json
 import math
-import numpy as np
 import re
 import zipfile
+from dataclasses import replace
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from soter.language.load.named_files import NO_STATISTICS
+from soter.policy.network import OneHot, Policy, Standardised, in_numbers
+from soter.policy.pickle_data import Made, Name, Persistent, PickleError, array_of, read_pickle
+from soter.policy.policy_errors import FILE_MAX, bad_policy, content_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from collections.abc import Iterator
-    from collections.abc import Mapping
-    from soter.policy.network import Doubles
-    from soter.policy.network import Floats
-    from soter.policy.network import Layer
+    from collections.abc import Callable, Iterator, Mapping
+
     import numpy.typing as npt
+
+    from soter.policy.network import Doubles, Floats, Layer
 
 
 PART_MAX, PARTS_MAX = 64 * 2**20, 10_000

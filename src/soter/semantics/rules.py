@@ -15,50 +15,44 @@ Every rule assumes its premises; `FN` is the set of components that remain to be
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from dataclasses import field
-from dataclasses import replace
-from soter.language.evaluate.arithmetic import FaultKind
-from soter.language.evaluate.arithmetic import StepFault
-from soter.language.model.types import made_of
-from soter.language.model.types import numbers_in
-from soter.semantics.configuration import AC
-from soter.semantics.configuration import DecisionVerdict
-from soter.semantics.configuration import NEVER
-from soter.semantics.configuration import SC
-from soter.semantics.configuration import StepOutcome
-from soter.semantics.configuration import enabled
-from soter.semantics.configuration import latch_seen
-from soter.semantics.configuration import latch_switched
-from soter.semantics.configuration import put
-from soter.semantics.draws import chooser
-from soter.semantics.draws import draw_bits
-from soter.semantics.faults import disturbed
-from soter.semantics.faults import is_released
-from soter.semantics.faults import next_release
-from soter.semantics.faults import overrun_ns
-from soter.semantics.publication_gate import check_publications
-from soter.semantics.publication_gate import clear_lost_queues
-from soter.semantics.publication_gate import count_clean_step
-from soter.semantics.publication_gate import earn
-from soter.semantics.publication_gate import emptied
-from soter.semantics.publication_gate import forgive
-from soter.semantics.publication_gate import latch
-from soter.semantics.publication_gate import must_not_lose
-from soter.semantics.publication_gate import publish
-from soter.semantics.publication_gate import refuse
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
+
+from soter.language.evaluate.arithmetic import FaultKind, StepFault
+from soter.language.model.types import made_of, numbers_in
+from soter.semantics.configuration import (
+    AC,
+    NEVER,
+    SC,
+    DecisionVerdict,
+    StepOutcome,
+    enabled,
+    latch_seen,
+    latch_switched,
+    put,
+)
+from soter.semantics.draws import chooser, draw_bits
+from soter.semantics.faults import disturbed, is_released, next_release, overrun_ns
+from soter.semantics.publication_gate import (
+    check_publications,
+    clear_lost_queues,
+    count_clean_step,
+    emptied,
+    latch,
+    must_not_lose,
+    publish,
+    refuse,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
     from soter.language.evaluate.environment import Environment
     from soter.language.evaluate.expressions import Compiled
-    from soter.language.model.system import Component
-    from soter.language.model.system import Module
+    from soter.language.model.system import Component, Module
     from soter.language.model.types import Value
     from soter.semantics.configuration import Configuration
-    from soter.semantics.executable_system import ExecutableSystem
-    from soter.semantics.executable_system import ShieldCode
+    from soter.semantics.executable_system import ExecutableSystem, ShieldCode
 
 
 def violated(machine: ExecutableSystem, c: Configuration) -> list[bool]:

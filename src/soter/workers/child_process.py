@@ -10,9 +10,6 @@ child that means harm: it has this process's user, and so may send signals.
 
 from __future__ import annotations
 
-from contextlib import suppress
-from pathlib import Path
-from typing import TYPE_CHECKING
 import ctypes
 import os
 import resource
@@ -23,6 +20,9 @@ import struct
 import sys
 import threading
 import time
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable

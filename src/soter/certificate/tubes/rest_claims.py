@@ -30,45 +30,30 @@ there on. Where x_i stays 0 for a while, both are 0. Where no c_i is found x_i i
 
 from __future__ import annotations
 
-from flint import arb
 from math import inf
+from typing import TYPE_CHECKING, NamedTuple
+
+from flint import arb
+
 from soter.certificate.case_check import harmless
 from soter.certificate.grid.flow_chains import NOW
-from soter.certificate.reading.case_model import atom_of
-from soter.certificate.reading.case_model import boxes_of
-from soter.certificate.reading.case_model import control_inputs
+from soter.certificate.reading.case_model import atom_of, boxes_of, control_inputs
 from soter.certificate.reading.left_out_states import all_certain
 from soter.certificate.reading.module_facts import read_by_sc
 from soter.certificate.reading.symbolic_operations import filled
-from soter.certificate.report import NotRecheckedError
-from soter.certificate.report import RejectedError
-from soter.certificate.terms.arb_balls import HALF
-from soter.certificate.terms.arb_balls import ONE
-from soter.certificate.terms.arb_balls import UNIT
-from soter.certificate.terms.arb_balls import ZERO
-from soter.certificate.terms.arb_balls import above
-from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.arb_balls import hull
-from soter.certificate.terms.compile_terms import compile_lines
-from soter.certificate.terms.compile_terms import form_of_box
+from soter.certificate.report import NotRecheckedError, RejectedError
+from soter.certificate.terms.arb_balls import HALF, ONE, UNIT, ZERO, above, exact, hull
+from soter.certificate.terms.compile_terms import compile_lines, form_of_box
 from soter.certificate.terms.straight_line import NotCertainError
-from soter.certificate.terms.terms import Terms
-from soter.certificate.terms.terms import closure
-from soter.certificate.terms.terms import inputs_of
-from soter.certificate.tubes.rest_problem import LARGEST
-from soter.certificate.tubes.rest_problem import NANOSECOND
-from soter.certificate.tubes.rest_problem import REACH
-from soter.certificate.tubes.rest_problem import RestModel
-from soter.certificate.tubes.tube_chains import Body
-from soter.certificate.tubes.tube_chains import ConditionOnBoxes
-from soter.certificate.tubes.tube_chains import StateSet
-from soter.certificate.tubes.tube_chains import Truths
-from soter.certificate.tubes.tube_chains import TubeChain
-from soter.certificate.tubes.tube_chains import TubeFlow
-from soter.language.model.types import FloatType
-from soter.language.model.types import leaves
-from typing import NamedTuple
-from typing import TYPE_CHECKING
+from soter.certificate.terms.terms import Terms, closure, inputs_of
+from soter.certificate.tubes.rest_problem import LARGEST, NANOSECOND, RestModel
+from soter.certificate.tubes.tube_chains import (
+    ConditionOnBoxes,
+    StateSet,
+    TubeChain,
+    TubeFlow,
+)
+from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -27,38 +27,28 @@ ends of sets that no run crosses (`grid/sc_chains.py`): that they lie in C is wh
 from __future__ import annotations
 
 from dataclasses import dataclass
-from flint import arb
 from functools import reduce
-from math import inf
-from math import isfinite
-from soter.certificate.grid.chain_form_layout import OpenedForm
-from soter.certificate.grid.chain_form_layout import spread_of
-from soter.certificate.grid.flow_chains import FlowChain
-from soter.certificate.grid.flow_chains import NOW
+from math import inf, isfinite
+from typing import TYPE_CHECKING, Any
+
+import flint
+from flint import arb
+
+from soter.certificate.grid.chain_form_layout import OpenedForm, spread_of
+from soter.certificate.grid.flow_chains import NOW, FlowChain
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.sc_chains import uncrossed_ends
-from soter.certificate.reading.case_model import atom_of
-from soter.certificate.reading.case_model import boxes_of
-from soter.certificate.reading.symbolic_operations import filled
-from soter.certificate.reading.symbolic_operations import flat
-from soter.certificate.terms.arb_balls import HALF
-from soter.certificate.terms.arb_balls import ONE
-from soter.certificate.terms.arb_balls import UNIT_ROUNDOFF
-from soter.certificate.terms.arb_balls import ZERO
-from soter.certificate.terms.arb_balls import exact
-from soter.certificate.terms.compile_terms import compile_truths
-from soter.certificate.terms.compile_terms import form_of_box
-from soter.certificate.terms.straight_line import CERTAIN
-from soter.certificate.terms.straight_line import NotCertainError
-from soter.certificate.terms.straight_line import product
-from soter.certificate.tubes.rest_problem import NANOSECOND
-from soter.certificate.tubes.rest_problem import RestModel
-from soter.certificate.tubes.rest_problem import UNKNOWN_END
-from soter.certificate.tubes.rest_problem import WIDE
-from soter.certificate.tubes.rest_problem import constraint
-from typing import Any
-from typing import TYPE_CHECKING
-import flint
+from soter.certificate.reading.case_model import atom_of, boxes_of
+from soter.certificate.reading.symbolic_operations import filled, flat
+from soter.certificate.terms.arb_balls import HALF, ONE, UNIT_ROUNDOFF, ZERO, exact
+from soter.certificate.terms.compile_terms import compile_truths, form_of_box
+from soter.certificate.terms.straight_line import CERTAIN, NotCertainError, product
+from soter.certificate.tubes.rest_problem import (
+    NANOSECOND,
+    UNKNOWN_END,
+    RestModel,
+    constraint,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -11,16 +11,16 @@ which the whole grid is refined (`verify/claims/cells.py`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
 from soter.diagnostics.current_phase import share_done
 from soter.verify.claims.cells import halved
 from soter.verify.grid import sets as grids
-from soter.verify.grid.sets import GridGroup
-from soter.verify.grid.sets import LONGEST
+from soter.verify.grid.sets import LONGEST, GridGroup
 from soter.verify.problem.inputs import errors_of
-from typing import TYPE_CHECKING
-import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,34 +14,21 @@ which reads `mode` by itself and refuses `margin`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from dataclasses import replace
-from functools import lru_cache
-from functools import reduce
+from dataclasses import dataclass, replace
+from functools import lru_cache, reduce
+from typing import TYPE_CHECKING, Any
+
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.derived_systems import with_module
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.model import typed
-from soter.language.model.system import Bound
-from soter.language.model.system import Topic
-from soter.language.model.system import modules_above
-from soter.language.model.tree_walk import conjuncts
-from soter.language.model.tree_walk import nodes
-from soter.language.model.tree_walk import rewritten
-from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import FLOAT
-from soter.language.model.types import MODE
-from soter.language.model.types import show_ns
-from soter.verify.problem.problem import Assumption
-from soter.verify.problem.problem import Modes
-from soter.verify.problem.problem import NO_MODES
-from soter.verify.problem.problem_times import read_by_dm
-from soter.verify.problem.problem_times import read_by_sc
-from soter.verify.problem.problem_times import times_of
+from soter.language.model.system import Bound, Topic, modules_above
+from soter.language.model.tree_walk import conjuncts, nodes, rewritten, topic_reads
+from soter.language.model.types import FLOAT, MODE, show_ns
+from soter.verify.problem.problem import NO_MODES, Assumption, Modes
+from soter.verify.problem.problem_times import read_by_dm, read_by_sc, times_of
 from soter.verify.problem.supported_constructs import UNKNOWN_FACTS
 from soter.verify.problem.verification_system import place
-from typing import Any
-from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
