@@ -21,10 +21,10 @@ once the DM says SC is dropped. A module in the place of AC is that: a controlle
 only while the mode of every module above it is AC (docs/semantics.md, Modules above modules), and
 each of its steps checks its values.
 
-The module above said "SC" before: what SC publishes is dropped until the verdict is in force. It is
-released at r, on a state of r - A or later, and in force `slow` later at most; in one instant SC
-may come first. Of the states before that one nothing is known, and a command of SC answers a state
-that is d old: so SC's run begins with the first output that acts d or more after that state.
+Before, the module above was in SC: what SC publishes is dropped until the verdict is in force.
+The verdict is released at r, on a state of r - A or later, and in force `slow` later at most; in
+one instant SC may come first. Of the states before that one nothing is known, and a command of SC
+answers a state that is d old: SC's run begins with the first output that acts d or more after it.
 """
 
 from __future__ import annotations

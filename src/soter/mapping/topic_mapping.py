@@ -8,9 +8,9 @@ Non-goals: reading the file (`read_mapping.py`), the values of a log (`monitor/t
 what a deploying system declares, and whether promises of sources fit (`targets/`).
 
 The rule, of stamps in the order of arrival (docs/mapping.md, "Several sources", has the reason and
-the bound): it is a sample's turn where it was measured more than `after` later than the newest
-sample of the sources before it whose turn it was; in its turn it is taken where it is newer than
-all that was taken.
+the bound): a sample has its turn if it was measured more than `after` later than the newest sample
+that had a turn among the sources before its own; in its turn it is taken if it is newer than all
+that was taken.
 """
 
 from __future__ import annotations

@@ -223,7 +223,7 @@ def _check_max_ages(setting: TimingSetting, own: DerivedTimes) -> None:
 
 
 def read_times(facts: Facts) -> None:
-    """Every time in ns, by its name in the manifest: declared ones, and what follows from them.
+    """Enters into `facts` every time in ns, by its name in the manifest: declared or derived.
 
     DiffersError where what is declared contradicts the program, NotRecheckedError where times are
     none that are read here.

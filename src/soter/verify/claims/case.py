@@ -274,9 +274,9 @@ class Case:
     """The seconds that each claim took."""
     counts: dict[str, int] = field(default_factory=dict)
     vain: float = 0.0
-    """The argument `vain` of `GridGroup.core`."""
+    """The share of cells that may be followed in vain; see `GridGroup.core`."""
     holds: int = 0
-    """The argument `holds` of `GridGroup.core`."""
+    """How many periods of SC may be computed for a cell; see `GridGroup.core`."""
     lawful: FailsafeClaim | None = None
     """What the fail-safe law keeps; None: it was not looked at."""
     first: Case | None = None

@@ -1,4 +1,4 @@
-"""Core over forms: executes Core with an enclosure in the place of every number.
+"""Emits C that computes an enclosure of what Core computes, a form in the place of each number.
 
 Purpose: `EnclosureBody` turns Core into operations of the emitted C; where a branch is undecided
 both of its sides become blocks of C. A function of the prelude is enclosed by its meaning: `sin`

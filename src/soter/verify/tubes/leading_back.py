@@ -1,8 +1,8 @@
-"""Whether SC leads back into a box around rest: rule 1, "Decisions by tubes" (proof-flight.md).
+"""Shows that SC leads every run from a box around rest back into it, by tubes.
 
-Purpose: `leads_back` asks the tube of `rest.soter` whether every run of SC that begins in
-the box comes back into it: first from the whole box, then, where that fails, from ever smaller
-halves of it. Where a part is not shown, its answer says which one, and into how large a box SC does
+Purpose: this is rule 1 of "Decisions by tubes" (proof-flight.md). `leads_back` asks the tube of
+`rest.soter` whether every run of SC that begins in the box comes back into it: first from the whole
+box, then, where that fails, from ever smaller halves of it. Where a part is not shown, its answer says which one, and into how large a box SC does
 lead. `runs_from` first simulates runs in doubles, which takes a moment: from corners of the box,
 under disturbances at their ends, with reads that are true and new. Where no output of SC finds all
 runs from one start back in the box, no tube can show that start, and the search ends at once.
