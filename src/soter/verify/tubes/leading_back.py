@@ -2,10 +2,11 @@
 
 Purpose: this is rule 1 of "Decisions by tubes" (proof-flight.md). `leads_back` asks the tube of
 `rest.soter` whether every run of SC that begins in the box comes back into it: first from the whole
-box, then, where that fails, from ever smaller halves of it. Where a part is not shown, its answer says which one, and into how large a box SC does
-lead. `runs_from` first simulates runs in doubles, which takes a moment: from corners of the box,
-under disturbances at their ends, with reads that are true and new. Where no output of SC finds all
-runs from one start back in the box, no tube can show that start, and the search ends at once.
+box, then, where that fails, from ever smaller halves of it. Where a part is not shown, its answer
+says which one, and into how large a box SC does lead. `runs_from` first simulates runs in doubles,
+which takes a moment: from corners of the box, under disturbances at their ends, with reads that are
+true and new. Where no output of SC finds all runs from one start back in the box, no tube can show
+that start, and the search ends at once.
 Non-goals: finding the box (`rest_claims.py`), the tube itself (`rest.soter`), verdicts by runs:
 that all simulated runs come back shows nothing.
 """
