@@ -68,11 +68,11 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     It holds that of the module's fail-safe law, where one is declared.
     """
     problem = _extract(flat, module, synthesize=synthesize)
-    problem.below = _below(flat, module)
+    problem.below = _modules_below(flat, module)
     if module.law and module.symbol.verify.induction is None:
         try:
             problem.law_unread = (
-                _in_the_tower(flat, module) or behind(flat, module) or _beyond_the_law(problem)
+                _why_no_claim(flat, module) or behind(flat, module) or _beyond_the_law(problem)
             )
             if not problem.law_unread:
                 law = _extract(*under_law(flat, module))
@@ -82,7 +82,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     return problem
 
 
-def _in_the_tower(flat: System, module: Module) -> str:
+def _why_no_claim(flat: System, module: Module) -> str:
     """Why nothing is claimed of the law of a module above or below another one."""
     others = [m.name for m in tower_of(flat, module.index) if m.index != module.index]
     return f"{others[0]} commands the same actuators: no lease is given there" if others else ""
@@ -104,12 +104,12 @@ def _beyond_the_law(problem: Problem) -> str:
 
 def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     diagnostics = Diagnostics()
-    _refuse(flat, module, diagnostics)
+    _refuse_unsupported(flat, module, diagnostics)
     home = flat
     flat, module, modes = modes_as_topics(flat, module)
     if module.symbol.verify.induction is not None:
         return extract_induction(flat, module, modes)
-    _no_lemmas(module, diagnostics)
+    _refuse_lemmas(module, diagnostics)
     at = place(flat, module)
     kind = check_supported(at, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
@@ -117,9 +117,11 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     inputs = inputs_of(at, diagnostics)
     diagnostics.raise_errors()
     core, rest = lower(at.system), at.module.symbol.rest
-    inputs, groups = _axes(at, core, inputs, kind, diagnostics)
-    quantities, axis_groups, turns_read = _turned(at, core, groups, kind, synthesize=synthesize)
-    _unbounded(at, axis_groups, kind, diagnostics)
+    inputs, groups = _inputs_and_axes(at, core, inputs, kind, diagnostics)
+    quantities, axis_groups, turns_read = _wrap_groups(
+        at, core, groups, kind, synthesize=synthesize
+    )
+    _refuse_unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
     _shield(at, axis_groups, kind, times, chains.ways, diagnostics)
     _cases(at, inputs, diagnostics)
@@ -153,7 +155,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         state_of_leaf=groups.topic_leaves,
         assumptions=(
             *assumptions_of(at, inputs, times, chains, kind, jumps),
-            *_beside(at, axis_groups, modes, above),
+            *_problem_assumptions(at, axis_groups, modes, above),
         ),
         name=f"{module.name} as {module.view}" if module.view else module.name,
         beside=side_inputs(at),
@@ -181,7 +183,7 @@ def _levels_open(module: Module) -> bool:
     return computed and symbol.verify.levels is None and not module.view
 
 
-def _axes(
+def _inputs_and_axes(
     at: VerificationSystem,
     core: CoreSystem,
     inputs: Inputs,
@@ -198,7 +200,7 @@ def _axes(
     return inputs, Axes(at, inputs, diagnostics, readers)
 
 
-def _turned(
+def _wrap_groups(
     at: VerificationSystem, core: CoreSystem, axes: Axes, kind: ProblemKind, *, synthesize: bool
 ) -> tuple[Quantities, tuple[Group, ...], dict[str, str]]:
     """Quantities and groups, some axes wrapping around; for others with turns, who reads these."""
@@ -210,22 +212,22 @@ def _turned(
     return replace(quantities, turning=states), turned(groups, states), readers
 
 
-def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
+def _refuse_unsupported(flat: System, module: Module, diagnostics: Diagnostics) -> None:
     refuse_views(module)
-    _in_tower(flat, module, diagnostics)
+    _check_tower(flat, module, diagnostics)
     diagnostics.raise_errors()
 
 
-def _beside(
+def _problem_assumptions(
     at: VerificationSystem, groups: tuple[Group, ...], modes: Modes, above: Above | None
 ) -> list[Assumption]:
     """The assumptions of this problem beside those that every problem has."""
     of_above = [] if above is None else above.assumptions
-    beside = [*_open(groups), *far_turns(groups)]
-    return [*_forced(at.flat, at.home), *beside, *modes.assumptions, *of_above]
+    beside = [*_unbounded_assumptions(groups), *far_turns(groups)]
+    return [*_forced_assumptions(at.flat, at.home), *beside, *modes.assumptions, *of_above]
 
 
-def _forced(flat: System, module: Module) -> list[Assumption]:
+def _forced_assumptions(flat: System, module: Module) -> list[Assumption]:
     if module.forced is None:
         return []
     who = module.forced.upper()
@@ -233,7 +235,7 @@ def _forced(flat: System, module: Module) -> list[Assumption]:
     return [Assumption("forced", text)]
 
 
-def _open(groups: tuple[Group, ...]) -> list[Assumption]:
+def _unbounded_assumptions(groups: tuple[Group, ...]) -> list[Assumption]:
     ends = [f"{a.name} below {a.edges[-1]!r}" for g in groups for a in g.axes if a.open]
     text = f"no run gets beyond an open end, of which nothing is proved: {', '.join(ends)}"
     return [Assumption("open", text)] * bool(ends)
@@ -260,7 +262,7 @@ def _shield(
     more = times is not None and times.schedule.reads_more
     wrong = {
         "an SC that is to be found": symbol.synthesized,
-        "nodes between the module and its plants": behind or _may_be_late(at, ways),
+        "nodes between the module and its plants": behind or _may_delay_command(at, ways),
         "an SC that reads what the DM does not": more,
         "views": bool(at.module.view),
         "groups that are no grids": any(g.representation != "grid" for g in groups),
@@ -277,7 +279,7 @@ def _shield(
         )
 
 
-def _may_be_late(at: VerificationSystem, ways: Sequence[DownstreamPath]) -> bool:
+def _may_delay_command(at: VerificationSystem, ways: Sequence[DownstreamPath]) -> bool:
     """Whether a node on the way may pass a command on later, or changes it by a memory."""
     late = any(w.inner and w.inner[0] not in w.in_step for w in ways)
     on_the_way = [n for w in ways for n in w.in_step]
@@ -292,7 +294,7 @@ def _between(at: VerificationSystem) -> bool:
     return ac.period_ns % step != 0 or ac.phase_ns % step != 0
 
 
-def _unbounded(
+def _refuse_unbounded(
     at: VerificationSystem, groups: tuple[Group, ...], kind: ProblemKind, diagnostics: Diagnostics
 ) -> None:
     """R007 for an axis without ends in a problem for which the proof does not cover it."""
@@ -314,20 +316,20 @@ def _unbounded(
                 )
 
 
-def _below(flat: System, module: Module) -> tuple[str, ...]:
+def _modules_below(flat: System, module: Module) -> tuple[str, ...]:
     """The module in the place of AC, the one in the place of its AC, and so on."""
     names = [m.name for m in tower_of(flat, module.index)]
     return tuple(names[names.index(module.name) + 1 :])
 
 
-def _in_tower(flat: System, module: Module, diagnostics: Diagnostics) -> None:
+def _check_tower(flat: System, module: Module, diagnostics: Diagnostics) -> None:
     """R020 for a tower (modules above each other) that no proof covers."""
     tower = tower_of(flat, module.index)
     if len(tower) == 1:
         return
     at = tower.index(flat.modules[module.index])
     other = tower[at - 1 if at else 1]
-    why = _why_not(flat, module, tower[:at])
+    why = _why_tower_unproved(flat, module, tower[:at])
     if not why:
         return
     diagnostics.error(
@@ -341,7 +343,7 @@ def _in_tower(flat: System, module: Module, diagnostics: Diagnostics) -> None:
     )
 
 
-def _why_not(flat: System, module: Module, above: Sequence[Module]) -> str:
+def _why_tower_unproved(flat: System, module: Module, above: Sequence[Module]) -> str:
     """What keeps a module of a tower from being proved, in words; "": nothing."""
     symbol, verify = module.symbol, module.symbol.verify
     if verify.induction is not None:
@@ -393,7 +395,7 @@ def require_sets(problem: Problem) -> None:
         raise SoterError(diagnostics.items)
 
 
-def _no_lemmas(module: Module, diagnostics: Diagnostics) -> None:
+def _refuse_lemmas(module: Module, diagnostics: Diagnostics) -> None:
     verify = module.symbol.verify
     alone = (verify.enters,) if verify.enters is not None and not module.view else ()
     for word, said in (

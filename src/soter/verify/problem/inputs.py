@@ -85,19 +85,19 @@ def inputs_of(place: VerificationSystem, diagnostics: Diagnostics) -> Inputs:
     """All inputs of a verification system; incomplete where there are diagnostics."""
     inputs = Inputs()
     for c in place.plants:
-        _states(c, _starts_at(place, c), inputs, diagnostics)
-    _outputs(place, inputs, diagnostics)
+        _add_states(c, _mapped_start(place, c), inputs, diagnostics)
+    _add_outputs(place, inputs, diagnostics)
     for c in place.plants:
-        _disturbances(c, inputs, diagnostics)
-    _errors(place, inputs)
-    _others(place, inputs, diagnostics)
+        _add_disturbances(c, inputs, diagnostics)
+    _add_errors(place, inputs)
+    _add_other_topics(place, inputs, diagnostics)
     return inputs
 
 
 # ---------------------------------------------------------------- plants
 
 
-def _starts_at(place: VerificationSystem, c: Component) -> tuple[Value, ...] | None:
+def _mapped_start(place: VerificationSystem, c: Component) -> tuple[Value, ...] | None:
     """The start of a plant of the proof, by the map from what flies; None: it is not known."""
     for link in place.module.symbol.verify.abstracts if place.abstract else ():
         if link.name == c.name:
@@ -105,7 +105,7 @@ def _starts_at(place: VerificationSystem, c: Component) -> tuple[Value, ...] | N
     return None
 
 
-def _states(
+def _add_states(
     c: Component, mapped: tuple[Value, ...] | None, inputs: Inputs, diagnostics: Diagnostics
 ) -> None:
     """Adds a plant's states; `mapped`: where it starts in a run, beside its declared start."""
@@ -124,7 +124,7 @@ def _states(
             unit = t.unit if isinstance(t, FloatType) else ""
             leaf = Leaf(c.index, variable.name, path, name, unit)
             if "[]" in path:
-                _not_float("state", name, variable.type, variable.span, diagnostics)
+                _refuse_non_float("state", name, variable.type, variable.span, diagnostics)
             elif isinstance(t, FloatType):
                 inputs.states.append(leaf)
                 low, high = drawn or (value, value)
@@ -143,11 +143,13 @@ def _states(
                     helps=("make it a `float`, or leave it to a plant that is not verified",),
                 )
             else:
-                _parameter(leaf, t, variable.span, inputs, diagnostics)
+                _add_parameter(leaf, t, variable.span, inputs, diagnostics)
                 inputs.parameter_starts.append(tuple(sorted({int(value), int(there)})))
 
 
-def _parameter(leaf: Leaf, t: Type, span: Span, inputs: Inputs, diagnostics: Diagnostics) -> None:
+def _add_parameter(
+    leaf: Leaf, t: Type, span: Span, inputs: Inputs, diagnostics: Diagnostics
+) -> None:
     """Adds a parameter: a discrete state that never changes, for each value of which is proved."""
     values: tuple[int, ...] = ()
     if isinstance(t, BoolType):
@@ -181,18 +183,18 @@ def scalars(t: Type, value: Value) -> Iterator[Value]:
         yield value
 
 
-def _disturbances(c: Component, inputs: Inputs, diagnostics: Diagnostics) -> None:
+def _add_disturbances(c: Component, inputs: Inputs, diagnostics: Diagnostics) -> None:
     for d in c.disturbances:
         for path, t in leaves(d.variable.type):
             name = leaf_name(f"{c.name}.{d.variable.name}", path)
             if not isinstance(t, FloatType):
-                _not_float("disturbance", name, t, d.variable.span, diagnostics)
+                _refuse_non_float("disturbance", name, t, d.variable.span, diagnostics)
                 continue
             inputs.disturbances.append(Leaf(c.index, d.variable.name, path, name, t.unit))
             inputs.disturbance_ranges.append(Interval(d.low, d.high))
 
 
-def _not_float(what: str, name: str, t: Type, span: Span, diagnostics: Diagnostics) -> None:
+def _refuse_non_float(what: str, name: str, t: Type, span: Span, diagnostics: Diagnostics) -> None:
     diagnostics.error(
         "R014",
         f"the {what} `{name}` is no `float`",
@@ -213,13 +215,13 @@ def _topic_leaves(
     for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
         name = leaf_name(topic.name, path)
         if not isinstance(t, FloatType) or any(part in ("[]", "[*]") for part in path):
-            _not_float(what, name, topic.type, topic.symbol.span, diagnostics)
+            _refuse_non_float(what, name, topic.type, topic.symbol.span, diagnostics)
             return
         interval = Interval(bound.low, bound.high) if bound is not None else None
         yield Leaf(index, "", path, name, t.unit), interval
 
 
-def _outputs(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
+def _add_outputs(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
     for index in place.module.outputs:
         for leaf, interval in _topic_leaves(place, index, "output", diagnostics):
             assert interval is not None  # V003
@@ -227,8 +229,8 @@ def _outputs(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics
             inputs.control_ranges.append(interval)
 
 
-def _errors(place: VerificationSystem, inputs: Inputs) -> None:
-    read = {*_read(place), *read_by_dm(place)}  # computed predicates read the axes' topics
+def _add_errors(place: VerificationSystem, inputs: Inputs) -> None:
+    read = {*_topics_read(place), *read_by_dm(place)}  # computed predicates read the axes' topics
     for c in place.plants:
         for m in c.measured:
             topic = place.system.topics[m.topic]
@@ -240,7 +242,7 @@ def _errors(place: VerificationSystem, inputs: Inputs) -> None:
                 inputs.error_ranges.append(Interval(-m.bound, m.bound))
 
 
-def _read(place: VerificationSystem) -> dict[int, typed.TypedExpr | None]:
+def _topics_read(place: VerificationSystem) -> dict[int, typed.TypedExpr | None]:
     """The topics that SC and the DM's predicates read, with an expression that reads each."""
     symbol, module = place.module.symbol, place.module
     assert place.sc.node is not None
@@ -254,10 +256,10 @@ def _read(place: VerificationSystem) -> dict[int, typed.TypedExpr | None]:
     return reads
 
 
-def _others(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
+def _add_other_topics(place: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
     """Adds the topics that are read and that no verification plant drives."""
     driven = place.driven
-    for index, read in _read(place).items():
+    for index, read in _topics_read(place).items():
         if index in driven:
             continue
         topic = place.system.topics[index]

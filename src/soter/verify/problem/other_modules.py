@@ -54,13 +54,13 @@ def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes
     system stays as it is.
     """
     sc = flat.components[module.sc]
-    asked = _asked(flat, module, sc)
+    asked = _modules_by_read(flat, module, sc)
     if not asked:
         return flat, module, NO_MODES
     names: Names = tuple((read, _symbol(read[0], m.name, m.symbol)) for read, m in asked.items())
     of = {topic: (read[0], asked[read]) for read, topic in names}
     at = {t: len(flat.topics) + k for k, t in enumerate(of)}
-    made = [_topic(index, t, *of[t]) for t, index in at.items()]
+    made = [_topic_of_module(index, t, *of[t]) for t, index in at.items()]
     topics = list(at)
     symbol = _module(module.symbol, names)
     reads = tuple(t for t in topics if t in symbol.topics_read)
@@ -68,28 +68,28 @@ def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes
         module,
         [at[t] for t in reads],
         symbol=symbol,
-        scope=_beside(module.scope, at),
+        scope=_scope_with_topics(module.scope, at),
         whole=None if module.whole is None else _module(module.whole, names),
     )
     dm = replace(flat.components[module.dm], scope=derived_module.scope)
     assert sc.node is not None
-    controller = replace(sc, node=_node(sc.node, names), scope=_beside(sc.scope, at))
+    controller = replace(sc, node=_node(sc.node, names), scope=_scope_with_topics(sc.scope, at))
     system = derived_systems.with_module(derived_systems.with_topics(flat, made), derived_module)
     system = derived_systems.with_components(system, [dm, controller])
-    waits = _read_in(module, "safer")
+    waits = _modes_read_in(module, "safer")
     return (
         system,
         derived_module,
         Modes(
-            {t: m.name for t, m in _read_as("mode", of).items()},
-            {t: _any_margin(m) for t, m in _read_as("margin", of).items()},
+            {t: m.name for t, m in _modules_by_topic("mode", of).items()},
+            {t: _margin_assumption(m) for t, m in _modules_by_topic("margin", of).items()},
             tuple(flat.modules[i].name for i in waits),
-            _never(flat, module, waits),
+            _why_never_in_ac(flat, module, waits),
         ),
     )
 
 
-def _topic(index: int, symbol: typed.TopicSymbol, kind: str, of: Module) -> Topic:
+def _topic_of_module(index: int, symbol: typed.TopicSymbol, kind: str, of: Module) -> Topic:
     """The topic that stands for the mode or margin of a module."""
     is_mode = kind == "mode"
     return Topic(
@@ -110,7 +110,7 @@ def _longest_s(of: Module) -> float:
     return max(of.levels - 1, 1) * of.period_ns / 1e9
 
 
-def _any_margin(of: Module) -> str:
+def _margin_assumption(of: Module) -> str:
     return f"margin({of.name}): 0 to {_longest_s(of):g} s, anew at every read"
 
 
@@ -129,22 +129,22 @@ def in_ac(e: typed.TypedExpr, modes: Modes) -> typed.TypedExpr:
 # ---------------------------------------------------------------- who waits for whom
 
 
-def _asked(flat: System, module: Module, sc: Component) -> dict[Read, Module]:
+def _modules_by_read(flat: System, module: Module, sc: Component) -> dict[Read, Module]:
     own = {**sc.scope.modules, **module.scope.modules}
     return {
         (kind, s): flat.modules[own[s]]
-        for kind, s in _read_by(module, sc)
+        for kind, s in _other_modules_read(module, sc)
         if s in own and (kind == "margin" or own[s] != module.index)
     }
 
 
-def _read_as(
+def _modules_by_topic(
     kind: str, of: Mapping[typed.TopicSymbol, tuple[str, Module]]
 ) -> dict[typed.TopicSymbol, Module]:
     return {t: m for t, (read, m) in of.items() if read == kind}
 
 
-def _read_by(module: Module, sc: Component) -> list[Read]:
+def _other_modules_read(module: Module, sc: Component) -> list[Read]:
     symbol, node = module.symbol, sc.node
     assert node is not None
     code = () if node.extern else (*node.step, *(node.takeover or ()))
@@ -156,7 +156,7 @@ def _read_by(module: Module, sc: Component) -> list[Read]:
     return list(reads)
 
 
-def _read_in(module: Module, *predicates: str) -> list[int]:
+def _modes_read_in(module: Module, *predicates: str) -> list[int]:
     """The other modules whose modes these predicates of a module read."""
     symbol = module.symbol if module.whole is None else module.whole
     said = [e for e in (getattr(symbol, p) for p in predicates) if e is not None]
@@ -165,7 +165,7 @@ def _read_in(module: Module, *predicates: str) -> list[int]:
     return [i for i in dict.fromkeys(indices) if i != module.index]
 
 
-def _never(flat: System, module: Module, waits: list[int]) -> str:
+def _why_never_in_ac(flat: System, module: Module, waits: list[int]) -> str:
     """Why the modules that a module waits for may never be in AC together, in words; else "".
 
     One is forced to SC; or the decision of one depends, through any modes, on this module, which is
@@ -178,7 +178,7 @@ def _never(flat: System, module: Module, waits: list[int]) -> str:
         seen, todo = {i}, [i]
         while todo:
             here = flat.modules[todo.pop()]
-            for k in _read_in(here, "ttf", "safer"):
+            for k in _modes_read_in(here, "ttf", "safer"):
                 if k == module.index:
                     return (
                         f"{module.name} waits for {there.name} to be in AC, whose DM goes by "
@@ -233,7 +233,7 @@ def _of(code: Any, names: Names) -> Any:  # noqa: ANN401 - any part of a tree
     return rewritten(code, instead)
 
 
-def _beside(scope: Scope, topics: Mapping[typed.TopicSymbol, int]) -> Scope:
+def _scope_with_topics(scope: Scope, topics: Mapping[typed.TopicSymbol, int]) -> Scope:
     return replace(scope, topics={**scope.topics, **topics})
 
 
@@ -286,7 +286,7 @@ def with_module_above(
     modules = modules_above(flat, at.home.index)
     if not modules:
         return at, None
-    above = _above(flat, at, modules[0], kind, diagnostics)
+    above = _module_above(flat, at, modules[0], kind, diagnostics)
     if above is None:
         return at, None
     symbol = at.module.symbol
@@ -306,7 +306,7 @@ def handed_back(times: Times, above: Above | None) -> Times:
     )
 
 
-def _above(
+def _module_above(
     flat: System,
     at: VerificationSystem,
     module: Module,
@@ -314,7 +314,7 @@ def _above(
     diagnostics: Diagnostics,
 ) -> Above | None:
     params = [{p: repr(v) for p, v in m.scope.params.items()} for m in (module, at.module)]
-    parts = [e for e in conjuncts(_safer(module)) if _shown(e, module, at)]
+    parts = [e for e in conjuncts(_safer_with_modes(module)) if _same_for_plants(e, module, at)]
     wrong = {
         "its plants move in steps (`next`): two DMs and two SCs share an instant": kind != "flow",
         f"`{module.name}` has other values of its parameters": params[0] != params[1],
@@ -324,7 +324,7 @@ def _above(
     if why:
         _refuse(at, module, why, diagnostics)
         return None
-    times = _times(flat, module, diagnostics)
+    times = _times_of_views(flat, module, diagnostics)
     if not times:
         return None
     return Above(
@@ -335,13 +335,13 @@ def _above(
     )
 
 
-def _safer(module: Module) -> typed.TypedExpr:
+def _safer_with_modes(module: Module) -> typed.TypedExpr:
     symbol = module.whole or module.symbol
     assert symbol.safer is not None, "M019"
     return symbol.safer
 
 
-def _shown(part: typed.TypedExpr, module: Module, at: VerificationSystem) -> bool:
+def _same_for_plants(part: typed.TypedExpr, module: Module, at: VerificationSystem) -> bool:
     """Whether a part of the `safer` above means the same of the proof's plants.
 
     It does if it reads only topics that DM or SC below also read, as their errors are known.
@@ -356,7 +356,7 @@ def _shown(part: typed.TypedExpr, module: Module, at: VerificationSystem) -> boo
     return bool(topic_reads(part))
 
 
-def _times(flat: System, module: Module, diagnostics: Diagnostics) -> list[Times]:
+def _times_of_views(flat: System, module: Module, diagnostics: Diagnostics) -> list[Times]:
     """The times of the module above in each of its views; empty, with diagnostics, if none."""
     times = []
     for seen in systems_by_view(flat, module):

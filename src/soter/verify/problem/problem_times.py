@@ -96,48 +96,50 @@ def deployed(flat: System, module: Module, assumed: AssumedTimes) -> DeployedTim
     timing = timing_of(flat, lambda c, step: steps.append(step) if c.index == sc.index else None)
     if timing is None:
         return None
-    spoken = _needed(timing, dm)
+    spoken = _needed_times(timing, dm)
     ready = max(sum(assumed.dm), sum(spoken))
-    late, response = _needed(timing, sc)
-    late_at = {"dm": _at(timing, dm), "sc": _at(timing, sc)}
-    late_at |= {n: _at(timing, flat.component(n)) for n in assumed.nodes}
+    late, response = _needed_times(timing, sc)
+    late_at = {"dm": _latest_release(timing, dm), "sc": _latest_release(timing, sc)}
+    late_at |= {n: _latest_release(timing, flat.component(n)) for n in assumed.nodes}
     if timing.exact and steps:
-        worst = max(steps, key=lambda s: _late(s, dm, ready))
-        late, late_at["sc"] = _late(worst, dm, ready), worst.release
-    response = max([response, *(_behind(flat, sc, flat.component(n)) for n in assumed.in_step)])
-    nodes = {n: _needed(timing, flat.component(n)) for n in assumed.nodes}
-    handed_over = max((_waited(s, dm, sc) for s in steps), default=0) if timing.exact else None
+        worst = max(steps, key=lambda s: _other_lateness(s, dm, ready))
+        late, late_at["sc"] = _other_lateness(worst, dm, ready), worst.release
+    response = max(
+        [response, *(_delay_behind(flat, sc, flat.component(n)) for n in assumed.in_step)]
+    )
+    nodes = {n: _needed_times(timing, flat.component(n)) for n in assumed.nodes}
+    handed_over = max((_wait_for_dm(s, dm, sc) for s in steps), default=0) if timing.exact else None
     return DeployedTimes(timing, spoken, (late, response), nodes, late_at, handed_over)
 
 
-def _waited(step: ScheduledStep, dm: Component, sc: Component) -> int:
+def _wait_for_dm(step: ScheduledStep, dm: Component, sc: Component) -> int:
     """The time from the first DM release after SC's step before to the start of this step."""
     after = step.release - sc.period_ns
     first = after + 1 + (dm.phase_ns - after - 1) % dm.period_ns
     return step.start - first if first <= step.release else 0
 
 
-def _needed(timing: Timing, c: Component) -> Pair:
+def _needed_times(timing: Timing, c: Component) -> Pair:
     row = timing.row(c)
     assert row is not None
     return (0 if row.worst is None else row.worst.start), row.task.wcet
 
 
-def _at(timing: Timing, c: Component) -> int:
+def _latest_release(timing: Timing, c: Component) -> int:
     """The release of a component that starts latest."""
     row = timing.row(c)
     assert row is not None
     return 0 if row.worst is None else row.worst.at
 
 
-def _late(step: ScheduledStep, dm: Component, ready: int) -> int:
+def _other_lateness(step: ScheduledStep, dm: Component, ready: int) -> int:
     """How late SC starts for other reasons than that it waits for the DM."""
     due = step.release - (step.release - dm.phase_ns) % dm.period_ns
     waits = due >= dm.phase_ns and step.start <= due + ready
     return 0 if waits else step.start - step.release
 
 
-def _behind(flat: System, sc: Component, node: Component) -> int:
+def _delay_behind(flat: System, sc: Component, node: Component) -> int:
     """The longest time from SC's start to the end of a node that is released with it and follows.
 
     What may be released in that instant between them counts; what is left from before does not, as
@@ -164,7 +166,7 @@ def check_deployed(
 
     R034 where the calendar cannot be kept, R033 where it does not keep the times of the proof.
     """
-    _check_elsewhere(flat, module, assumed, diagnostics)
+    _check_other_processes(flat, module, assumed, diagnostics)
     deployment = deployed(flat, module, assumed)
     if deployment is None:
         return []
@@ -177,14 +179,14 @@ def check_deployed(
     pairs = {"dm": (assumed.dm, deployment.dm), "sc": (assumed.sc, deployment.sc)}
     pairs |= {n: (pair, deployment.nodes[n]) for n, pair in assumed.nodes.items()}
     at = deployment.late_at if timing.exact else {}
-    if wrong := list(_beyond(pairs, at)):
+    if wrong := list(_exceeded_times(pairs, at)):
         diagnostics.error(
             "R033",
             f"the thread of system `{flat.name}` does not keep the times of the proof of "
             f"`{module.name}`",
-            _place(module),
+            _declared_at(module),
             notes=(*wrong, *([] if timing.exact else ["these are bounds: docs/timing.md"])),
-            helps=(f"write `{' '.join(_lines(flat, module, pairs))}`",),
+            helps=(f"write `{' '.join(_time_lines(flat, module, pairs))}`",),
         )
     missing = ", ".join(c.name for c in timing.missing)
     if missing:
@@ -194,7 +196,7 @@ def check_deployed(
     return [f"{one}; {others} (docs/timing.md)"]
 
 
-def _place(module: Module) -> Span:
+def _declared_at(module: Module) -> Span:
     """The place in the program where the times of a module, for all of its views, are declared."""
     symbol = module.whole or module.symbol
     return symbol.verify.span or symbol.span
@@ -205,30 +207,30 @@ def _too_long(flat: System, module: Module, diagnostics: Diagnostics) -> list[st
         "R033",
         f"whether the thread of system `{flat.name}` keeps the times of the proof of "
         f"`{module.name}` is not known",
-        _place(module),
+        _declared_at(module),
         notes=("its calendar has too many steps before it comes again, and is too full",),
         helps=("periods that are multiples of one another",),
     )
     return []
 
 
-def _check_elsewhere(
+def _check_other_processes(
     flat: System, module: Module, assumed: AssumedTimes, diagnostics: Diagnostics
 ) -> None:
     """R033 where a node in another process declares longer times than the proof counts with."""
     said = {n: flat.component(n) for n in assumed.elsewhere}
     pairs = {n: (assumed.elsewhere[n], (c.jitter_ns, c.wcet_ns or 0)) for n, c in said.items()}
-    if wrong := list(_beyond(pairs, {})):
+    if wrong := list(_exceeded_times(pairs, {})):
         diagnostics.error(
             "R033",
             f"nodes of system `{flat.name}` do not keep the times of the proof of `{module.name}`",
-            _place(module),
+            _declared_at(module),
             notes=(*wrong, "they run in processes of their own, and say these times themselves"),
-            helps=(f"write `{' '.join(_lines(flat, module, pairs))}`",),
+            helps=(f"write `{' '.join(_time_lines(flat, module, pairs))}`",),
         )
 
 
-def _beyond(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]) -> Iterator[str]:
+def _exceeded_times(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]) -> Iterator[str]:
     """Words for each time that is longer than the proof counts with, with its release if known."""
     for name, (assumed, needed) in pairs.items():
         who = {"dm": "the DM", "sc": "SC"}.get(name, f"`{name}`")
@@ -245,7 +247,7 @@ def _beyond(pairs: dict[str, tuple[Pair, Pair]], late_at: dict[str, int]) -> Ite
             )
 
 
-def _lines(flat: System, module: Module, pairs: dict[str, tuple[Pair, Pair]]) -> list[str]:
+def _time_lines(flat: System, module: Module, pairs: dict[str, tuple[Pair, Pair]]) -> list[str]:
     """The lines `late` and `response` of a `verify` block with which the proof counts enough."""
     home = holder_of(flat, module)
     lines = []
@@ -283,7 +285,7 @@ def times_of(
     delays = {name: ns(getattr(verify, name)) for name in DELAYS}
     dm, sc = read_by_dm(place), read_by_sc(place)
     for topic in {**dm, **sc}:
-        _aged(place, topic, diagnostics)
+        _check_max_age(place, topic, diagnostics)
     try:
         chains = chains_of(place, list(dm), list(sc), ns)
     except UnfollowedError as error:
@@ -310,13 +312,13 @@ def times_of(
     if not diagnostics.has_errors:
         check_times(place, kind, times, chains, diagnostics)
         for who, topics in () if place.abstract else (("the DM", dm), ("SC", sc)):
-            _of_one_instant(place, who, topics, diagnostics)
+            _check_one_instant(place, who, topics, diagnostics)
     return (of_map(times) if kind == "map" else times), chains
 
 
 def assumed_of(schedule: Schedule, chains: CauseEffectChains) -> AssumedTimes:
     """The times that the proof counts with, for DM, SC and all nodes on the paths."""
-    at = {n: r for q in (*chains.by_dm, *chains.by_sc) for n, r in _stations(q)}
+    at = {n: r for q in (*chains.by_dm, *chains.by_sc) for n, r in _releases_on_chain(q)}
     at.update((n, chains.releases[n]) for n in chains.behind)
     in_step = dict.fromkeys(n for w in chains.ways for n in w.in_step)
     elsewhere = {n.name: (0, 0) for n in in_step if not in_thread(n)}
@@ -330,7 +332,7 @@ def assumed_of(schedule: Schedule, chains: CauseEffectChains) -> AssumedTimes:
     )
 
 
-def _stations(chain: CauseEffectChain) -> Iterator[tuple[Component, Releases]]:
+def _releases_on_chain(chain: CauseEffectChain) -> Iterator[tuple[Component, Releases]]:
     return zip(chain.stations, chain.path.nodes, strict=True)
 
 
@@ -359,7 +361,7 @@ def read_by_sc(place: VerificationSystem) -> dict[int, None]:
     return {t: None for t in topics if t in place.driven}
 
 
-def _aged(place: VerificationSystem, index: int, diagnostics: Diagnostics) -> None:
+def _check_max_age(place: VerificationSystem, index: int, diagnostics: Diagnostics) -> None:
     topic = place.system.topics[index]
     if topic.max_age_ns is None:
         diagnostics.error(
@@ -383,7 +385,7 @@ def _unfollowed(
     )
 
 
-def _of_one_instant(
+def _check_one_instant(
     place: VerificationSystem, who: str, topics: dict[int, None], diagnostics: Diagnostics
 ) -> None:
     """R016 where plants publish at different instants what is read as one state.

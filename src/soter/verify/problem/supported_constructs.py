@@ -35,19 +35,19 @@ def map_topics(system: System, module: Module) -> dict[typed.TopicSymbol, int]:
     if module.symbol.rest is None:
         return {}
     at = module.scope.topics
-    other = _driven(system).union(module.outputs)
+    other = _driven_topics(system).union(module.outputs)
     read = topic_reads(module.symbol.safe)
     return {t: at[t] for t in read if t.static and at[t] not in other}
 
 
 def maps_of(place: VerificationSystem) -> dict[typed.TopicSymbol, int]:
     """The maps of a verification system, without topics of plants that only fly."""
-    flying = _driven(place.flat)
+    flying = _driven_topics(place.flat)
     found = map_topics(place.system, place.module)
     return {t: index for t, index in found.items() if place.flying(t) not in flying}
 
 
-def _driven(system: System) -> set[int]:
+def _driven_topics(system: System) -> set[int]:
     """The topics that the plants of a system drive."""
     plants = [(c, c.plant) for c in system.components if c.plant is not None]
     return {c.scope.topics[t] for c, plant in plants for t, _ in plant.drives}
@@ -112,10 +112,10 @@ AGES = (
 
 def ttf_of_states(ttf: TypedExpr | None) -> TypedExpr | None:
     """`ttf` without the disjuncts that read an age; all of it where none would be left."""
-    if ttf is None or not _ages(ttf):
+    if ttf is None or not _reads_age(ttf):
         return ttf
-    left = [part for part in disjuncts(ttf) if not _ages(part)]
-    return reduce(_or, left) if left else ttf
+    left = [part for part in disjuncts(ttf) if not _reads_age(part)]
+    return reduce(_disjunction, left) if left else ttf
 
 
 def said_of_ages(ttf: TypedExpr | None) -> tuple[str, ...]:
@@ -123,15 +123,15 @@ def said_of_ages(ttf: TypedExpr | None) -> tuple[str, ...]:
     left = ttf_of_states(ttf)
     if ttf is None or left is None or left is ttf:
         return ()
-    parts = [" ".join(p.span.text.split()) for p in disjuncts(ttf) if _ages(p)]
+    parts = [" ".join(p.span.text.split()) for p in disjuncts(ttf) if _reads_age(p)]
     return (AGES.format(" or ".join(f"`{p}`" for p in parts)),)
 
 
-def _ages(e: TypedExpr) -> bool:
+def _reads_age(e: TypedExpr) -> bool:
     return any(isinstance(n, typed.AgeRead) for n in nodes([e]))
 
 
-def _or(a: TypedExpr, b: TypedExpr) -> TypedExpr:
+def _disjunction(a: TypedExpr, b: TypedExpr) -> TypedExpr:
     return typed.TypedBinary(BOOL, a.span, "||", a, b)
 
 
@@ -153,11 +153,11 @@ def check_supported(
     place: VerificationSystem, diagnostics: Diagnostics, *, synthesize: bool
 ) -> ProblemKind:
     """Reports constructs that cannot be followed; returns how the plants move (flow or map)."""
-    _controller(place, diagnostics, synthesize=synthesize)
+    _check_controller(place, diagnostics, synthesize=synthesize)
     kinds: dict[str, Component] = {}
     for c in place.plants:
         _plant(c, place, diagnostics, kinds)
-    _choosing(place, diagnostics)
+    _refuse_choices(place, diagnostics)
     if not place.plants:
         diagnostics.error(
             "R002",
@@ -188,14 +188,16 @@ def check_supported(
             notes=("a flow is proved at every instant, a map at the multiples of its period",),
             helps=("write both the same way",),
         )
-    _predicates(place, diagnostics)
+    _check_predicates(place, diagnostics)
     return "map" if "map" in kinds else "flow"
 
 
 # ---------------------------------------------------------------- the safe controller
 
 
-def _controller(place: VerificationSystem, diagnostics: Diagnostics, *, synthesize: bool) -> None:
+def _check_controller(
+    place: VerificationSystem, diagnostics: Diagnostics, *, synthesize: bool
+) -> None:
     node = place.flat.components[place.home.sc].node
     assert node is not None
     symbol = place.module.symbol
@@ -218,9 +220,9 @@ def _controller(place: VerificationSystem, diagnostics: Diagnostics, *, synthesi
             helps=("write it in Soter", "or leave it out: `sc synthesized period 10ms;`"),
         )
         return
-    _facts(node.step, f"the safe controller `{node.name}`", diagnostics)
+    _refuse_unknown_facts(node.step, f"the safe controller `{node.name}`", diagnostics)
     for variable in node.locals:
-        unbounded = [t for _, t in leaves(variable.type) if not _bounded(t)]
+        unbounded = [t for _, t in leaves(variable.type) if not _is_bounded(t)]
         if unbounded:
             diagnostics.error(
                 "R004",
@@ -232,7 +234,7 @@ def _controller(place: VerificationSystem, diagnostics: Diagnostics, *, synthesi
             )
 
 
-def _bounded(t: Type) -> bool:
+def _is_bounded(t: Type) -> bool:
     if isinstance(t, IntType):
         return t.high - t.low < LOCAL_VALUES_MAX
     return isinstance(t, (BoolType, EnumType))
@@ -241,7 +243,7 @@ def _bounded(t: Type) -> bool:
 # ---------------------------------------------------------------- plants
 
 
-def _choosing(place: VerificationSystem, diagnostics: Diagnostics) -> None:
+def _refuse_choices(place: VerificationSystem, diagnostics: Diagnostics) -> None:
     """R007 for plants that choose (`choose`), whether they fly or stand for those that do."""
     seen: set[typed.PlantSymbol] = set()
     for c in (*place.plants, *place.flat.components):
@@ -284,7 +286,7 @@ def _plant(
         kinds.setdefault("map", c)
     lets = [e for _, e in plant.lets]
     equations = [*lets, *plant.der.values(), *plant.next.values()]
-    _facts(equations, f"plant `{c.name}`", diagnostics)
+    _refuse_unknown_facts(equations, f"plant `{c.name}`", diagnostics)
     for symbol, read in topic_reads(*equations).items():
         index = c.scope.topics[symbol]
         if index not in place.module.outputs:
@@ -306,14 +308,14 @@ def _plant(
 # ---------------------------------------------------------------- predicates
 
 
-def _predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
+def _check_predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
     symbol = place.module.symbol
     maps = set(maps_of(place).values())
     check_maps(place, diagnostics)
     for what, e in (("safe", symbol.safe), ("core", symbol.verify.core)):
         if e is None:
             continue
-        _facts([e], f"`{what}`", diagnostics)
+        _refuse_unknown_facts([e], f"`{what}`", diagnostics)
         for topic, read in topic_reads(e).items():
             index = place.module.scope.topics[topic]
             if index not in place.driven and not (what == "safe" and index in maps):
@@ -332,10 +334,10 @@ def _predicates(place: VerificationSystem, diagnostics: Diagnostics) -> None:
                 )
     for what, e in (("ttf", ttf_of_states(symbol.ttf)), ("safer", symbol.safer)):
         if e is not None:
-            _facts([e], f"`{what}`", diagnostics)
+            _refuse_unknown_facts([e], f"`{what}`", diagnostics)
 
 
-def _facts(roots: object, where: str, diagnostics: Diagnostics) -> None:
+def _refuse_unknown_facts(roots: object, where: str, diagnostics: Diagnostics) -> None:
     """R007 for expressions that read clocks, ages or modes, or call externs."""
     assert isinstance(roots, (list, tuple))
     for node in nodes(roots):
@@ -352,10 +354,10 @@ def _facts(roots: object, where: str, diagnostics: Diagnostics) -> None:
                 node.span,
                 notes=notes,
             )
-    _externs(roots, where, roots, set(), diagnostics)
+    _refuse_externs(roots, where, roots, set(), diagnostics)
 
 
-def _externs(
+def _refuse_externs(
     top: object, where: str, roots: object, seen: set[object], diagnostics: Diagnostics
 ) -> None:
     assert isinstance(roots, (list, tuple))
@@ -373,4 +375,4 @@ def _externs(
                 helps=("write the function in Soter",),
             )
         else:
-            _externs(top, where, call.fun.body, seen, diagnostics)
+            _refuse_externs(top, where, call.fun.body, seen, diagnostics)

@@ -34,23 +34,23 @@ def check_times(
 ) -> None:
     """Reports times that the theorem does not cover."""
     if kind == "map":
-        _map(place, times, chains, diagnostics)
+        _check_map_times(place, times, chains, diagnostics)
         if diagnostics.has_errors:
             return
-    _known_nodes(place, chains, diagnostics)
-    _seen_in_time(times, chains, diagnostics)
+    _check_known_nodes(place, chains, diagnostics)
+    _check_read_ages(times, chains, diagnostics)
     for chain in dict.fromkeys([*chains.by_dm, *chains.by_sc]):
-        _spoken_in_time(chain, diagnostics)
-    for node, at in _stations(chains):
-        _fits(place, node, at, diagnostics)
-    _dm_fits(place, times, diagnostics)
-    _kept(place, times, chains, diagnostics)
+        _check_first_results(chain, diagnostics)
+    for node, at in _releases_of_nodes(chains):
+        _check_node_fits(place, node, at, diagnostics)
+    _check_dm_fits(place, times, diagnostics)
+    _check_skipped_outputs(place, times, chains, diagnostics)
     if kind == "map" or any(d.code == "R018" for d in diagnostics.items):
         return
-    _late_commands(place, times, diagnostics)
+    _check_command_delay(place, times, diagnostics)
 
 
-def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnostics) -> None:
+def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: Diagnostics) -> None:
     """R015 where SC is not done before its next step, or acts later than proofs cover."""
     schedule, sc = times.schedule, place.sc
     span = place.module.symbol.verify.span or place.module.symbol.span
@@ -58,7 +58,7 @@ def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnos
     below = {b.name for m in place.flat.modules for b in m.symbol.below}
     stacked = symbol.over is not None or symbol.name in below
     why = late_commands_need(symbol, schedule, stacked=stacked)
-    enough = _slow_enough(schedule, in_order=bool(why))
+    enough = _period_in_time(schedule, in_order=bool(why))
     if schedule.published > schedule.sc.period:
         diagnostics.error(
             "R015",
@@ -66,7 +66,7 @@ def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnos
             span,
             also=((sc.span, f"steps every {show_ns(sc.period_ns)}"),),
             notes=(
-                " + ".join(f"{show_ns(ns)} {name}" for ns, name in _before_it_publishes(times)),
+                " + ".join(f"{show_ns(ns)} {name}" for ns, name in _parts_before_output(times)),
                 "no release is skipped, and outputs come in order",
             ),
             helps=(f"shorter times{enough}",),
@@ -78,8 +78,11 @@ def _late_commands(place: VerificationSystem, times: Times, diagnostics: Diagnos
             f"SC may act {show_ns(times.jitter_sc)} late, more than half of its period",
             span,
             also=((sc.span, f"steps every {show_ns(times.delta_sc)}"),),
-            notes=(_summed(times), f"commands that act so late are not proved {why}"),
-            helps=(*_least(times), f"these times together {_too_much(times)} shorter{enough}"),
+            notes=(_parts_of_delay(times), f"commands that act so late are not proved {why}"),
+            helps=(
+                *_advise_least_delay(times),
+                f"these times together {_excess_in_words(times)} shorter{enough}",
+            ),
         )
 
 
@@ -102,9 +105,9 @@ def late_commands_need(symbol: ModuleSymbol, schedule: Schedule, *, stacked: boo
     return next((why for why, is_so in wrong.items() if is_so), "")
 
 
-def _summed(times: Times) -> str:
+def _parts_of_delay(times: Times) -> str:
     """Words for the parts of j, whose sum a message tells (docs/proof.md, The model of time)."""
-    parts = [*_before_it_publishes(times), (times.acts, "`acts within`")]
+    parts = [*_parts_before_output(times), (times.acts, "`acts within`")]
     rest = times.jitter_sc - sum(ns for ns, _ in parts)
     said = [f"{show_ns(ns)} {name}" for ns, name in parts if ns]
     if rest > 0:
@@ -114,14 +117,14 @@ def _summed(times: Times) -> str:
     return f"{show_ns(times.jitter_sc)} = {' + '.join(said).replace('+ less', '- less')}"
 
 
-def _before_it_publishes(times: Times) -> list[tuple[int, str]]:
+def _parts_before_output(times: Times) -> list[tuple[int, str]]:
     """The parts of the time from a release of SC to its publication, with words."""
     sc, waits = times.schedule.sc, times.schedule.start_of_sc
     late = "`late sc`" if waits == sc.late else "waiting for the DM's verdict"
     return [(waits, late), (sc.response, "`response sc`")]
 
 
-def _least(times: Times) -> tuple[str, ...]:
+def _advise_least_delay(times: Times) -> tuple[str, ...]:
     """The remedy for a dead time: to declare its least part, as only what varies is lateness."""
     without = times.jitter_sc - (times.acts - times.acts_least)
     if 2 * without > times.delta_sc:
@@ -131,12 +134,12 @@ def _least(times: Times) -> tuple[str, ...]:
     return (f"{enough}: only what is more than A is late",)
 
 
-def _too_much(times: Times) -> str:
+def _excess_in_words(times: Times) -> str:
     """Words on how much the sum is too large."""
     return show_ns(times.jitter_sc - times.delta_sc // 2)
 
 
-def _slow_enough(schedule: Schedule, *, in_order: bool) -> str:
+def _period_in_time(schedule: Schedule, *, in_order: bool) -> str:
     """Words for a period with which SC is in time; it is tried, as SC's waiting depends on it.
 
     The module's period is added where P1a needs it. "" where none is found, or SC would then read
@@ -159,7 +162,7 @@ def _slow_enough(schedule: Schedule, *, in_order: bool) -> str:
     return f", or a period of {said} of both SC and the module (P1a: SC may not be the slower)"
 
 
-def _known_nodes(
+def _check_known_nodes(
     place: VerificationSystem, chains: CauseEffectChains, diagnostics: Diagnostics
 ) -> None:
     """R017 where a time is declared for a node that is on no path, where it has no effect."""
@@ -184,7 +187,7 @@ def _known_nodes(
         )
 
 
-def _seen_in_time(times: Times, chains: CauseEffectChains, diagnostics: Diagnostics) -> None:
+def _check_read_ages(times: Times, chains: CauseEffectChains, diagnostics: Diagnostics) -> None:
     """R011 where, by the periods alone, SC may read what is older than its `max_age`."""
     told = set()
     for chain in chains.by_sc:
@@ -208,7 +211,7 @@ def _seen_in_time(times: Times, chains: CauseEffectChains, diagnostics: Diagnost
         )
 
 
-def _spoken_in_time(chain: CauseEffectChain, diagnostics: Diagnostics) -> None:
+def _check_first_results(chain: CauseEffectChain, diagnostics: Diagnostics) -> None:
     """R017 where a node may publish a result of a default, whose stamp would look fresh."""
     early = chain.path.speaks_early
     if early is None:
@@ -226,7 +229,7 @@ def _spoken_in_time(chain: CauseEffectChain, diagnostics: Diagnostics) -> None:
     )
 
 
-def _stations(chains: CauseEffectChains) -> list[tuple[Component, Releases]]:
+def _releases_of_nodes(chains: CauseEffectChains) -> list[tuple[Component, Releases]]:
     releases_by_node: dict[Component, Releases] = {}
     for chain in (*chains.by_dm, *chains.by_sc):
         releases_by_node.update(zip(chain.stations, chain.path.nodes, strict=True))
@@ -234,7 +237,7 @@ def _stations(chains: CauseEffectChains) -> list[tuple[Component, Releases]]:
     return list(releases_by_node.items())
 
 
-def _fits(
+def _check_node_fits(
     place: VerificationSystem, node: Component, at: Releases, diagnostics: Diagnostics
 ) -> None:
     if at.latest <= at.period:
@@ -244,18 +247,18 @@ def _fits(
         f"`{node.name}` may take {show_ns(at.latest)} from its release, longer than its period",
         node.span,
         also=((place.module.symbol.verify.span or place.module.symbol.span, "declared here"),),
-        notes=(_own(at), "no release is skipped, and outputs come in order"),
+        notes=(_own_time_in_words(at), "no release is skipped, and outputs come in order"),
         helps=(f"a period of {show_ns(at.latest)} or more, or shorter times",),
     )
 
 
-def _own(at: Releases) -> str:
+def _own_time_in_words(at: Releases) -> str:
     """Words for the parts of the time that a node, or the DM, may take."""
     parts = f"{show_ns(at.late)} `late` + {show_ns(at.response)} `response`"
     return f"{show_ns(at.latest)} = {parts}, out of a period of {show_ns(at.period)}"
 
 
-def _dm_fits(place: VerificationSystem, times: Times, diagnostics: Diagnostics) -> None:
+def _check_dm_fits(place: VerificationSystem, times: Times, diagnostics: Diagnostics) -> None:
     dm = times.schedule.dm
     if dm.latest <= dm.period:
         return
@@ -263,36 +266,36 @@ def _dm_fits(place: VerificationSystem, times: Times, diagnostics: Diagnostics) 
         "R015",
         f"the DM may take {show_ns(dm.latest)} from its release, longer than its period",
         place.module.symbol.verify.span or place.module.symbol.span,
-        notes=(_own(dm), "no release is skipped, and verdicts come in order"),
+        notes=(_own_time_in_words(dm), "no release is skipped, and verdicts come in order"),
         helps=(f"a period of the module of {show_ns(dm.latest)} or more, or shorter times",),
     )
 
 
-def _kept(
+def _check_skipped_outputs(
     place: VerificationSystem, times: Times, chains: CauseEffectChains, diagnostics: Diagnostics
 ) -> None:
     """R018 where a node behind SC may skip an output: a command would act a period longer."""
     schedule = times.schedule
     skips: list[Component] = []
     outputs = {o.nodes: o for o in schedule.outputs}
-    stations = dict(_stations(chains))
+    stations = dict(_releases_of_nodes(chains))
     for way in chains.ways:
         at = outputs[tuple(stations[n] for n in way.counted)].loses(schedule.sc, schedule.published)
         skips += [] if at is None else [way.counted[at]]
-        skips += [n for n in way.inner if max(n.period_ns, _busy(n)) > schedule.sc.period]
+        skips += [n for n in way.inner if max(n.period_ns, _execution_time(n)) > schedule.sc.period]
     for node in dict.fromkeys(skips):
         diagnostics.error(
             "R018",
             f"`{node.name}` may miss a command of SC",
             node.span,
-            f"steps every {show_ns(max(node.period_ns, _busy(node)))}",
+            f"steps every {show_ns(max(node.period_ns, _execution_time(node)))}",
             also=((place.sc.span, f"publishes every {show_ns(place.sc.period_ns)}"),),
             notes=("the proof is about every command of SC acting for a period",),
             helps=("let it step at least as often as SC, its lateness included",),
         )
 
 
-def _busy(node: Component) -> int:
+def _execution_time(node: Component) -> int:
     """The declared longest execution time of a node's step, in ns; 0: none is declared."""
     return 0 if node.takes_ns is None else node.takes_ns[1]
 
@@ -300,15 +303,15 @@ def _busy(node: Component) -> int:
 # ---------------------------------------------------------------- maps
 
 
-def _map(
+def _check_map_times(
     place: VerificationSystem, times: Times, chains: CauseEffectChains, diagnostics: Diagnostics
 ) -> None:
     """Reports times of a map that are no whole steps: it is defined at multiples of its period."""
     step = place.plants[0].period_ns
     symbol = place.module.symbol
-    _of_whole_steps(place, times, step, diagnostics)
+    _check_whole_steps(place, times, step, diagnostics)
     for chain in dict.fromkeys([*chains.by_dm, *chains.by_sc] if place.abstract else []):
-        _of_every_step(place, chain, step, diagnostics)
+        _check_every_step(place, chain, step, diagnostics)
     acts = times.schedule.published + times.acts
     paths = (*times.schedule.read_by_dm, *times.schedule.read_by_sc)
     often = min([step, *(p.sensor.period for p in paths)])
@@ -337,7 +340,7 @@ def _map(
         )
 
 
-def _of_whole_steps(
+def _check_whole_steps(
     place: VerificationSystem, times: Times, step: int, diagnostics: Diagnostics
 ) -> None:
     """R012 for periods and phases that are no multiples of the map's own period."""
@@ -360,7 +363,7 @@ def _of_whole_steps(
             )
 
 
-def _of_every_step(
+def _check_every_step(
     place: VerificationSystem, chain: CauseEffectChain, step: int, diagnostics: Diagnostics
 ) -> None:
     """R012 where what an abstraction stands for does not publish whenever the abstraction steps."""
@@ -386,12 +389,12 @@ def of_map(times: Times) -> Times:
         schedule=Schedule(
             Releases(schedule.dm.period, schedule.dm.phase),
             Releases(schedule.sc.period, schedule.sc.phase),
-            _of_instant(schedule.read_by_dm),
-            _of_instant(schedule.read_by_sc),
+            _paths_of_instant(schedule.read_by_dm),
+            _paths_of_instant(schedule.read_by_sc),
             (ActuationPath(),),
         ),
     )
 
 
-def _of_instant(paths: tuple[SensorPath, ...]) -> tuple[SensorPath, ...]:
+def _paths_of_instant(paths: tuple[SensorPath, ...]) -> tuple[SensorPath, ...]:
     return tuple(replace(p, nodes=(), max_age=0) for p in paths)

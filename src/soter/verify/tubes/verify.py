@@ -72,12 +72,12 @@ def entry(result: TubeResult, system: str, stem: str, files: dict[str, bytes]) -
                 for s in check.states
             },
             "moves": {
-                names[s]: [_hex(d.below), _hex(d.above)]
+                names[s]: [_hex_bound(d.below), _hex_bound(d.above)]
                 for s, d in problem.drifts.items()
                 if s in check.states
             },
-            "box": _ends(names, claims.box),
-            "ways": _ends(names, claims.ways),
+            "box": _hex_ranges(names, claims.box),
+            "ways": _hex_ranges(names, claims.ways),
             **_shield(result),
         },
     }
@@ -93,11 +93,11 @@ def _shield(result: TubeResult) -> dict[str, object]:
     return {"shield": {"cells": shield.cells, **ns}}
 
 
-def _ends(names: list[str], ranges: Mapping[int, Interval]) -> dict[str, list[str]]:
+def _hex_ranges(names: list[str], ranges: Mapping[int, Interval]) -> dict[str, list[str]]:
     return {names[s]: [r.low.hex(), r.high.hex()] for s, r in ranges.items()}
 
 
-def _hex(length: float) -> str | None:
+def _hex_bound(length: float) -> str | None:
     """A bound as a hexadecimal double; None for an infinite one."""
     return length.hex() if isfinite(length) else None
 
@@ -163,22 +163,22 @@ def verify_by_tubes(
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
     check = TubeCheck(problem)
     claims = rest_claims(check)
-    result = TubeResult(problem, {}, [], added=(SOUND, *_far(check)))
+    result = TubeResult(problem, {}, [], added=(SOUND, *_far_assumptions(check)))
     result.check, result.claims = check, claims
     static_claims(problem, result)
     cpu = time.perf_counter() - began
     why = claims.kept or claims.moves
-    rest = Finding(UNDECIDED if why else PROVED, cpu, HOW, why or _kept(check, claims))
+    rest = Finding(UNDECIDED if why else PROVED, cpu, HOW, why or _kept_text(check, claims))
     if claims.answers:
-        rest.hint = _sets_of(check) + ANSWERS
+        rest.hint = _advise_sets(check) + ANSWERS
     elif why:
-        rest.hint = _helps(check, claims, ask=bool(refute or explain))
+        rest.hint = _advice(check, claims, ask=bool(refute or explain))
     in_flight = IN_FLIGHT if problem.module.shield is None else IN_FLIGHT + JUDGED
     flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or in_flight)
     findings = {
         **result.findings,
         "P2a": rest,
-        "P2b": _returns(problem),
+        "P2b": _finding_on_return(problem),
         "P3": flies,
         "ttf": flies,
         "safer": flies,
@@ -196,19 +196,19 @@ def verify_by_tubes(
     return result
 
 
-def _helps(
+def _advice(
     check: TubeCheck,
     claims: RestClaims,
     *,
     ask: bool,
 ) -> str:
     """Advice where rest is not shown; `ask`: younger reads are tried for it."""
-    endless = _endless(check, claims)
+    endless = _missing_bounds(check, claims)
     asked = ask and not (endless or claims.astray)
     tried = _with_younger_reads(check.problem) if asked else ""
     if not claims.kept:
         return MOVES
-    kept = endless or KEPT.format("".join(f"{what}, " for what in _quicker(check, tried)))
+    kept = endless or KEPT.format("".join(f"{what}, " for what in _what_delays_sc(check, tried)))
     return kept if claims.box else ""
 
 
@@ -222,7 +222,7 @@ def _with_younger_reads(problem: TubeProblem) -> str:
     return f"{' and '.join(changed[1])} (tried: {'rest is shown' if shown else 'not enough'})"
 
 
-def _quicker(check: TubeCheck, tried: str) -> Iterator[str]:
+def _what_delays_sc(check: TubeCheck, tried: str) -> Iterator[str]:
     """Advice on what makes SC late: the age of its reads, its delay, inner loops that are slow."""
     times = check.problem.times
     if tried or (check.read_by_law and times.age_sc > times.delta_sc):
@@ -233,14 +233,14 @@ def _quicker(check: TubeCheck, tried: str) -> Iterator[str]:
         yield "inner loops that are several times as quick as the outer ones"
 
 
-def _sets_of(check: TubeCheck) -> str:
+def _advise_sets(check: TubeCheck) -> str:
     """Advice to write the sets that topics of SC's reads lack; "" where none is missing."""
     far = [check.problem.leaf(s) for s in sorted(check.read_by_law) if is_far(check.read_sets[s])]
     sets = ", ".join(f"`{leaf} in [-l, l]`" for leaf in far)
     return f"sets of what SC reads, as {sets} in its topic; or " if far else ""
 
 
-def _endless(check: TubeCheck, claims: RestClaims) -> str:
+def _missing_bounds(check: TubeCheck, claims: RestClaims) -> str:
     """Advice on bounds that `rest` lacks, as it holds of states however far out; "": it has all."""
     names = check.problem.quantities.states
     ways = [
@@ -259,7 +259,7 @@ def _endless(check: TubeCheck, claims: RestClaims) -> str:
     )
 
 
-def _far(check: TubeCheck) -> list[Assumption]:
+def _far_assumptions(check: TubeCheck) -> list[Assumption]:
     """The assumption that states without a set in their topic stay below `FARTHEST`, if any."""
     own = [s for s in check.states if s not in check.problem.drifts]
     far = {s for s in own if is_far(check.rooms[s])}
@@ -270,7 +270,7 @@ def _far(check: TubeCheck) -> list[Assumption]:
     return [Assumption("far", text)] if far else []
 
 
-def _kept(check: TubeCheck, claims: RestClaims) -> str:
+def _kept_text(check: TubeCheck, claims: RestClaims) -> str:
     """The text of the finding that rest is kept."""
     names = check.problem.quantities.states
     ways = [f"{names[s].name} in [{r.low:.3g}, {r.high:.3g}]" for s, r in claims.ways.items()]
@@ -282,7 +282,7 @@ def _start(check: TubeCheck) -> str:
     return f"from there SC, acting within {show_ns(check.times.start)}, comes to rest within C"
 
 
-def _returns(problem: TubeProblem) -> Finding:
+def _finding_on_return(problem: TubeProblem) -> Finding:
     """P2b is assumed: whether the check is good then depends on estimates and maps in flight."""
     stays = problem.module.symbol.stays
     if stays:
