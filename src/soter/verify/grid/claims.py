@@ -56,11 +56,11 @@ def entry(
         rank = np.where(group.home > 0, 1, rank)
         holds = np.where(rank > 1, holds, 0)
     tables = {
-        "K": _whole(group.core, "<u1"),
-        "R": _bits(group.free),
-        "Q": _whole(group.home, "<u1"),
-        "W": _whole(rank, "<u2"),
-        "W_N": _whole(holds, "<u1"),
+        "K": _table_bytes(group.core, "<u1"),
+        "R": _packed_bits(group.free),
+        "Q": _table_bytes(group.home, "<u1"),
+        "W": _table_bytes(rank, "<u2"),
+        "W_N": _table_bytes(holds, "<u1"),
     }
     if group.finer is not None:
         own = axes(problem, group.finer[1], f"{stem}_Q", files)
@@ -73,16 +73,16 @@ def entry(
         group_entry["S"] = []
     for k, level in enumerate(group.levels):
         name = f"{stem}_S{k}.bin"
-        files[name] = _bits(level) or b""
+        files[name] = _packed_bits(level) or b""
         group_entry["S"].append(name)
     return group_entry
 
 
-def _whole(table: NDArray[Any] | None, kind: str) -> bytes | None:
+def _table_bytes(table: NDArray[Any] | None, kind: str) -> bytes | None:
     return None if table is None else np.ascontiguousarray(table).astype(kind).tobytes()
 
 
-def _bits(table: NDArray[Any] | None) -> bytes | None:
+def _packed_bits(table: NDArray[Any] | None) -> bytes | None:
     if table is None:
         return None
     return np.packbits(np.ascontiguousarray(table).reshape(-1), bitorder="little").tobytes()
@@ -401,7 +401,7 @@ class Grids(Method):
         """The text of a finding that was proved, with its counts of cells."""
         every = [p.found for c in done for p in grids(c.proofs)]
         if claim == "P2a":
-            cells, of = (sum(int(n) for n in x) for x in _counted(every))
+            cells, of = (sum(int(n) for n in x) for x in _cell_counts(every))
             longest = max(c.counts.get("longest", 0) for c in done)
             rounds = max(c.counts.get("rounds", 0) for c in done)
             span = show_ns(longest * done[0].problem.times.delta_sc)
@@ -435,7 +435,7 @@ class Grids(Method):
     def unpacked(self, group: Group, arrays: Arrays) -> Estimates:
         """The levels that `packed` stored: two sets of the grid's shape, and the shield's part."""
         shape = tuple(len(a.edges) - 1 for a in group.axes)
-        outer, inner = (_cells(np.asarray(arrays[k], np.uint8), shape) for k in ("0", "1"))
+        outer, inner = (_unpacked_cells(np.asarray(arrays[k], np.uint8), shape) for k in ("0", "1"))
         if "tops" not in arrays:
             return Estimates(outer, inner)
         moved = int(arrays["command"][0])
@@ -456,11 +456,11 @@ class Grids(Method):
         return Estimates(outer, inner)
 
 
-def _counted(every: Sequence[GroupSets]) -> tuple[list[int], list[int]]:
+def _cell_counts(every: Sequence[GroupSets]) -> tuple[list[int], list[int]]:
     """For each group the number of cells of K, and of its grid."""
     return [int((g.core > 0).sum()) for g in every], [g.core.size for g in every]
 
 
-def _cells(bits: NDArray[np.uint8], shape: tuple[int, ...]) -> Bools:
+def _unpacked_cells(bits: NDArray[np.uint8], shape: tuple[int, ...]) -> Bools:
     count = int(np.prod(shape))
     return np.unpackbits(bits, count=count).astype(np.bool_).reshape(shape)

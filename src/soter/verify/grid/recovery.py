@@ -78,7 +78,7 @@ def recovery_ranks(
     """
     ffi, lib = group.library.ffi, group.library.lib
     steps = np.array(sorted({h for h in holds if h <= grids.LONGEST}), dtype=np.int32)
-    initial_way = before or _at_once(goal & core)
+    initial_way = before or _ranks_without_chain(goal & core)
     rank, taken, time_ns = (
         initial_way.rank.copy(),
         initial_way.holds.copy(),
@@ -107,7 +107,7 @@ def recovery_ranks(
     return RecoveryRanks(rank, taken, time_ns, sum(w.r.steps))
 
 
-def _at_once(goal: Bools) -> RecoveryRanks:
+def _ranks_without_chain(goal: Bools) -> RecoveryRanks:
     """W before the first chain: the cells of Q alone."""
     none = np.zeros(goal.shape, np.int64)
     return RecoveryRanks(goal.astype(np.uint16), none.astype(np.uint8), none, 0)
@@ -229,7 +229,7 @@ def recover(
     case.failures = [f for f in case.failures if (f.proof, f.claim) != (proof, "P2b")]
     part.target = target
     inside = target & part.allowed
-    if case.problem.computed and _as_before(case, engine, part, inside):
+    if case.problem.computed and _mend_recovery(case, engine, part, inside):
         return
     if not inside.any() and (empty := case.failed("safer")):
         case.fail("P2b", empty[0].text, proof, empty[0].hint).cells = inside
@@ -238,7 +238,7 @@ def recover(
     if not part.home.any():
         found, tried = finer_q(case, engine, part) if case.problem.computed else (None, "")
         if found is not None:
-            _from_finer(case, proof, part, found)
+            _use_finer_q(case, proof, part, found)
             return
         text = "SC keeps no set inside `safer`"
         near = f"nor where SC rests on cells of {tried} the size, the DM's table as declared"
@@ -251,12 +251,12 @@ def recover(
     every_length = SHORT if engine.c.is_local else LENGTHS
     first = len(every_length) - 2 if part.core.max() > LONG else 0
     home = part.home > 0
-    return_way = _way(engine, part.core > 0, part.allowed, home, every_length[first:])
-    _enter(part, return_way)
-    _stuck(case, proof, (part.core > 0) & (return_way.rank == 0))
+    return_way = _search_recovery(engine, part.core > 0, part.allowed, home, every_length[first:])
+    _enter_ranks(part, return_way)
+    _fail_if_stuck(case, proof, (part.core > 0) & (return_way.rank == 0))
 
 
-def _from_finer(case: Case, proof: GroupProof, part: GroupSets, found: FinerQ) -> None:
+def _use_finer_q(case: Case, proof: GroupProof, part: GroupSets, found: FinerQ) -> None:
     """Fills in Q and W on small cells, as `finer_q` found Q; K stays as it is."""
     core = (part.core > 0)[found.origin]
     part.home, part.finer = found.home, (found.size, found.group)
@@ -267,12 +267,14 @@ def _from_finer(case: Case, proof: GroupProof, part: GroupSets, found: FinerQ) -
         text += f"from {far:,} such cells of K was not looked at (at most {WAY_MAX:,})"
         case.fail("P2b", text, proof, "fewer cells; a `safer` of your own")
         return
-    return_way = _way(found.engine, core | home, part.allowed[found.origin], home, FINER)
-    _enter(part, return_way)
-    _stuck(case, proof, found.declared(core & (return_way.rank == 0)))
+    return_way = _search_recovery(
+        found.engine, core | home, part.allowed[found.origin], home, FINER
+    )
+    _enter_ranks(part, return_way)
+    _fail_if_stuck(case, proof, found.declared(core & (return_way.rank == 0)))
 
 
-def _as_before(case: Case, engine: GridGroup, part: GroupSets, inside: Bools) -> bool:
+def _mend_recovery(case: Case, engine: GridGroup, part: GroupSets, inside: Bools) -> bool:
     """Mends the Q and W found before, where K has only lost cells without a way back.
 
     The new Q is what SC keeps of the old one inside the target; the old W leads to the old Q, and
@@ -302,12 +304,12 @@ def _as_before(case: Case, engine: GridGroup, part: GroupSets, inside: Bools) ->
     return True
 
 
-def _enter(part: GroupSets, return_way: RecoveryRanks) -> None:
+def _enter_ranks(part: GroupSets, return_way: RecoveryRanks) -> None:
     part.rank, part.rank_holds = return_way.rank, return_way.holds
     part.return_ns = return_way.longest_ns
 
 
-def _stuck(case: Case, proof: GroupProof, stuck: Bools) -> None:
+def _fail_if_stuck(case: Case, proof: GroupProof, stuck: Bools) -> None:
     """Enters a failure of P2b if there are `stuck` cells, from which no way back was found."""
     if stuck.any():
         text = f"from {int(stuck.sum()):,} cells of K no way back to `safer` was found"
@@ -316,7 +318,7 @@ def _stuck(case: Case, proof: GroupProof, stuck: Bools) -> None:
         failure.cells, failure.stuck = stuck, True
 
 
-def _way(
+def _search_recovery(
     engine: GridGroup, core: Bools, allowed: Bools, home: Bools, lengths_tried: Lengths
 ) -> RecoveryRanks:
     """W: tries a few lengths of chains for all cells, then every length for the cells left."""

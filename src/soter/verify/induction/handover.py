@@ -53,24 +53,26 @@ def jumping_topics(
     if enters is None:
         return
     for topic in topic_reads(link.value):
-        index = _index(flat, topic)
+        index = _topic_index(flat, topic)
         writers = [c for c in flat.components if c.node and index in c.writes]
-        why = _not_for_this(flat, index, writers) or _remembers(flat, module)
-        why = why or _ages(link.value, topic)
+        why = _why_not_followed(flat, index, writers) or _why_locals_matter(flat, module)
+        why = why or _why_age_read(link.value, topic)
         name = writers[0].name if writers else ""
         if not why:
-            changed = ChangedTopic(index, _paths(link.value, topic), _driven(flat, module, link))
+            changed = ChangedTopic(
+                index, _paths_read(link.value, topic), _driven_topics(flat, module, link)
+            )
             why = _why_not_shown(flat, module, enters, writers[0], changed)
         yield JumpingTopic(topic, name, why)
 
 
-def _ages(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> str:
+def _why_age_read(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> str:
     """Why the map cannot be followed if it reads the topic's age: each publication resets that."""
     aged = any(isinstance(n, typed.AgeRead) and n.topic is topic for n in nodes([value]))
     return f"its map reads the age of {topic.name}" if aged else ""
 
 
-def _index(flat: System, topic: typed.TopicSymbol) -> int:
+def _topic_index(flat: System, topic: typed.TopicSymbol) -> int:
     """The system's index of a topic that components name; -1 where they mean several, or none."""
     indices = {c.scope.topics[topic] for c in flat.components if topic in c.scope.topics}
     return indices.pop() if len(indices) == 1 else -1
@@ -85,20 +87,20 @@ class ChangedTopic:
     shown: list[int]
 
 
-def _remembers(flat: System, module: Module) -> str:
+def _why_locals_matter(flat: System, module: Module) -> str:
     """Why an SC with locals is not followed: they may depend on what was there before the jump."""
     sc = flat.components[module.sc]
     return f"{sc.name} keeps locals" if sc.node is None or sc.node.locals else ""
 
 
-def _driven(flat: System, module: Module, link: typed.AbstractionLink) -> list[int]:
+def _driven_topics(flat: System, module: Module, link: typed.AbstractionLink) -> list[int]:
     """The topics that the plant of a view drives and the module reads."""
     scopes = (module.scope.topics, flat.components[module.sc].scope.topics)
     indices = [next((s[t] for s in scopes if t in s), -1) for t, _ in link.plant.drives]
     return [i for i in indices if i >= 0]
 
 
-def _not_for_this(flat: System, index: int, writers: list[Component]) -> str:
+def _why_not_followed(flat: System, index: int, writers: list[Component]) -> str:
     if find_spec("z3") is None:
         return "z3 is not installed"
     if len(writers) != 1 or index in {d.topic for d in flat.inputs}:
@@ -114,7 +116,7 @@ def _not_for_this(flat: System, index: int, writers: list[Component]) -> str:
     return ""
 
 
-def _paths(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> list[Path]:
+def _paths_read(value: typed.TypedExpr | None, topic: typed.TopicSymbol) -> list[Path]:
     """The parts of a topic that an expression reads, as paths of field indices; () is all of it."""
     every = [n for n in nodes([value]) if isinstance(n, typed.TypedExpr)]
     around = {id(n.target): n for n in every if isinstance(n, typed.TypedField)}
@@ -193,13 +195,13 @@ def _why_not_shown(
     default = terms.constant(topic.type, topic.default)
     first = StepTransition({}, {changed.index: (True, default)}, False, False)
     try:
-        before = _step(terms, flat, program, c, anything)
+        before = _step_transition(terms, flat, program, c, anything)
         cases = [
-            ("the first step", _step(terms, flat, program, c, start), first),
-            ("a step", _step(terms, flat, program, c, before.locals), before),
+            ("the first step", _step_transition(terms, flat, program, c, start), first),
+            ("a step", _step_transition(terms, flat, program, c, before.locals), before),
         ]
         for what, step, last in cases:
-            if _jumps(terms, step, last, topic.type, changed):
+            if _may_jump(terms, step, last, topic.type, changed):
                 return (
                     f"{what} of {c.name} may change it where `enters` does not hold, or without "
                     "showing it to DM and SC"
@@ -209,7 +211,7 @@ def _why_not_shown(
     return ""
 
 
-def _jumps(
+def _may_jump(
     terms: SolverTerms, step: StepTransition, last: StepTransition, t: Type, changed: ChangedTopic
 ) -> bool:
     """Whether a step may publish a changed value where it must not (`last`: the step before)."""
@@ -217,7 +219,7 @@ def _jumps(
     says, value = step.published.get(changed.index, nothing)
     said, old = last.published.get(changed.index, nothing)
     old = terms.chosen(said, old, terms.fresh(t, "before"), t)
-    same = terms.all_of(*[_same(terms, value, old, t, p) for p in changed.paths])
+    same = terms.all_of(*[_equal_parts(terms, value, old, t, p) for p in changed.paths])
     shows = [step.published.get(i, (False, None))[0] for i in changed.shown]
     runs = terms.negated(terms.any_of(step.faults, last.faults))
     good = terms.any_of(same, terms.all_of(step.enters, *shows))
@@ -229,7 +231,7 @@ def _jumps(
     return bool(query.check() != terms.z3.unsat)
 
 
-def _same(terms: SolverTerms, a: Term, b: Term, t: Type, path: Path) -> Term:
+def _equal_parts(terms: SolverTerms, a: Term, b: Term, t: Type, path: Path) -> Term:
     for k in path:
         assert isinstance(t, RecordType)
         a, b, t = a[k], b[k], t.fields[k][1]
@@ -237,7 +239,7 @@ def _same(terms: SolverTerms, a: Term, b: Term, t: Type, path: Path) -> Term:
     return terms.all_of(*[x == y for x, y in pairs])
 
 
-def _step(
+def _step_transition(
     terms: SolverTerms, flat: System, program: core.CoreSystem, c: Component, state: dict[str, Term]
 ) -> StepTransition:
     code = program.nodes[c.index]

@@ -95,7 +95,7 @@ class InductionProblem(Problem):
         return topics_by_component
 
 
-def _properties(module: Module) -> list[Property]:
+def _properties_to_show(module: Module) -> list[Property]:
     progress = module.symbol.verify.progress
     asked = (module.symbol.safe, *module.symbol.verify.lemmas, *progress)
     return [
@@ -117,18 +117,18 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
     `modes`: the modes of other modules that it reads, as topics that nobody publishes.
     """
     diagnostics = Diagnostics()
-    _refuse(flat, module, diagnostics)
+    _refuse_unsupported(flat, module, diagnostics)
     diagnostics.raise_errors()
-    nodes, any_value, heard = _neighbours(flat, module, modes)
+    nodes, any_value, heard = _followed_nodes(flat, module, modes)
     kept = [module.dm, module.sc, module.ac, *nodes]
     system = derived_systems.undriven(flat, kept)
     index = next(i for i, m in enumerate(system.modules) if m.name == module.name)
     at = system.modules[index]
     assert not any(c.extern for c in system.components if c.role in ("sc", "node"))
     times, clocks, declared, absent = _times(system, at, diagnostics)
-    rests = _rests(flat, module, system, declared, diagnostics)
+    rests = _time_assumptions(flat, module, system, declared, diagnostics)
     diagnostics.raise_errors()
-    lemmas_, properties = at.symbol.verify.lemmas, _properties(at)
+    lemmas_, properties = at.symbol.verify.lemmas, _properties_to_show(at)
     texts = tuple(p.text for p in properties)
     core = lower(derived_systems.with_properties(system, properties))
     safe, *others = core.properties
@@ -173,7 +173,7 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
 # ---------------------------------------------------------------- what induction is for
 
 
-def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
+def _refuse_unsupported(flat: System, module: Module, diagnostics: Diagnostics) -> None:
     symbol = module.symbol
     said = [n for n in OTHERS if getattr(symbol.verify, n)]
     for name in said:
@@ -221,7 +221,7 @@ def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -
         )
     assert sc.node is not None
     takeover = sc.node.takeover or ()
-    for call in _externs(*symbol.predicates_and_lemmas, *sc.node.step, *takeover):
+    for call in _extern_calls(*symbol.predicates_and_lemmas, *sc.node.step, *takeover):
         diagnostics.error(
             "R003",
             f"module `{module.name}` rests on the extern function `{call.fun.name}`",
@@ -251,7 +251,7 @@ def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -
 # ---------------------------------------------------------------- which nodes matter
 
 
-def _neighbours(
+def _followed_nodes(
     flat: System, module: Module, modes: Modes
 ) -> tuple[list[int], dict[str, str], list[int]]:
     """The nodes to follow; the topics that may hold any value, and why; those of nodes that hear.
@@ -263,22 +263,22 @@ def _neighbours(
     own = {module.dm, module.sc, module.ac}
     needed = {*_topics_read(scope, symbol.safe, *symbol.verify.lemmas)}
     todo = _topics_read(scope, *symbol.predicates_and_lemmas)
-    todo += _read_by(flat.components[module.sc])
+    todo += _topics_of_node(flat.components[module.sc])
     decided = {scope.topics[t]: f"decided by the DM of {name}" for t, name in modes.topics.items()}
     seen: set[int] = set()
     nodes: dict[int, None] = {}
     any_value: dict[str, str] = {}
     heard: list[int] = []
     while todo:
-        index = _source(flat, todo.pop())
+        index = _queue_source(flat, todo.pop())
         if index in seen or index in module.outputs:
             continue
         seen.add(index)
         name = flat.topics[index].name
         writers = [c for c in flat.components if index in c.writes]
-        why = decided.get(index) or _not_followed(flat, module, writers)
+        why = decided.get(index) or _why_not_followed(flat, module, writers)
         if not why and index not in needed:
-            why = _hears(flat, module, writers)
+            why = _what_it_hears(flat, module, writers)
             heard += [index] if why else []
         if why:
             any_value[name] = why
@@ -286,32 +286,32 @@ def _neighbours(
         for c in writers:
             if c.index not in own and c.index not in nodes:
                 nodes[c.index] = None
-                todo += _read_by(c)
+                todo += _topics_of_node(c)
     return list(nodes), any_value, heard
 
 
-def _source(flat: System, topic: int) -> int:
+def _queue_source(flat: System, topic: int) -> int:
     """The topic itself; for a queue the topic whose values it collects."""
     source = flat.topics[topic].queue_of
     return topic if source is None else source
 
 
-def _hears(flat: System, module: Module, writers: list[Component]) -> str:
+def _what_it_hears(flat: System, module: Module, writers: list[Component]) -> str:
     """Words that a writer depends on what plants or other modules publish; "": none does."""
     todo, seen = list(writers), set(module.outputs)
     while todo:
         c = todo.pop()
         if c.plant is not None or c.module not in (None, module.index):
             return f"published by {writers[0].name}, which hears {c.role} {c.name}"
-        for read in () if c.extern else _read_by(c):
-            index = _source(flat, read)
+        for read in () if c.extern else _topics_of_node(c):
+            index = _queue_source(flat, read)
             if index not in seen:
                 seen.add(index)
                 todo += [w for w in flat.components if index in w.writes]
     return ""
 
 
-def _not_followed(flat: System, module: Module, writers: list[Component]) -> str:
+def _why_not_followed(flat: System, module: Module, writers: list[Component]) -> str:
     """Why a topic may hold anything of its set at any time; "" where its nodes are followed."""
     if not writers:
         return "the environment's"
@@ -323,7 +323,7 @@ def _not_followed(flat: System, module: Module, writers: list[Component]) -> str
         assert c.node is not None
         if c.extern:
             return f"published by extern node {c.name}"
-        if _externs(*c.node.step):
+        if _extern_calls(*c.node.step):
             return f"{c.name} calls an extern function"
         if c.node.bursts:
             return f"{c.name} publishes several messages a step"
@@ -338,7 +338,7 @@ def _reads_modes(c: Component) -> set[int]:
     return {c.scope.modules.get(m, -1) for m in mode_reads(*c.node.step)} | margins
 
 
-def _externs(*roots: object) -> list[typed.TypedCall]:
+def _extern_calls(*roots: object) -> list[typed.TypedCall]:
     """The calls that reach an extern function, directly or through others."""
     extern_calls = []
     for call in calls_in(*roots):
@@ -358,7 +358,7 @@ def _topics_read(scope: Scope, *read: object) -> list[int]:
     return [scope.topics[t] for t in topic_reads(*read)]
 
 
-def _read_by(c: Component) -> list[int]:
+def _topics_of_node(c: Component) -> list[int]:
     assert c.node is not None
     return _topics_read(c.scope, *c.node.step)
 
@@ -431,7 +431,7 @@ def _times(
     return Times(schedule), tuple(clocks), tuple(declared), absent
 
 
-def _rests(
+def _time_assumptions(
     flat: System,
     module: Module,
     system: System,

@@ -107,25 +107,25 @@ def induct(problem: InductionProblem) -> Induction:
         induction.why = f"a hyperperiod has {induction.steps} steps, too many to be followed"
         return induction
     try:
-        _deepen(problem, induction)
+        _deepen_induction(problem, induction)
         if not induction.proved and induction.about != "safe":
-            _latching(problem, induction)
+            _prove_with_latching(problem, induction)
         if induction.proved:
-            _returns(problem, induction)
-            induction.never = _never(problem, induction)
+            _prove_return(problem, induction)
+            induction.never = _never_happens(problem, induction)
     except TooManyStatementsError:
         induction.why = "a step takes more statements than are followed"
     induction.seconds = time.perf_counter() - began
     return induction
 
 
-def _latching(problem: InductionProblem, induction: Induction) -> None:
+def _prove_with_latching(problem: InductionProblem, induction: Induction) -> None:
     """Tries once more with steps that may fault and latch their nodes; such a proof counts, too."""
     names = _may_fault(problem)
     if not names:
         return
     other = Induction(induction.hyperperiod_ns, induction.steps, latching=names)
-    _deepen(problem, other)
+    _deepen_induction(problem, other)
     if other.proved or other.about == "safe":
         induction.latching, induction.k, induction.proved = names, other.k, other.proved
         induction.uninterpreted |= other.uninterpreted
@@ -147,7 +147,7 @@ def _may_fault(problem: InductionProblem) -> tuple[str, ...]:
     return tuple(problem.system.components[i].name for i in sorted(indices))
 
 
-def _deepen(problem: InductionProblem, induction: Induction) -> None:
+def _deepen_induction(problem: InductionProblem, induction: Induction) -> None:
     began = time.process_time()
     for n, k in enumerate(DEPTHS):
         share_done(n / len(DEPTHS))
@@ -159,9 +159,9 @@ def _deepen(problem: InductionProblem, induction: Induction) -> None:
         if time.process_time() - began > BUDGET_S:
             induction.why = f"no induction within {BUDGET_S:g} s of CPU time: it was given up"
             return
-        if _base(problem, induction, k) != HOLDS:
+        if _base_case(problem, induction, k) != HOLDS:
             return
-        if _step(problem, induction, k):
+        if _induction_step(problem, induction, k):
             induction.k, induction.proved = k, True
             return
     induction.why = f"no induction over up to {DEPTHS[-1]} hyperperiods{induction.gave_up}"
@@ -170,13 +170,13 @@ def _deepen(problem: InductionProblem, induction: Induction) -> None:
 # ---------------------------------------------------------------- the two halves
 
 
-def _base(problem: InductionProblem, induction: Induction, k: int) -> str:
+def _base_case(problem: InductionProblem, induction: Induction, k: int) -> str:
     """Whether all holds from the start of every run until k hyperperiods after all phases."""
     terms = SolverTerms()
     end = settled(problem.clocks) + k * induction.hyperperiod_ns
     stretch = TimeSpan(problem, terms, end, first=True, latching=bool(induction.latching))
     induction.uninterpreted |= stretch.uninterpreted
-    bad = _bad(stretch, 0, end)
+    bad = _failing_conditions(stretch, 0, end)
     query = terms.query()
     query.add(terms.any_of(*[b for b, _, _ in bad]))
     answer = query.check()
@@ -189,21 +189,21 @@ def _base(problem: InductionProblem, induction: Induction, k: int) -> str:
     times = [
         (model.eval(terms.z3.IntVal(0) + at, model_completion=True).as_long(), number)
         for b, at, number in bad
-        if terms.z3.is_true(model.eval(_term(terms, b), model_completion=True))
+        if terms.z3.is_true(model.eval(_solver_term(terms, b), model_completion=True))
     ]
     induction.fails_ns, number = min(times)
     induction.about = ("fault", "safe")[number] if number < 2 else "lemma"
-    induction.what = _named(problem, number)
+    induction.what = _property_name(problem, number)
     return FAILS
 
 
-def _named(problem: InductionProblem, number: int) -> str:
+def _property_name(problem: InductionProblem, number: int) -> str:
     if number == 0:
         return "a step of SC, or of a node beside the module, may fault"
     return "`safe`" if number == 1 else f"the lemma `{problem.lemma_texts[number - 2]}`"
 
 
-def _step(problem: InductionProblem, induction: Induction, k: int) -> bool:
+def _induction_step(problem: InductionProblem, induction: Induction, k: int) -> bool:
     """Whether all holds in the hyperperiod after any k in which all held.
 
     Each claim is asked by itself: ten of them in one question are harder than ten questions.
@@ -211,7 +211,7 @@ def _step(problem: InductionProblem, induction: Induction, k: int) -> bool:
     terms = SolverTerms()
     whole = induction.hyperperiod_ns
     stretch = TimeSpan(problem, terms, (k + 1) * whole, latching=bool(induction.latching))
-    failures = _bad(stretch, k * whole, (k + 1) * whole)
+    failures = _failing_conditions(stretch, k * whole, (k + 1) * whole)
     for claim in sorted({number for _, _, number in failures}):
         query = terms.query()
         _assume(query, stretch, k * whole)
@@ -230,10 +230,10 @@ def _assume(query: Query, stretch: TimeSpan, until: int) -> None:
     for seen in stretch.seen:
         if seen.earliest < until:
             counts = terms.all_of(seen.counts, seen.latest < until or seen.at < until)
-            query.add(terms.z3.Implies(counts, _term(terms, terms.all_of(*seen.holds))))
+            query.add(terms.z3.Implies(counts, _solver_term(terms, terms.all_of(*seen.holds))))
 
 
-def _bad(stretch: TimeSpan, begin: int, end: int) -> list[tuple[Term, Term, int]]:
+def _failing_conditions(stretch: TimeSpan, begin: int, end: int) -> list[tuple[Term, Term, int]]:
     """Each way in which a claim may fail in [begin, end): condition, time, number of the claim."""
     terms = stretch.terms
     failures = []
@@ -253,7 +253,7 @@ def _bad(stretch: TimeSpan, begin: int, end: int) -> list[tuple[Term, Term, int]
 # ---------------------------------------------------------------- P2b
 
 
-def _returns(problem: InductionProblem, induction: Induction) -> None:
+def _prove_return(problem: InductionProblem, induction: Induction) -> None:
     """P2b: finds a number of hyperperiods in which SC cannot keep control, from any state."""
     began, since = time.perf_counter(), time.process_time()
     whole = induction.hyperperiod_ns
@@ -264,14 +264,14 @@ def _returns(problem: InductionProblem, induction: Induction) -> None:
             break
         if problem.recover_ns is not None and (n + 1) * whole > problem.recover_ns:
             break
-        if _nothing(problem, induction, n, stays=True):
-            induction.contradicted = _nothing(problem, induction, n, stays=False)
+        if _no_such_run(problem, induction, n, stays=True):
+            induction.contradicted = _no_such_run(problem, induction, n, stays=False)
             induction.returns = 0 if induction.contradicted else n
             break
     induction.returns_s = time.perf_counter() - began
 
 
-def _nothing(problem: InductionProblem, induction: Induction, n: int, *, stays: bool) -> bool:
+def _no_such_run(problem: InductionProblem, induction: Induction, n: int, *, stays: bool) -> bool:
     """Whether no n hyperperiods exist in which all holds; `stays`: and SC keeps control.
 
     In them no step faults, and what P2b takes for granted holds.
@@ -288,7 +288,7 @@ def _nothing(problem: InductionProblem, induction: Induction, n: int, *, stays: 
 # ---------------------------------------------------------------- what is proved of nothing
 
 
-def _never(problem: InductionProblem, induction: Induction) -> str:
+def _never_happens(problem: InductionProblem, induction: Induction) -> str:
     """What never happens: `safe` never "fails", AC never "gets" or "keeps" control; "" else.
 
     Asked of the first hyperperiods and of any after k in which all held: as the module is proved,
@@ -303,7 +303,7 @@ def _never(problem: InductionProblem, induction: Induction) -> str:
         TimeSpan, problem, end=settled(problem.clocks) + held, first=True, latching=latching
     )
     for word in ("gets", "keeps"):
-        if not (_decided(later, held, word) or _decided(first, 0, word)):
+        if not (_may_decide(later, held, word) or _may_decide(first, 0, word)):
             return word
     return ""
 
@@ -318,7 +318,7 @@ def _holds_anyway(problem: InductionProblem) -> bool:
     return bool(query.check() == terms.z3.unsat)
 
 
-def _decided(made: Callable[..., TimeSpan], begin: int, word: str) -> bool:
+def _may_decide(made: Callable[..., TimeSpan], begin: int, word: str) -> bool:
     """Whether some decision from `begin` on may give AC control ("gets"), or leave it ("keeps")."""
     terms = SolverTerms()
     stretch = made(terms=terms)
@@ -333,7 +333,7 @@ def _decided(made: Callable[..., TimeSpan], begin: int, word: str) -> bool:
     return bool(query.check() != terms.z3.unsat)
 
 
-def _term(terms: SolverTerms, truth: Term) -> Term:
+def _solver_term(terms: SolverTerms, truth: Term) -> Term:
     return terms.z3.BoolVal(truth) if isinstance(truth, bool) else truth
 
 

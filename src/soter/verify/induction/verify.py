@@ -135,12 +135,12 @@ def verify_by_induction(
     result = InductionResult(problem, {}, [])
     result.induction = induction
     findings = result.findings
-    _static(problem, findings)
-    findings["P2a"] = _safe(problem, induction)
-    findings["P2b"] = _returns(problem, induction)
-    result.added = (*_taken_for_granted(problem, induction),)
+    _enter_period_claims(problem, findings)
+    findings["P2a"] = _safe_finding(problem, induction)
+    findings["P2b"] = _return_finding(problem, induction)
+    result.added = (*_return_assumptions(problem, induction),)
     for name in TOGETHER:
-        findings[name] = _part_of_it(name, findings["P2a"])
+        findings[name] = _finding_from_safe(name, findings["P2a"])
     if induction.proved and findings["P2b"].verdict == PROVED:
         result.recover_s = induction.returns_ns / 1e9
     elif (
@@ -170,7 +170,7 @@ def _failsafe(problem: InductionProblem) -> Finding:
     return Finding(UNDECIDED, text=text, hint="leave the law out, or prove it with a grid")
 
 
-def _static(problem: InductionProblem, findings: dict[str, Finding]) -> None:
+def _enter_period_claims(problem: InductionProblem, findings: dict[str, Finding]) -> None:
     times = problem.times
     findings["P1a"] = Finding(
         PROVED,
@@ -187,7 +187,7 @@ def _static(problem: InductionProblem, findings: dict[str, Finding]) -> None:
     )
 
 
-def _safe(problem: InductionProblem, induction: Induction) -> Finding:
+def _safe_finding(problem: InductionProblem, induction: Induction) -> Finding:
     verdict = PROVED if induction.proved else UNDECIDED
     finding = Finding(verdict, induction.seconds - induction.returns_s, HOW)
     finding.counts = {"k": induction.k, "steps": induction.steps, "lemmas": len(problem.lemmas)}
@@ -217,7 +217,7 @@ def _safe(problem: InductionProblem, induction: Induction) -> Finding:
     return finding
 
 
-def _returns(problem: InductionProblem, induction: Induction) -> Finding:
+def _return_finding(problem: InductionProblem, induction: Induction) -> Finding:
     returned = induction.proved and bool(induction.returns)
     symbol = problem.module.symbol
     if symbol.stays == "returns never" or (symbol.stays and not returned):
@@ -227,8 +227,8 @@ def _returns(problem: InductionProblem, induction: Induction) -> Finding:
     if returned:
         finding.text = f"SC gives control back within {show_ns(induction.returns_ns)}"
         finding.text += ", if it is acknowledged" if symbol.acknowledgements else ""
-        if granted := [*_granted(problem, induction)]:
-            text = f"{finding.text} while {_named(granted, 'and')}: not proved"
+        if granted := [*_return_conditions(problem, induction)]:
+            text = f"{finding.text} while {_listing(granted, 'and')}: not proved"
             finding.rest_on(ASSUMED, text)
         if problem.modes is not None and problem.modes.never:
             hint = "let one of them give control back whatever the other one does"
@@ -247,36 +247,36 @@ def _returns(problem: InductionProblem, induction: Induction) -> Finding:
     return finding
 
 
-def _granted(problem: InductionProblem, induction: Induction) -> Iterator[str]:
+def _return_conditions(problem: InductionProblem, induction: Induction) -> Iterator[str]:
     """The conditions under which SC gives control back, as clauses of a sentence."""
     if problem.progress:
         yield "`progress` holds"
     if still := sorted(problem.system.topics[i].name for i in problem.heard):
-        yield f"{_named(still, 'and')} stays as it is"
+        yield f"{_listing(still, 'and')} stays as it is"
     if problem.modes is not None and problem.modes.waits:
         yield f"{said(problem.modes.waits)} in AC"
     if induction.latching:
-        yield f"no step of {_named(induction.latching, 'or')} faults"
+        yield f"no step of {_listing(induction.latching, 'or')} faults"
 
 
-def _taken_for_granted(problem: InductionProblem, induction: Induction) -> Iterator[Assumption]:
+def _return_assumptions(problem: InductionProblem, induction: Induction) -> Iterator[Assumption]:
     """The assumptions that P2b rests on and that nothing proves; `safe` does not need them."""
     for text in problem.progress_texts:
         yield Assumption("progress", f"progress, for P2b alone, proved by nobody: `{text}`")
     if induction.proved and induction.latching:
         yield Assumption(
             "no faults",
-            f"for P2b alone: no step of {_named(induction.latching, 'or')} faults, which nothing "
+            f"for P2b alone: no step of {_listing(induction.latching, 'or')} faults, which nothing "
             "shows of what is opaque; one that faults is latched, and `safe` holds all the same",
         )
 
 
-def _named(names: Sequence[str], word: str) -> str:
+def _listing(names: Sequence[str], word: str) -> str:
     *most, last = names
     return f"{', '.join(most)} {word} {last}" if most else last
 
 
-def _part_of_it(name: str, safe: Finding) -> Finding:
+def _finding_from_safe(name: str, safe: Finding) -> Finding:
     text = TEXTS[name] if safe.verdict == PROVED else safe.text
     return Finding(safe.verdict, 0.0, HOW, text, safe.hint)
 

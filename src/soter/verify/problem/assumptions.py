@@ -58,8 +58,8 @@ def assumptions_of(
     assumptions = [
         *_environment(place, inputs, jumps),
         *assumed_of_maps(place),
-        *_ways(place, chains),
-        *_timing(place, times, chains, kind),
+        *_node_assumptions(place, chains),
+        *_timing_assumptions(place, times, chains, kind),
     ]
     if kind == "flow":
         assumptions += _of_one_instant(place)
@@ -76,7 +76,7 @@ def assumptions_of(
     return assumptions
 
 
-def _enters(place: VerificationSystem) -> typed.TypedExpr:
+def _declared_enters(place: VerificationSystem) -> typed.TypedExpr:
     assert place.home.whole is not None
     enters = place.home.whole.verify.enters
     assert enters is not None
@@ -101,7 +101,7 @@ def jumps_of(place: VerificationSystem) -> Jumps:
             )
             assumptions.append(Assumption(f"jumps {link.name}", text))
         for h in kept:
-            enters = _enters(place)
+            enters = _declared_enters(place)
             fact = (
                 f"wherever `{' '.join(enters.span.text.split())}` holds of what {h.node} reads and "
                 f"publishes in one step, the state of {link.name} lies in R(H) of where it jumps to"
@@ -123,7 +123,7 @@ def jumps_of(place: VerificationSystem) -> Jumps:
     return Jumps((*assumptions, *unkept), entered, unkept[0].text if unkept else "")
 
 
-def _judged(place: VerificationSystem) -> list[Assumption]:
+def _judged_assumptions(place: VerificationSystem) -> list[Assumption]:
     """Assumptions about topics that only `safe` reads: nobody looks at what is published there."""
     followed = {*read_by_dm(place), *read_by_sc(place)}
     assumptions = []
@@ -139,7 +139,7 @@ def _judged(place: VerificationSystem) -> list[Assumption]:
     return assumptions
 
 
-def _start(place: VerificationSystem, link: typed.AbstractionLink) -> str:
+def _start_in_words(place: VerificationSystem, link: typed.AbstractionLink) -> str:
     """Words on where an abstraction holds from: from the start, if that is known (`inputs.py`)."""
     if start_behind(place.flat, place.home, link) is None:
         return f"the initial states of {link.name}"
@@ -151,19 +151,19 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
         Assumption(
             f"conforms {link.instance} {link.name}",
             f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
-            f"within its bounds, from {_start(place, link)} on",
+            f"within its bounds, from {_start_in_words(place, link)} on",
         )
         for link in place.module.symbol.verify.abstracts
     ]
     assumptions += jumps.told
     if place.abstract:
-        assumptions += _judged(place)
+        assumptions += _judged_assumptions(place)
     names = ", ".join(c.name for c in place.plants)
     if not place.abstract:
         text = f"the world behaves like {names} for some disturbance within its bounds"
         assumptions.append(Assumption(f"world {names}", text))
-    assumptions += [*_drawn(place, inputs), *_measured(place, inputs)]
-    bounded = _published(place)
+    assumptions += [*_bound_assumptions(place, inputs), *_error_assumptions(place, inputs)]
+    bounded = _unshown_topics(place)
     if bounded:
         names = ", ".join(bounded)
         text = f"what plants publish lies in the declared sets: {names} (else they stop)"
@@ -182,12 +182,13 @@ def _environment(place: VerificationSystem, inputs: Inputs, jumps: Jumps) -> lis
     return assumptions
 
 
-def _drawn(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
+def _bound_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
     """Assumptions about the bounds of disturbances and of what others do to the plants."""
     of_others = {i.name(place.system) for i in place.influences}
     drawn = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
     said = [
-        (d.name in of_others, f"{d.name} in [{r.low:g}, {r.high:g}]{_unit(d)}") for d, r in drawn
+        (d.name in of_others, f"{d.name} in [{r.low:g}, {r.high:g}]{_unit_text(d)}")
+        for d, r in drawn
     ]
     moved = "what others publish and what moves these plants stays in its declared set"
     for others, key, what in (
@@ -198,23 +199,23 @@ def _drawn(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
             yield Assumption(key, f"{what}: {bounds}")
 
 
-def _measured(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
+def _error_assumptions(place: VerificationSystem, inputs: Inputs) -> Iterator[Assumption]:
     """Assumptions about the errors of estimates, and about which are exact."""
     if inputs.errors:
         pairs = zip(inputs.errors, inputs.error_ranges, strict=True)
-        bounds = ", ".join(f"{e.name} within {r.high:g}{_unit(e)}" for e, r in pairs)
-        exact = _exact(place, inputs)
+        bounds = ", ".join(f"{e.name} within {r.high:g}{_unit_text(e)}" for e, r in pairs)
+        exact = _exact_leaves(place, inputs)
         rest = f"; exact: {', '.join(exact)}" if exact else ""
         yield Assumption("errors", f"measurement errors stay within their bounds: {bounds}{rest}")
     elif place.driven:
         yield Assumption("exact", "estimates are exact: no measurement error is declared")
 
 
-def _unit(leaf: Leaf) -> str:
+def _unit_text(leaf: Leaf) -> str:
     return f" {leaf.unit}" if leaf.unit else ""
 
 
-def _published(place: VerificationSystem) -> list[str]:
+def _unshown_topics(place: VerificationSystem) -> list[str]:
     """The topics for which nothing shows that plants publish within their sets.
 
     Of a plant that flies in the place of one of the proof these are all. Else C is cut to what
@@ -238,13 +239,15 @@ def driven_by(c: Component) -> list[typed.TopicSymbol]:
     return [] if c.plant is None else [t for t, _ in c.plant.drives]
 
 
-def _ways(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumption]:
+def _node_assumptions(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumption]:
     """Assumptions about nodes between plant and module: the proof follows their times alone."""
     assumptions: list[Assumption] = []
     if not place.abstract:
         return assumptions
     followed = dict.fromkeys([*chains.by_dm, *chains.by_sc])
-    assumptions += [Assumption(f"shows {c.topic.name}", _shows(place, c)) for c in followed]
+    assumptions += [
+        Assumption(f"shows {c.topic.name}", _source_in_words(place, c)) for c in followed
+    ]
     topics: dict[str, list[str]] = {}
     for topic, who in chains.beside:
         topics.setdefault(who, []).append(topic)
@@ -259,7 +262,7 @@ def _ways(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumpti
     for kind, words in BEHIND.items():
         nodes = list(dict.fromkeys(n for w in chains.ways for n in getattr(w, kind)))
         if nodes:
-            text = f"{', '.join(_filter(n) for n in nodes)}: {words}"
+            text = f"{', '.join(_filter_text(n) for n in nodes)}: {words}"
             assumptions.append(Assumption(kind.replace("_", " "), text))
     on_the_way = [*chains.nodes, *chains.behind, *(n for w in chains.ways for n in w.in_step)]
     if on_the_way:
@@ -269,10 +272,10 @@ def _ways(place: VerificationSystem, chains: CauseEffectChains) -> list[Assumpti
     return list(dict.fromkeys(assumptions))
 
 
-def _shows(place: VerificationSystem, chain: CauseEffectChain) -> str:
+def _source_in_words(place: VerificationSystem, chain: CauseEffectChain) -> str:
     """Words on whose state a topic of the module shows."""
     shown = place.shown_by(next(i for i in place.driven if place.system.topics[i] is chain.topic))
-    through = ", ".join(_filter(n) for n in chain.nodes)
+    through = ", ".join(_filter_text(n) for n in chain.nodes)
     if chain.source:
         return (
             f"what {chain.nodes[0].name} publishes, on which {chain.topic.name} rests, is its own, "
@@ -289,13 +292,13 @@ def _shows(place: VerificationSystem, chain: CauseEffectChain) -> str:
     )
 
 
-def _filter(node: Component) -> str:
+def _filter_text(node: Component) -> str:
     assert node.node is not None
     kept = ", ".join(v.name for v in node.node.locals)
     return f"{node.name} (which keeps {kept})" if kept else node.name
 
 
-def _exact(place: VerificationSystem, inputs: Inputs) -> list[str]:
+def _exact_leaves(place: VerificationSystem, inputs: Inputs) -> list[str]:
     """The leaves that DM and SC read of plants and that have no declared error."""
     measured = {(e.owner, e.path) for e in inputs.errors}
     leaf_names = []
@@ -317,7 +320,7 @@ def _of_one_instant(place: VerificationSystem) -> list[Assumption]:
     return assumptions
 
 
-def _timing(
+def _timing_assumptions(
     place: VerificationSystem, times: Times, chains: CauseEffectChains, kind: ProblemKind
 ) -> list[Assumption]:
     assumptions = []
@@ -358,7 +361,7 @@ def _declared_times(
     verify = place.module.symbol.verify
     declared = [n for n in DELAYS if n in times.declared]
     if declared:
-        shown = ", ".join(f"{n.replace('_', ' ')} {_declared(times, n)}" for n in declared)
+        shown = ", ".join(f"{n.replace('_', ' ')} {_declared_text(times, n)}" for n in declared)
         yield Assumption("declared", f"times as declared: {shown}")
     if nodes := sorted({*verify.late_of, *verify.response_of}):
         yield Assumption("declared of nodes", f"times as declared, too: of {', '.join(nodes)}")
@@ -376,7 +379,7 @@ def _declared_times(
         yield Assumption("undeclared", f"undeclared times are zero: {', '.join(absent)}")
 
 
-def _declared(times: Times, name: str) -> str:
+def _declared_text(times: Times, name: str) -> str:
     """The words for a declared time."""
     least = times.acts_least if name == "acts" else 0
     return f"{show_ns(least)} to " * bool(least) + show_ns(getattr(times, name))

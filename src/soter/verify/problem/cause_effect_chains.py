@@ -83,15 +83,15 @@ def find_downstream_paths(place: VerificationSystem) -> list[DownstreamPath]:
     """
     ways: list[DownstreamPath] = []
     for index in place.home.outputs:
-        for nodes in _chains(place, index, ()):
-            ways.append(_way(place, nodes))
+        for nodes in _paths_to_plant(place, index, ()):
+            ways.append(_downstream_path(place, nodes))
             if len(ways) > WAYS_MAX:
                 sc = place.flat.components[place.home.sc]
                 raise UnfollowedError(sc, f"more than {WAYS_MAX} ways lead from it to plants")
     return ways
 
 
-def _chains(
+def _paths_to_plant(
     place: VerificationSystem, index: int, seen: tuple[Component, ...]
 ) -> Iterator[tuple[Component, ...]]:
     """The nodes, in order, of every path that ends at a plant and does not run in a circle."""
@@ -101,7 +101,7 @@ def _chains(
         if c.node is None or c in seen or index not in _read_by(place, c):
             continue
         for topic in c.node.publishes:
-            yield from _chains(place, c.scope.topics[topic], (*seen, c))
+            yield from _paths_to_plant(place, c.scope.topics[topic], (*seen, c))
 
 
 def _read_by(place: VerificationSystem, c: Component) -> set[int]:
@@ -111,7 +111,7 @@ def _read_by(place: VerificationSystem, c: Component) -> set[int]:
     return {t.index if t.queue_of is None else t.queue_of for t in topics}
 
 
-def _way(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamPath:
+def _downstream_path(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamPath:
     counted: list[Component] = []
     in_step: list[Component] = []
     before = -1
@@ -121,10 +121,10 @@ def _way(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamP
             raise UnfollowedError(node, "the AC of another module may publish anything there")
         if _reads_sensors(place, node, set(nodes[: k + 1])):
             if place.module.symbol.shield is not None and not counted and node.index > before:
-                in_step += [node] if _prompt(place, node) else []
+                in_step += [node] if _is_prompt(place, node) else []
             return DownstreamPath(tuple(counted), tuple(in_step), nodes[k:])
         _passes_on(place, node, nodes[k + 1] if k + 1 < len(nodes) else None)
-        if _in_step(place, node) and not counted and node.index > before:
+        if _steps_with_sc(place, node) and not counted and node.index > before:
             in_step.append(node)
             before = node.index
         else:
@@ -144,11 +144,11 @@ def _passes_on(place: VerificationSystem, node: Component, after: Component | No
             must_publish(node, published)
 
 
-def _prompt(place: VerificationSystem, node: Component) -> bool:
+def _is_prompt(place: VerificationSystem, node: Component) -> bool:
     """Whether a node with sensors of its own takes a command over behind SC, at every step."""
     assert node.node is not None
     always = all(publishes_always(node.node.step, t) for t in node.node.publishes)
-    return always and is_state_of_proof(place, node) and _in_step(place, node)
+    return always and is_state_of_proof(place, node) and _steps_with_sc(place, node)
 
 
 def is_state_of_proof(place: VerificationSystem, node: Component) -> bool:
@@ -158,7 +158,7 @@ def is_state_of_proof(place: VerificationSystem, node: Component) -> bool:
     return set(node.node.publishes) <= shown.keys()
 
 
-def _in_step(place: VerificationSystem, node: Component) -> bool:
+def _steps_with_sc(place: VerificationSystem, node: Component) -> bool:
     """Whether a node is in the thread, is released whenever SC is, and has no declared times."""
     if node.extern and not node.inline:
         return False
@@ -168,7 +168,7 @@ def _in_step(place: VerificationSystem, node: Component) -> bool:
     return aligned and all(place.declared(node, w) is None for w in ("late", "response"))
 
 
-def _driven(c: Component) -> set[int]:
+def _topics_of_plant(c: Component) -> set[int]:
     return set() if c.plant is None else {*c.writes}
 
 
@@ -182,7 +182,7 @@ def _reads_sensors(place: VerificationSystem, node: Component, behind: set[Compo
         topics = [flat.topics[c.scope.topics[t]] for t in named]
         read = {t.index if t.queue_of is None else t.queue_of for t in topics}
         for other in flat.components:
-            if read & _driven(other):
+            if read & _topics_of_plant(other):
                 return True
             if other.node is None or other in seen or other in behind or other.role != "node":
                 continue
@@ -254,8 +254,8 @@ def chains_of(
     def releases(c: Component) -> Releases:
         return releases_of(place, c, ns)
 
-    chains.by_dm += [r for index in dm for r in _to(place, index, releases, chains.beside)]
-    chains.by_sc += [r for index in sc for r in _to(place, index, releases, chains.beside)]
+    chains.by_dm += [r for index in dm for r in _chains_to(place, index, releases, chains.beside)]
+    chains.by_sc += [r for index in sc for r in _chains_to(place, index, releases, chains.beside)]
     if place.abstract:
         chains.ways = find_downstream_paths(place)
         chains.releases = {n: releases(n) for n in chains.behind}
@@ -299,7 +299,7 @@ def outputs_of(chains: CauseEffectChains, least: int, acts: int) -> tuple[Actuat
     return tuple(dict.fromkeys(ways)) or (ActuationPath(least, acts),)
 
 
-def _to(
+def _chains_to(
     place: VerificationSystem,
     index: int,
     releases: Callable[[Component], Releases],
@@ -365,16 +365,16 @@ def _upstream(
         if drive.topic == index:
             yield _ChainPrefix(None, (), Releases(drive.every_ns))
     for c in flat.components:
-        if index in _driven(c):
+        if index in _topics_of_plant(c):
             beside = None if c.name in shown else c
             yield _ChainPrefix(c, (), Releases(c.period_ns, c.phase_ns), beside=beside)
         if c.node is None or c in seen or c.module in own:
             continue
         if _publishes(c, index):
-            yield from _through(place, c, index, seen)
+            yield from _prefixes(place, c, index, seen)
 
 
-def _through(
+def _prefixes(
     place: VerificationSystem, c: Component, index: int, seen: tuple[Component, ...]
 ) -> Iterator[_ChainPrefix]:
     """The paths to a topic that come through a component which publishes it."""

@@ -85,7 +85,7 @@ def function(
 
     `inputs`: the text of each input, by its kind and number. `of`: `FORMS` or `RANGES`.
     """
-    body, names = _body(roots, inputs, of)
+    body, names = _statements_for_nodes(roots, inputs, of)
     given = ", ".join(names[x] for x in roots)
     return f"fun {name}({parameters}): {result} {{\n{body}  return [{given}];\n}}\n"
 
@@ -103,24 +103,24 @@ def certain(
 
     `first`: statements that the function begins with.
     """
-    body, names = _body([condition], inputs, FORMS)
-    said = _condition if truth else _refuted
-    for c, name_of in _met_again(condition).items():
+    body, names = _statements_for_nodes([condition], inputs, FORMS)
+    said = _surely_true if truth else _surely_false
+    for c, name_of in _shared_conditions(condition).items():
         body += f"  let {name_of} = {said(c, names)};\n"
         names[c] = name_of
-    every = [said(c, names) for c in _parts(condition, "and" if truth else "or", names)]
+    every = [said(c, names) for c in _joined_parts(condition, "and" if truth else "or", names)]
     lines = "".join(f"  if !({c}) {{ return false; }}\n" for c in every)
     return f"fun {name}({parameters}): bool {{\n{first}{body}{lines}  return true;\n}}\n"
 
 
-def _met_again(condition: Node) -> dict[Node, str]:
+def _shared_conditions(condition: Node) -> dict[Node, str]:
     """Names for conditions that are used more than once, so that each is written out only once."""
     order = [c for c in in_order([condition]) if c.op in ("and", "or")]
     uses = Counter(x for c in order for x in c.of)
     return {c: f"c{k}" for k, c in enumerate(order) if uses[c] > 1}
 
 
-def _parts(condition: Node, op: str, named: Mapping[Node, str]) -> list[Node]:
+def _joined_parts(condition: Node, op: str, named: Mapping[Node, str]) -> list[Node]:
     """The conditions that `op` joins, through nested joins; one that has a name stays whole."""
     found, todo = [], [condition]
     while todo:
@@ -132,7 +132,9 @@ def _parts(condition: Node, op: str, named: Mapping[Node, str]) -> list[Node]:
     return found
 
 
-def _body(roots: Sequence[Node], inputs: Inputs, of: str) -> tuple[str, dict[Node, str]]:
+def _statements_for_nodes(
+    roots: Sequence[Node], inputs: Inputs, of: str
+) -> tuple[str, dict[Node, str]]:
     """The `let` statements for all nodes but conditions, and the name of each node."""
     names: dict[Node, str] = {}
     order = in_order(roots)
@@ -153,18 +155,18 @@ def _operands(e: Node) -> list[Node]:
     """The nodes that an operation names: not the ends of a clamp, and no plain numbers."""
     if e.op == "min" and e.of[1].op == "number" and _is_floor(e.of[0]):
         return [e.of[0].of[0]]
-    if e.op in WITH_NUMBER and _exact(e.of[-1]):
+    if e.op in WITH_NUMBER and _exact_text(e.of[-1]):
         return [e.of[0]]
     return [x for x in e.of if isinstance(x, Node)]
 
 
 def _operation(e: Node, names: Mapping[Node, str], of: str) -> str:
-    if value := _exact(e):
+    if value := _exact_text(e):
         return f"{of}_number({value})"
     if e.op in ("over", "friction"):
         return f"{of}_{e.op}({names[e.of[0]]}, {number(e.of[1].of[0])})"
     last = e.of[-1]
-    if e.op in ("add", "sub", "mul") and (value := _exact(last)):
+    if e.op in ("add", "sub", "mul") and (value := _exact_text(last)):
         if e.op == "sub":
             value = number(-last.of[0]) if last.op == "number" else f"-{value}"
         return f"{of}_{'times' if e.op == 'mul' else 'plus'}({names[e.of[0]]}, {value})"
@@ -173,13 +175,13 @@ def _operation(e: Node, names: Mapping[Node, str], of: str) -> str:
         ends = number(inner.of[1].of[0]), number(last.of[0])
         return f"{of}_clamp({names[inner.of[0]]}, {', '.join(ends)})"
     if e.op == "select":
-        yes, no = _condition(e.of[0], names), _refuted(e.of[0], names)
+        yes, no = _surely_true(e.of[0], names), _surely_false(e.of[0], names)
         return f"{of}_select({yes}, {no}, {names[e.of[1]]}, {names[e.of[2]]})"
     arguments = ", ".join(names[x] for x in e.of)
     return f"{of}_{e.op}({arguments})"
 
 
-def _exact(e: object) -> str:
+def _exact_text(e: object) -> str:
     """The text of an exact double, a constant or a number of a map; "" for anything else."""
     if not isinstance(e, Node):
         return ""
@@ -192,14 +194,14 @@ def _is_floor(e: Node) -> bool:
     return e.op == "max" and bool(e.of[1].op == "number")
 
 
-def _condition(c: Node, names: Mapping[Node, str]) -> str:
+def _surely_true(c: Node, names: Mapping[Node, str]) -> str:
     """The text of an expression that is true only where the condition certainly holds."""
     if c in names:
         return names[c]
     if c.op == "known":
         return "true" if c.of[0] else "false"
     if c.op in ("and", "or"):
-        a, b = (_condition(x, names) for x in c.of)
+        a, b = (_surely_true(x, names) for x in c.of)
         return f"({a} {'&&' if c.op == 'and' else '||'} {b})"
     if c.op == "inside":
         a, low, high = names[c.of[0]], number(c.of[1]), number(c.of[2])
@@ -207,14 +209,14 @@ def _condition(c: Node, names: Mapping[Node, str]) -> str:
     return f"{names[c.of[0]]}.lo {'>' if c.op == 'positive' else '>='} 0.0"
 
 
-def _refuted(c: Node, names: Mapping[Node, str]) -> str:
+def _surely_false(c: Node, names: Mapping[Node, str]) -> str:
     """The text of an expression that is true only where the condition certainly does not hold."""
     if c in names:
         return names[c]
     if c.op == "known":
         return "false" if c.of[0] else "true"
     if c.op in ("and", "or"):
-        a, b = (_refuted(x, names) for x in c.of)
+        a, b = (_surely_false(x, names) for x in c.of)
         return f"({a} {'||' if c.op == 'and' else '&&'} {b})"
     if c.op == "inside":
         a, low, high = names[c.of[0]], number(c.of[1]), number(c.of[2])

@@ -103,7 +103,7 @@ def runs_from(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int])
     """
     if not (flow := _Flow.of(check)):
         return None
-    starts, winds = _starts(check, box, own), _winds(check)
+    starts, winds = _start_points(check, box, own), _disturbance_samples(check)
     x = np.repeat(starts, len(winds), axis=0).T
     w = np.tile(winds, (len(starts), 1)).T
     rows = [check.states.index(s) for s in own]
@@ -142,9 +142,9 @@ def runs_from(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int])
     )
 
 
-def _starts(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int]) -> Values:
+def _start_points(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int]) -> Values:
     """Starts, shape (n, states): each corner in the states `own`, with the others at each place."""
-    corners = _corners([[box[s].low, box[s].high] for s in own])
+    corners = _box_corners([[box[s].low, box[s].high] for s in own])
     rest = [box.get(s, Interval(0.0, 0.0)) for s in check.states]
     rest = [r if np.isfinite(r.high - r.low) else Interval(0.0, 0.0) for r in rest]
     others = [[r.low + (r.high - r.low) * k / PLACES for r in rest] for k in range(PLACES + 1)]
@@ -153,7 +153,7 @@ def _starts(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int]) -
     return starts
 
 
-def _corners(sides: Sequence[list[float]]) -> list[list[float]]:
+def _box_corners(sides: Sequence[list[float]]) -> list[list[float]]:
     """The corners of a box; if it has many sides, those with all sides but one at the same end."""
     if 2 ** len(sides) <= CORNERS_MAX:
         return [list(c) for c in product(*sides)]
@@ -164,7 +164,7 @@ def _corners(sides: Sequence[list[float]]) -> list[list[float]]:
     return corners
 
 
-def _winds(check: TubeCheck) -> Values:
+def _disturbance_samples(check: TubeCheck) -> Values:
     """Disturbances, shape (n, disturbances): all in the middle, all at one end, one at an end."""
     ranges = check.problem.disturbances
     still = [middle(d) for d in ranges]
@@ -343,7 +343,7 @@ class _Search:
         self._caller = Caller(check.offline({}))
         return self._way(self._box, self._box)
 
-    def _starts(self, way: Box) -> bool:
+    def _start_points(self, way: Box) -> bool:
         initial = {s: self._check.problem.initial[s] for s in self._check.states}
         return Caller(self._check.offline(way)).holds("starts", region_of(self._check, initial))
 
@@ -392,7 +392,7 @@ class _Search:
         for factor in LARGER:
             phase(f"{self._name}: whether SC leads back into a larger rest")
             larger = {
-                s: _within(_scaled(_hull(self._box[s], r), factor), self._rooms[s])
+                s: _fitted_into(_scaled(_hull(self._box[s], r), factor), self._rooms[s])
                 for s, r in reached.items()
             }
             if larger and self._way({**self._box, **larger}, {**self._box, **larger}) is not None:
@@ -409,5 +409,5 @@ def _scaled(a: Interval, factor: float) -> Interval:
     return Interval(m - half, m + half)
 
 
-def _within(a: Interval, room: Interval) -> Interval:
+def _fitted_into(a: Interval, room: Interval) -> Interval:
     return Interval(max(a.low, room.low), min(a.high, room.high))

@@ -80,7 +80,7 @@ def _ranges(
     return ranges | {("w", k): d for k, d in enumerate(check.problem.disturbances)}
 
 
-def _pushed(check: TubeCheck, state: int) -> str:
+def _moves_in_words(check: TubeCheck, state: int) -> str:
     """What moves a state, and the states that its rate reads: words for the end of a message."""
     found, new = set[int](), {state}
     while new - found:
@@ -105,11 +105,11 @@ def _why_it_may_drift(
 ) -> str:
     """Why a state z with rate `e` may grow by more than `by`, with V over `box`; "": it may not."""
     make, most = check.make, Fraction(0)
-    (e,) = _decided(check, [_at_worst(make, e, ranges)], ranges)
+    (e,) = _decide_extremes(check, [_at_worst_disturbance(make, e, ranges)], ranges)
     for state, where in box.items():
         x = make.input("x", state)
         p, rest = make.split(e, x)
-        (own,) = _decided(check, [check.rates[state]], ranges)
+        (own,) = _decide_extremes(check, [check.rates[state]], ranges)
         q = make.factor(own, x)
         if q is None or p is make.number(0.0):
             continue
@@ -122,13 +122,13 @@ def _why_it_may_drift(
     (more,) = enclosed([e], ranges)
     if not more.high <= 0.0:
         fast = f"at up to {more.high:.4g} a second" if more.high < inf else "at no bounded rate"
-        return f"it may go on {fast}, and `moves` allows {by:.4g} in all{_pushed(check, z)}"
+        return f"it may go on {fast}, and `moves` allows {by:.4g} in all{_moves_in_words(check, z)}"
     if most > Fraction(by):
         return f"by up to {above(most):.4g}, and `moves` allows {by:.4g}"
     return ""
 
 
-def _at_worst(make: Expressions, e: Node, ranges: Ranges) -> Node:
+def _at_worst_disturbance(make: Expressions, e: Node, ranges: Ranges) -> Node:
     """`e` with each disturbance that is only added set to the end at which it adds most."""
     for w in [x for x in in_order([e]) if x.op == "input" and x.of[0] == "w"]:
         slope = make.along(e, {w: make.number(1.0)}, {})
@@ -139,7 +139,7 @@ def _at_worst(make: Expressions, e: Node, ranges: Ranges) -> Node:
     return e
 
 
-def _decided(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[Node]:
+def _decide_extremes(check: TubeCheck, roots: Sequence[Node], ranges: Ranges) -> list[Node]:
     """The same expressions, without a `min` or `max` whose answer is certain in these ranges.
 
     An input that has one value is that number.
@@ -234,17 +234,17 @@ def show_rest_claims(check: TubeCheck) -> RestClaims:
         caller = Caller(check.offline({}))
     except TooLongError:
         raise too_long(check) from None
-    claims.answers = _answers(check, caller)
-    claims.kept = claims.answers or _kept(check, caller, claims)
+    claims.answers = _why_sc_may_fault(check, caller)
+    claims.kept = claims.answers or _why_not_kept(check, caller, claims)
     claims.cut = check.cut
     if not claims.kept:
         phase(f"{check.problem.name}: how far SC moves what `moves` names")
         at = {s: claims.ways.get(s, check.rooms[s]) for s in check.states}
-        unread = Interval(0.0, 0.0)  # without a set: `_kept` has seen that nothing reads it
+        unread = Interval(0.0, 0.0)  # without a set: `_why_not_kept` saw that nothing reads it
         at = {s: r if isfinite(r.high - r.low) else unread for s, r in at.items()}
         claims.moves = drift_not_shown(check, caller, at, claims.box)
     phase(f"{check.problem.name}: whether SC leads to rest from the start")
-    claims.start = claims.kept or _starts(check, Caller(check.offline(claims.ways)))
+    claims.start = claims.kept or _why_start_not_at_rest(check, Caller(check.offline(claims.ways)))
     return claims
 
 
@@ -269,17 +269,19 @@ def too_long(check: TubeCheck) -> SoterError:
     return refused(check.problem, why, (within, fewer) if fits else (fewer, "fewer states"))
 
 
-def _name(check: TubeCheck, state: int) -> str:
+def _state_name(check: TubeCheck, state: int) -> str:
     return check.problem.quantities.states[state].name
 
 
 def _without_set(check: TubeCheck, states: Sequence[int]) -> str:
     """The name of the first of `states` without a bounded set; "": all have one."""
     rooms = check.rooms
-    return next((_name(check, s) for s in states if not isfinite(rooms[s].high - rooms[s].low)), "")
+    return next(
+        (_state_name(check, s) for s in states if not isfinite(rooms[s].high - rooms[s].low)), ""
+    )
 
 
-def _answers(check: TubeCheck, caller: Caller) -> str:
+def _why_sc_may_fault(check: TubeCheck, caller: Caller) -> str:
     """Why SC may fault, or publish what its topics may not hold, on some read; "": it does not."""
     sets = {s: cut_to_farthest(check.read_sets[s]) for s in check.read_by_law}
     if caller.holds("answers", region_of(check, sets)):
@@ -287,7 +289,7 @@ def _answers(check: TubeCheck, caller: Caller) -> str:
     return "on something in the sets of what it reads SC may fault, or publish what is outside"
 
 
-def _kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
+def _why_not_kept(check: TubeCheck, caller: Caller, claims: RestClaims) -> str:
     """Why rule 1, that SC keeps a box around rest, is not shown; "": it is. Fills in `claims`."""
     problem = check.problem
     own = [s for s in check.states if s not in problem.drifts]
@@ -313,13 +315,13 @@ def _around_rest(
     if caller.holds("never_rests", region_of(check, box)):
         return None
     for s in own:
-        box[s] = _nearer(check, caller, box, s)
+        box[s] = _moved_in(check, caller, box, s)
         for upper in (False, True):
             box[s] = _shaved(check, caller, box, s, upper=upper)
     return box
 
 
-def _nearer(check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int) -> Interval:
+def _moved_in(check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int) -> Interval:
     """Side `s`, where it has no set moved in by powers of ten while `rest` holds nowhere beyond."""
     low, high = box[s].low, box[s].high
     if not is_far(check.rooms[s]):
@@ -348,7 +350,7 @@ def _shaved(
     return Interval(low, outer) if upper else Interval(outer, high)
 
 
-def _starts(check: TubeCheck, caller: Caller) -> str:
+def _why_start_not_at_rest(check: TubeCheck, caller: Caller) -> str:
     """Why condition 6, that every start of the plants leads to rest, is not shown; "": it is."""
     initial = {s: check.problem.initial[s] for s in check.states}
     if any(map(is_far, initial.values())):

@@ -128,11 +128,11 @@ class TubeCheck:
         self.rooms = module.rooms
         self._rest = module.predicate(self.problem.rest)
         asked = [*self.law, self._defined, self._safe, self._rest]
-        self.states = _behind(asked, every)
-        self.read_by_law = _inputs([*self.law, self._defined])
+        self.states = _states_read_through(asked, every)
+        self.read_by_law = _states_read([*self.law, self._defined])
         self.cut = 0 if self.read_by_law else PLAIN  # no answer shares a symbol with a state
-        self.read_by_rates = _inputs([every[s] for s in self.states])
-        self.read_by_rest = _inputs([self._rest])
+        self.read_by_rates = _states_read([every[s] for s in self.states])
+        self.read_by_rest = _states_read([self._rest])
         every_input = in_order([*asked, *(every[s] for s in self.states)])
         if any(e.op == "input" and e.of[0] not in "xyuwm" for e in every_input):
             raise NoExpressionError("something reads a time, an age or a mode")
@@ -147,7 +147,7 @@ class TubeCheck:
             (k, m, e) for m, row in every_effect for k, e in enumerate(row) if e is not zero
         ] or [(0, 0, zero)]  # no array is empty
         self._bends = module.bends(self._still)
-        self._faced = [k for k, s in enumerate(self.states) if s in _inputs([self._still[k]])]
+        self._faced = [k for k, s in enumerate(self.states) if s in _states_read([self._still[k]])]
 
     def _set_of(self, topic: int, leaf: int) -> Interval:
         """The declared set of a leaf of a topic."""
@@ -164,9 +164,9 @@ class TubeCheck:
         for s in left:
             rate = self.rates[s]
             partial = any(e.op in PARTIAL for e in in_order([rate]))
-            along = [self.make.input("x", k) for k in _inputs([rate]) & left]
+            along = [self.make.input("x", k) for k in _states_read([rate]) & left]
             slopes = [self.make.along(rate, {x: self.make.number(1.0)}, {}) for x in along]
-            if partial or _inputs(slopes) & left:
+            if partial or _states_read(slopes) & left:
                 raise NoExpressionError(
                     f"nothing bounds `{names[s].name}`, which may end (a set of its topic would)"
                 )
@@ -239,7 +239,7 @@ class TubeCheck:
         lines = [
             f"const MAPS: int = {len(first)};",
             "type Map = float[MAPS];",
-            f"const FIRST_MAP: Map = {_list(first)};",
+            f"const FIRST_MAP: Map = {_vector(first)};",
         ]
         return "\n".join([*lines, text])
 
@@ -260,7 +260,7 @@ class TubeCheck:
         lines = [
             f"const CELLS: int = {shield.cells};",
             f"const HELD: int = {numbers};",
-            f"const EDGES: {edges} = {_array([_list(e) for e in cells])};",
+            f"const EDGES: {edges} = {_array_text([_vector(e) for e in cells])};",
             f"const ENDINGS: int = {ENDINGS};",
             f"const ENDING: float = {number(near(of_v, ENDINGS))};",
             f"const ANY_FOR: float = {number(near(times.any_command))};",
@@ -319,7 +319,7 @@ class TubeCheck:
     def _at_rest(self, ways: Mapping[int, Interval]) -> str:
         """`fun at_rest`: `rest` holds, and `safe` holds in all that SC may move to from there."""
         lines = []
-        read = _inputs([self._safe])
+        read = _states_read([self._safe])
         for k, s in enumerate(self.states):
             drift = self.problem.drifts.get(s)
             if s not in read:
@@ -394,22 +394,22 @@ class TubeCheck:
         halves = [0.5 if k in self._faced else 1.0 for k in range(n)]
         middles = [form(middle(c)) for c in self.problem.controls]
         lines += [
-            f"const NONE: float[SYMBOLS] = {_list([0.0] * symbols)};",
-            f"const NO_RATES: float[STATES] = {_list([0.0] * n)};",
-            f"const ERRORS: float[STATES] = {_list(self.errors())};",
-            f"const NOWHERE: Forms = {_array([zero] * n)};",
-            f"const NO_RANGES: Ranges = {_array([NO_RANGE] * n)};",
-            f"const NO_ORDERS: Orders = {_array([NO_RANGE] * m)};",
-            f"const NO_FORMS: Forms[DEPTH] = {_array(['NOWHERE'] * times.depth)};",
+            f"const NONE: float[SYMBOLS] = {_vector([0.0] * symbols)};",
+            f"const NO_RATES: float[STATES] = {_vector([0.0] * n)};",
+            f"const ERRORS: float[STATES] = {_vector(self.errors())};",
+            f"const NOWHERE: Forms = {_array_text([zero] * n)};",
+            f"const NO_RANGES: Ranges = {_array_text([NO_RANGE] * n)};",
+            f"const NO_ORDERS: Orders = {_array_text([NO_RANGE] * m)};",
+            f"const NO_FORMS: Forms[DEPTH] = {_array_text(['NOWHERE'] * times.depth)};",
             "type Effect = { state: int, mover: int };",
-            f"const EFFECT: Effect[EFFECTS] = {_array(effects)};",
-            f"const FACED: int[{max(1, len(self._faced))}] = {_array(faced or ['0'])};",
-            f"const AT_FIRST: float[STATES] = {_list(halves)};",
-            f"const ANY_COMMAND: Controls = {_array(middles)};",
-            f"const ANY: Wide = {_list(wide + half)};",
-            f"const DISTURBED: Wide = {_list(wide + [0.0] * m)};",
-            f"const NO_REGION: Region = {{ lo: {_list([0.0] * n)}, hi: {_list([0.0] * n)} }};",
-            f"const NO_SPAN: Region = {{ lo: {_list([inf] * n)}, hi: {_list([-inf] * n)} }};",
+            f"const EFFECT: Effect[EFFECTS] = {_array_text(effects)};",
+            f"const FACED: int[{max(1, len(self._faced))}] = {_array_text(faced or ['0'])};",
+            f"const AT_FIRST: float[STATES] = {_vector(halves)};",
+            f"const ANY_COMMAND: Controls = {_array_text(middles)};",
+            f"const ANY: Wide = {_vector(wide + half)};",
+            f"const DISTURBED: Wide = {_vector(wide + [0.0] * m)};",
+            f"const NO_REGION: Region = {{ lo: {_vector([0.0] * n)}, hi: {_vector([0.0] * n)} }};",
+            f"const NO_SPAN: Region = {{ lo: {_vector([inf] * n)}, hi: {_vector([-inf] * n)} }};",
             "const IN_FLIGHT: Wanted = { asked: false, way: NO_REGION, end: NO_REGION };",
         ]
         return "\n".join(lines) + "\n"
@@ -437,18 +437,18 @@ def part(name: str) -> str:
     return (files(__package__) / name).read_text(encoding="utf-8")
 
 
-def _inputs(roots: Iterable[Node]) -> set[int]:
+def _states_read(roots: Iterable[Node]) -> set[int]:
     """The numbers of the states that some expressions read, as they are (x) or as SC reads (y)."""
     return {e.of[1] for e in in_order(list(roots)) if e.op == "input" and e.of[0] in "xy"}
 
 
-def _behind(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
+def _states_read_through(asked: Iterable[Node], rates: Sequence[Node]) -> list[int]:
     """The states that `asked` reads, those that their rates read, and so on, in order."""
     found: set[int] = set()
-    new = _inputs(asked)
+    new = _states_read(asked)
     while new - found:
         found |= new
-        new = _inputs([rates[s] for s in found])
+        new = _states_read([rates[s] for s in found])
     return sorted(found)
 
 
@@ -458,9 +458,9 @@ def form(value: float) -> str:
     return f"{{ c: {v}, r: 0.0, lo: {v}, hi: {v}, g: NONE }}"
 
 
-def _list(values: Iterable[float]) -> str:
-    return _array([number(float(v)) for v in values])
+def _vector(values: Iterable[float]) -> str:
+    return _array_text([number(float(v)) for v in values])
 
 
-def _array(items: Sequence[str]) -> str:
+def _array_text(items: Sequence[str]) -> str:
     return f"[{', '.join(items)}]"
