@@ -81,7 +81,7 @@ class Counterexample:
                 f"{whose}, {self.module} stays in SC for ever: at {_s(self.time_ns)} everything is "
                 f"as it was {_s(self.cycle_ns)} before, and `safer` did not hold"
             )
-        lines = [head, *[f"chosen: {line}" for line in _chosen(self.choices)]]
+        lines = [head, *[f"chosen: {line}" for line in _choice_lines(self.choices)]]
         if self.steps:
             last = self.steps[-1]
             states = ", ".join(
@@ -98,7 +98,7 @@ def _s(ns: int) -> str:
     return f"{ns / 1e9:.9g} s"
 
 
-def _chosen(choices: Choices) -> list[str]:
+def _choice_lines(choices: Choices) -> list[str]:
     """A line for each stream of choices: its value, or how often it changes."""
     lines = []
     for stream, values in choices.items():
@@ -206,7 +206,7 @@ class _AttackedRun:
             self._last.append((self.c, verdicts, self._chosen()))
         return self.c
 
-    def _chosen(self) -> dict[str, Value]:
+    def _choice_lines(self) -> dict[str, Value]:
         """The value drawn last of each stream, which acts on the plants from here on."""
         return {stream: noted[-1][1] for stream, noted in self._drawn.choices.items()}
 
@@ -307,11 +307,11 @@ def read_counterexample(path: Path) -> Counterexample:
         cycle = d["cycle_ns"]
         return Counterexample(
             module=_checked(d["module"], str),
-            shows=_one_of(d["shows"], (LEAVES, CYCLE)),
-            controller=_one_of(d["controller"], (OWN, DRAWN)),
+            shows=_one_of_known(d["shows"], (LEAVES, CYCLE)),
+            controller=_one_of_known(d["controller"], (OWN, DRAWN)),
             seed=_checked(d["seed"], int),
-            time_ns=_time(d["time_ns"]),
-            cycle_ns=None if cycle is None else _time(cycle),
+            time_ns=_checked_time(d["time_ns"]),
+            cycle_ns=None if cycle is None else _checked_time(cycle),
             choices={
                 str(s): _chosen_values(chosen) for s, chosen in _checked(d["choices"], dict).items()
             },
@@ -328,13 +328,13 @@ def _checked(given: Any, wanted: type) -> Any:  # noqa: ANN401 - any JSON
     return given
 
 
-def _one_of(given: object, known: tuple[str, ...]) -> str:
+def _one_of_known(given: object, known: tuple[str, ...]) -> str:
     if given not in known:
         raise TypeError(f"{str(given)[:40]!r} is none of {', '.join(known)}")
     return str(given)
 
 
-def _time(given: object) -> int:
+def _checked_time(given: object) -> int:
     time: int = _checked(given, int)
     if not 0 <= time <= TIME_MAX:
         raise TypeError("a time is out of range")

@@ -55,15 +55,15 @@ def store_verdicts(systems: Sequence[System], of: Sequence[ModuleResult]) -> Non
         }
         assumptions = texts(a for r in results for a in r.assumptions)
         text = json.dumps({"verdicts": verdicts, "assumptions": assumptions}, sort_keys=True)
-        name, content = _name(system, module), _content(system, module)
+        name, content = _entry_name(system, module), _content(system, module)
 
         def make(at: Path, text: str = text) -> None:
             (at / FILE).write_text(text, encoding="utf-8")
 
         try:
             store(f"{name}-{digest((text,))[:8]}", content, (FILE,), make)
-            _mark(name).parent.mkdir(exist_ok=True, mode=0o700)
-            _mark(name).touch()
+            _mark_of_entries(name).parent.mkdir(exist_ok=True, mode=0o700)
+            _mark_of_entries(name).touch()
         except (OSError, SoterError):
             return  # nothing is known later: that is no lie
 
@@ -77,17 +77,17 @@ def stored_verdicts(system: System) -> dict[str, Proof]:
         return {}
     proofs = {}
     for module in system.modules:
-        proof = None if module.forced is not None else _of(system, module.name)
+        proof = None if module.forced is not None else _cached_proof(system, module.name)
         if proof is not None:
             proofs[module.name] = proof
     return proofs
 
 
-def _of(system: System, module: str) -> Proof | None:
+def _cached_proof(system: System, module: str) -> Proof | None:
     """The cached proof of a module; None: there is none, or several that differ."""
-    name = _name(system, module)
+    name = _entry_name(system, module)
     try:
-        if not _mark(name).exists():
+        if not _mark_of_entries(name).exists():
             return None
         entries = sorted(cache_dir().glob(f"{name}-*"))
         if not entries:
@@ -106,23 +106,23 @@ def _of(system: System, module: str) -> Proof | None:
     return Proof(dict(told["verdicts"]), tuple(told["assumptions"]))
 
 
-def _mark(name: str) -> Path:
+def _mark_of_entries(name: str) -> Path:
     """A file that exists if the cache may have entries of this name; else it is not listed."""
     return cache_dir() / "verdicts" / name
 
 
-def _parts(system: System, module: str) -> tuple[str, ...]:
+def _key_parts(system: System, module: str) -> tuple[str, ...]:
     """The parts of the key: everything that a proof depends on, but for Soter itself."""
     values = repr(sorted(system.params.items()))
     return ("proof 1", system.program.sha256, system.name, values, module)
 
 
-def _name(system: System, module: str) -> str:
-    return f"proof-{digest(_parts(system, module))[:24]}"
+def _entry_name(system: System, module: str) -> str:
+    return f"proof-{digest(_key_parts(system, module))[:24]}"
 
 
 def _content(system: System, module: str) -> str:
-    return digest((*_parts(system, module), soter_sha256()))
+    return digest((*_key_parts(system, module), soter_sha256()))
 
 
 KEPT_TEXTS = 8
@@ -138,7 +138,7 @@ def store_verdicts_of_file(
     `modules`: plain data by module: `verdict`, `headline`, `system`, `seconds`, `horizon_ns`,
     `horizon_needed_ns` (None where there is none) and `properties` (verdicts by name).
     """
-    file = _file(path)
+    file = _verdicts_file(path)
     known = stored_verdicts_of_file(path)
     same = next((r for r in known if r["program_sha256"] == program_sha256), None)
     now = {name: {**said, "when_s": time.time()} for name, said in modules.items()}
@@ -161,7 +161,7 @@ def stored_verdicts_of_file(path: Path) -> list[dict[str, Any]]:
     `when_s`, seconds since 1970. Empty where nothing can be read.
     """
     try:
-        file = _file(path)
+        file = _verdicts_file(path)
         status = file.stat()
         if status.st_size > BYTES_MAX or not is_ours(status):
             return []  # somebody else could have written it
@@ -172,6 +172,6 @@ def stored_verdicts_of_file(path: Path) -> list[dict[str, Any]]:
         return []
 
 
-def _file(path: Path) -> Path:
+def _verdicts_file(path: Path) -> Path:
     """The file of a program; the cache's entries are folders, so clearing it keeps this file."""
     return cache_dir() / "verdicts" / f"{digest([str(path.resolve())])[:32]}.json"

@@ -74,8 +74,8 @@ def leaving_figures(m: ModuleResult, run: LeavingRun | None) -> Iterator[RegionF
         k = [a.state for a in sets.group.axes].index(axis)
         edges = np.asarray(sets.group.axes[k].edges)
         inside = np.moveaxis(regions(sets), k, 0)
-        inside = _cut(inside, 1, _at_start(sets, run, (k,)))
-    edges, inside = _padded(edges, inside)
+        inside = _slice_through(inside, 1, _start_cells(sets, run, (k,)))
+    edges, inside = _with_margin(edges, inside)
     end = float(run.time_s[-1])
     time = np.array([0.0, end * (1 + ROOM)])
     states = np.clip(run.states[:, axis], edges[0], edges[-1])
@@ -94,14 +94,14 @@ def leaving_figures(m: ModuleResult, run: LeavingRun | None) -> Iterator[RegionF
         trajectory=drawn,
     )
     if sets is not None and len(sets.group.axes) > 1:
-        yield _plane(sets, run, axis)
+        yield _figure_of_plane(sets, run, axis)
 
 
 def _has(sets: GroupSets, state: int) -> bool:
     return any(a.state == state for a in sets.group.axes)
 
 
-def _at_start(sets: GroupSets, run: LeavingRun, without: tuple[int, ...]) -> tuple[int, ...]:
+def _start_cells(sets: GroupSets, run: LeavingRun, without: tuple[int, ...]) -> tuple[int, ...]:
     """The cells of the start along the axes that are not drawn."""
     indices = []
     for k, a in enumerate(sets.group.axes):
@@ -111,14 +111,14 @@ def _at_start(sets: GroupSets, run: LeavingRun, without: tuple[int, ...]) -> tup
     return tuple(indices)
 
 
-def _cut(cells: NDArray[np.uint8], axis: int, at: tuple[int, ...]) -> NDArray[np.uint8]:
+def _slice_through(cells: NDArray[np.uint8], axis: int, at: tuple[int, ...]) -> NDArray[np.uint8]:
     """The slice through these cells of the axes from `axis` on."""
     for i in at:
         cells = np.take(cells, i, axis=axis)
     return cells
 
 
-def _padded(edges: Floats, cells: NDArray[np.uint8]) -> tuple[Floats, NDArray[np.uint8]]:
+def _with_margin(edges: Floats, cells: NDArray[np.uint8]) -> tuple[Floats, NDArray[np.uint8]]:
     """Edges and cells with a margin outside the grid, along the first axis."""
     room = ROOM * (edges[-1] - edges[0])
     outside = np.full((1, *cells.shape[1:]), R1, dtype=np.uint8)
@@ -126,16 +126,16 @@ def _padded(edges: Floats, cells: NDArray[np.uint8]) -> tuple[Floats, NDArray[np
     return wider, np.concatenate([outside, cells, outside])
 
 
-def _plane(sets: GroupSets, run: LeavingRun, axis: int) -> RegionFigure:
+def _figure_of_plane(sets: GroupSets, run: LeavingRun, axis: int) -> RegionFigure:
     """The figure over the axis by which the run leaves and the first other one of its group."""
     axes = sets.group.axes
     k = [a.state for a in axes].index(axis)
     other = 0 if k else 1
     first, second = sorted((k, other))
     cells = np.moveaxis(regions(sets), (first, second), (0, 1))
-    cells = _cut(cells, 2, _at_start(sets, run, (first, second)))
-    x, cells = _padded(np.asarray(axes[first].edges), cells)
-    y, turned = _padded(np.asarray(axes[second].edges), cells.T)
+    cells = _slice_through(cells, 2, _start_cells(sets, run, (first, second)))
+    x, cells = _with_margin(np.asarray(axes[first].edges), cells)
+    y, turned = _with_margin(np.asarray(axes[second].edges), cells.T)
     xs = np.clip(run.states[:, axes[first].state], x[0], x[-1])
     ys = np.clip(run.states[:, axes[second].state], y[0], y[-1])
     none = np.zeros(len(xs), dtype=np.bool_)
@@ -220,7 +220,7 @@ def page(report: VerifyReport) -> ProofPage:
     under += f" ({', '.join(sorted(taken))} assumed)" if under and taken else ""
     return ProofPage(
         f"Verification of {report.path}",
-        f"{names}: {report.verdict}{_but(report)}{under}",
+        f"{names}: {report.verdict}{_vacuity_clause(report)}{under}",
         f"system {report.system}, verified in {report.seconds:.1f} s",
         tuple(_module(m) for m in report.modules),
         tuple(assumptions),
@@ -256,7 +256,7 @@ def _trusted(report: VerifyReport) -> tuple[str, ...]:
     )
 
 
-def _but(report: VerifyReport) -> str:
+def _vacuity_clause(report: VerifyReport) -> str:
     """A clause for the headline that proofs of some modules say little; "": they do not."""
     held = [m for m in report.modules if m.verdict in HOLDING]
     little = [m for m in held if m.vacuity is not None]
@@ -272,7 +272,7 @@ def _but(report: VerifyReport) -> str:
 def _module(m: ModuleResult) -> ModuleProof:
     meanings = {**MEANINGS, **OTHERWISE.get(m.problem.kind, {})}
     rows = tuple(
-        PropertyRow(name, meanings.get(name, ""), f.verdict, _method(f), f.seconds, f.text)
+        PropertyRow(name, meanings.get(name, ""), f.verdict, _method_text(f), f.seconds, f.text)
         for name, f in m.findings.items()
     )
     runs = filter(None, (f.counterexample for f in m.findings.values()))
@@ -283,11 +283,11 @@ def _module(m: ModuleResult) -> ModuleProof:
         verdict=m.verdict,
         headline=_headline(m),
         properties=rows,
-        times=_times(m),
+        times=_time_rows(m),
         shares=tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),
-        figures=tuple(f for case in m.cases[:1] for f in _figures(m, case)),
+        figures=tuple(f for case in m.cases[:1] for f in _region_figures(m, case)),
         counterexample=tuple(line for run in told for line in run.splitlines()),
-        open=tuple(_open(m)),
+        open=tuple(_open_properties(m)),
         switches=all(f.holds for n, f in m.findings.items() if n in ("ttf", "P3")),
         but=m.vacuity.text if m.verdict in HOLDING and m.vacuity else "",
         leaving=tuple(leaving_figures(m, leaving)),
@@ -297,22 +297,22 @@ def _module(m: ModuleResult) -> ModuleProof:
 
 def _headline(m: ModuleResult) -> str:
     lines = "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line)
-    head = f"{_keeps(m)} `{_safe(m)}`{m.whilst}; {len(m.assumptions)} assumptions, "
-    return f"{head}{_cells(m)}{m.seconds:.1f} s{lines}"
+    head = f"{_keeps_in_words(m)} `{_safe_text(m)}`{m.whilst}; {len(m.assumptions)} assumptions, "
+    return f"{head}{_cell_count_text(m)}{m.seconds:.1f} s{lines}"
 
 
-def _method(f: Finding) -> str:
+def _method_text(f: Finding) -> str:
     """How a finding was shown; an assumed one was not."""
     return "none" if f.verdict == "assumed" else f.method
 
 
-def _keeps(m: ModuleResult) -> str:
+def _keeps_in_words(m: ModuleResult) -> str:
     """Words on whether `safe` is kept: P2b and the fail-safe law do not matter for that."""
     shown = all(f.holds for n, f in m.findings.items() if n not in ("P2b", "failsafe"))
     return "keeps" if shown else "not shown: that it keeps"
 
 
-def _open(m: ModuleResult) -> Iterator[tuple[str, tuple[str, ...]]]:
+def _open_properties(m: ModuleResult) -> Iterator[tuple[str, tuple[str, ...]]]:
     """For each property that is not shown its lines as in the terminal: where, why, tried, help."""
     told = [NO_CORE]
     for name in ("P2a", "ttf", "safer", *m.findings):
@@ -331,16 +331,16 @@ def _open(m: ModuleResult) -> Iterator[tuple[str, tuple[str, ...]]]:
             yield f"{name} is {f.verdict}: {f.text}", tuple(lines)
 
 
-def _safe(m: ModuleResult) -> str:
+def _safe_text(m: ModuleResult) -> str:
     """The text of the module's `safe`."""
     return " ".join(m.problem.module.symbol.safe.span.text.split())
 
 
-def _cells(m: ModuleResult) -> str:
+def _cell_count_text(m: ModuleResult) -> str:
     return f"{m.cells:,} cells, " if m.cells else ""
 
 
-def _times(m: ModuleResult) -> tuple[tuple[str, str, str], ...]:
+def _time_rows(m: ModuleResult) -> tuple[tuple[str, str, str], ...]:
     t = m.problem.times
     if m.problem.kind == NODES:
         return (
@@ -364,7 +364,7 @@ def _times(m: ModuleResult) -> tuple[tuple[str, str, str], ...]:
 # ---------------------------------------------------------------- regions
 
 
-def _figures(m: ModuleResult, case: CaseSets) -> list[RegionFigure]:
+def _region_figures(m: ModuleResult, case: CaseSets) -> list[RegionFigure]:
     names = [p.name for p in m.problem.parameters]
     note = ", ".join(f"{n} = {v}" for n, v in zip(names, case.parameter, strict=True))
     if len(m.cases) > 1:

@@ -58,7 +58,7 @@ def certified_sets(
         if len(case["groups"]) != len(groups):
             return None
         both = zip(groups, case["groups"], strict=True)
-        pairs = [_pair(certificate, problem, group, entry) for group, entry in both]
+        pairs = [_boundary_sets(certificate, problem, group, entry) for group, entry in both]
         if any(pair is None for pair in pairs):
             return None
         case_pairs.append(pairs)
@@ -84,9 +84,9 @@ def same_tables(
     q, files = problem.quantities, dict[str, bytes]()
     names = [s.name for s in q.states]
     own = [table.entry(names, f"sets/{k}", files) for k, table in enumerate(built)]
-    told = _read(own, {**files, **_numbered([*names, *(c.name for c in q.controls)])})
+    told = _resolve_names(own, {**files, **_numbered([*names, *(c.name for c in q.controls)])})
     return all(
-        not e.get("tables") or (_told(certificate, e) == told and _wraps_alike(e, problem))
+        not e.get("tables") or (_tables_in(certificate, e) == told and _wraps_alike(e, problem))
         for e in entries
     )
 
@@ -98,10 +98,10 @@ def _wraps_alike(entry: Mapping[str, Any], problem: Problem) -> bool:
     return {k for k, name in enumerate(names) if name in wraps} == problem.quantities.turning
 
 
-def _told(certificate: Certificate, entry: dict[str, Any]) -> Any:  # noqa: ANN401 - see `_read`
+def _tables_in(certificate: Certificate, entry: dict[str, Any]) -> Any:  # noqa: ANN401 - any entry
     """The tables of a module in a certificate, with names and files resolved."""
     inputs = [i["name"] for i in entry["inputs"] if i["kind"] in ("state", "control")]
-    return _read(entry["tables"], {**certificate.contents, **_numbered(inputs)})
+    return _resolve_names(entry["tables"], {**certificate.contents, **_numbered(inputs)})
 
 
 def _numbered(names: Sequence[str]) -> dict[str, object]:
@@ -109,16 +109,16 @@ def _numbered(names: Sequence[str]) -> dict[str, object]:
     return {name: place for place, name in enumerate(names)}
 
 
-def _read(entry: Any, said: Mapping[str, object]) -> Any:  # noqa: ANN401 - a part of a manifest
+def _resolve_names(entry: Any, said: Mapping[str, object]) -> Any:  # noqa: ANN401 - manifest part
     """An entry whose names are replaced by what they stand for: bytes of files, places."""
     if isinstance(entry, dict):
-        return {name: _read(part, said) for name, part in entry.items()}
+        return {name: _resolve_names(part, said) for name, part in entry.items()}
     if isinstance(entry, list):
-        return [_read(part, said) for part in entry]
+        return [_resolve_names(part, said) for part in entry]
     return said.get(entry, entry) if isinstance(entry, str) else entry
 
 
-def _pair(
+def _boundary_sets(
     certificate: Certificate, problem: Problem, group: Group, entry: dict[str, Any]
 ) -> object | None:
     """S_0 and S_(m-2) of a group; None where the entry is that of another group, or has none."""
@@ -201,7 +201,7 @@ def _of_module(
         inheritance.why_not = f"nothing can be proved of it: {error.diagnostics[0].message}"
         return inheritance
     for problem in problems:
-        inheritance.why_not = inheritance.why_not or _beyond(problem, proved)
+        inheritance.why_not = inheritance.why_not or _why_not_carried(problem, proved)
     if inheritance.why_not:
         return inheritance
     for problem in problems:
@@ -215,7 +215,7 @@ def _of_module(
     return inheritance
 
 
-def _beyond(problem: Problem, module: Module) -> str:
+def _why_not_carried(problem: Problem, module: Module) -> str:
     """Why a proof of this kind does not hold for a deployed system; "": it may."""
     if module.symbol.verify.abstracts or problem.view:
         return (

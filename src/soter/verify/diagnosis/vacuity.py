@@ -53,7 +53,7 @@ def vacuity(done: Sequence[Case]) -> Vacuity | None:
     """The worst vacuity of all cases; None: the proof says something, and AC can have control."""
     if done and (nothing := _says_nothing(done[0].problem)):
         return nothing
-    every = [(case, case_vacuity) for case in done for case_vacuity in _of_case(case)]
+    every = [(case, case_vacuity) for case in done for case_vacuity in _vacuities_of_case(case)]
     if not every:
         return _never_given(done)
     worst = min((v for _, v in every), key=lambda v: (v.how_often != NEVER, v.share))
@@ -61,7 +61,7 @@ def vacuity(done: Sequence[Case]) -> Vacuity | None:
         return worst
     bad = {id(case) for case, _ in every}
     case = next(c for c, v in every if v is worst)
-    named = _named(case) if len(bad) < len(done) else "every parameter value"
+    named = _parameter_values(case) if len(bad) < len(done) else "every parameter value"
     also = f" and {len(bad) - 1} more of {len(done)}" if 1 < len(bad) < len(done) else ""
     return Vacuity(
         worst.how_often,
@@ -113,31 +113,33 @@ def small_cores(done: Sequence[Case]) -> tuple[str, ...]:
     )
 
 
-def _named(case: Case) -> str:
+def _parameter_values(case: Case) -> str:
     pairs = zip(case.problem.parameters, case.parameter, strict=True)
     return ", ".join(f"{p.name} = {value}" for p, value in pairs)
 
 
-def _of_case(case: Case) -> Iterator[Vacuity]:
+def _vacuities_of_case(case: Case) -> Iterator[Vacuity]:
     """The vacuities of one case; empty where it has no K."""
     if case.failed("P2a"):
         return
-    yield from _core(case)
+    yield from _small_core(case)
     free = _least_free(case)
     for predicate in ("safer", "ttf"):
         if predicate == "ttf" and _taken_by_age(case):
-            yield Vacuity(NEVER, "ttf", 0.0, _never(case, "ttf", empty=False, of=OF_FRESH))
+            yield Vacuity(NEVER, "ttf", 0.0, _why_no_control(case, "ttf", empty=False, of=OF_FRESH))
             continue
         if _excluded(case, predicate):
-            yield Vacuity(NEVER, predicate, 0.0, _never(case, predicate, empty=free == 0.0))
+            yield Vacuity(
+                NEVER, predicate, 0.0, _why_no_control(case, predicate, empty=free == 0.0)
+            )
             continue
-        least_share = min(_shares(case, predicate), default=1.0)
+        least_share = min(_control_shares(case, predicate), default=1.0)
         if least_share < RARE_SHARE:
             yield Vacuity(HARDLY_EVER, predicate, least_share, _hardly(predicate, least_share))
-    yield from _apart(case)
+    yield from _never_kept(case)
 
 
-def _apart(case: Case) -> Iterator[Vacuity]:
+def _never_kept(case: Case) -> Iterator[Vacuity]:
     """The vacuity that `ttf` takes control back (almost) wherever `safer` gives it.
 
     If no cell has `safer` possibly true and `ttf` possibly false, AC never keeps control.
@@ -151,7 +153,7 @@ def _apart(case: Case) -> Iterator[Vacuity]:
             yield Vacuity(how, "safer", share, text)
 
 
-def _core(case: Case) -> Iterator[Vacuity]:
+def _small_core(case: Case) -> Iterator[Vacuity]:
     for proof in case.proofs:
         share = proof.core_share
         if share is not None and share < RARE_SHARE:
@@ -159,7 +161,7 @@ def _core(case: Case) -> Iterator[Vacuity]:
             yield Vacuity(HARDLY_EVER, "core", share, text)
 
 
-def _never(case: Case, predicate: str, *, empty: bool, of: str = "everywhere") -> str:
+def _why_no_control(case: Case, predicate: str, *, empty: bool, of: str = "everywhere") -> str:
     times = case.problem.times
     if empty:
         within = show_ns(times.horizon_ns)
@@ -222,7 +224,7 @@ def _taken_by_age(case: Case) -> bool:
 # ---------------------------------------------------------------- shares of K
 
 
-def _shares(case: Case, predicate: str) -> Iterator[float]:
+def _control_shares(case: Case, predicate: str) -> Iterator[float]:
     """For each group the share of its K that lets AC have control, with others where it is most."""
     for proof in case.proofs:
         share = proof.lets_share(case, predicate)
