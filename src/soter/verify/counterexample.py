@@ -206,7 +206,7 @@ class _AttackedRun:
             self._last.append((self.c, verdicts, self._chosen()))
         return self.c
 
-    def _choice_lines(self) -> dict[str, Value]:
+    def _chosen(self) -> dict[str, Value]:
         """The value drawn last of each stream, which acts on the plants from here on."""
         return {stream: noted[-1][1] for stream, noted in self._drawn.choices.items()}
 

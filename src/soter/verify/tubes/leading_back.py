@@ -343,7 +343,7 @@ class _Search:
         self._caller = Caller(check.offline({}))
         return self._way(self._box, self._box)
 
-    def _start_points(self, way: Box) -> bool:
+    def _starts(self, way: Box) -> bool:
         initial = {s: self._check.problem.initial[s] for s in self._check.states}
         return Caller(self._check.offline(way)).holds("starts", region_of(self._check, initial))
 
