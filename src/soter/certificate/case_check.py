@@ -124,7 +124,7 @@ class TaskProcesses:
         for first in range(workers):
             ours, theirs = fork.Pipe(duplex=False)
             given = range(first, tasks, workers), answer, theirs, os.getpid()
-            process = fork.Process(target=_work, args=given)
+            process = fork.Process(target=_answer_tasks, args=given)
             process.start()
             theirs.close()
             self._processes.append(process)
@@ -164,7 +164,7 @@ class TaskProcesses:
         self._processes, self._answers = [], []
 
 
-def _work(tasks: range, answer: Callable[[int], str], to: Connection, parent: int) -> None:
+def _answer_tasks(tasks: range, answer: Callable[[int], str], to: Connection, parent: int) -> None:
     end_with(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # who is interrupted ends this one
     for k in tasks:
@@ -333,7 +333,7 @@ def survives_the_start(facts: Facts) -> None:
     if setting.first_available(0, setting.by_sc) != setting.sc.phase:
         _harmless_before(facts)
     if facts.above is not None:
-        _answers_all(facts)
+        _require_total_answer(facts)
 
 
 def _harmless_before(facts: Facts) -> None:
@@ -357,14 +357,14 @@ def _harmless_before(facts: Facts) -> None:
         topic = facts.system.topics[sc.scope.topics[symbol]]
         running = facts.flying.topics[facts.running[topic.index]].name
         only_default = at_once and running in paths
-        known[symbol] = _anything(terms, topic, READ_EARLY, default=only_default)
+        known[symbol] = _any_value(terms, topic, READ_EARLY, default=only_default)
     if not harmless(facts, terms, known):
         raise NotRecheckedError(
             "SC may step before anything was published, and fault on what it then reads"
         )
 
 
-def _answers_all(facts: Facts) -> None:
+def _require_total_answer(facts: Facts) -> None:
     """Below another module SC steps wherever that one leads the state, too, and must not fault.
 
     `NotRecheckedError` where that is not certain for all that may be published.
@@ -376,7 +376,7 @@ def _answers_all(facts: Facts) -> None:
     terms, known = Terms(), {}
     for symbol in read_by_sc(sc):
         topic = facts.system.topics[sc.scope.topics[symbol]]
-        known[symbol] = _anything(terms, topic, READ_ELSEWHERE, default=False)
+        known[symbol] = _any_value(terms, topic, READ_ELSEWHERE, default=False)
     if not harmless(facts, terms, known):
         raise NotRecheckedError("SC may fault on what is published while it has no control")
 
@@ -391,7 +391,7 @@ def harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) ->
     return all_certain(terms, terms.obligations)
 
 
-def _anything(terms: Terms, topic: Topic, why: str, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
+def _any_value(terms: Terms, topic: Topic, why: str, *, default: bool) -> Any:  # noqa: ANN401  a Soter value
     """Any value of the set of a topic; just its default where that is all there may be."""
     bounded = all(
         b is not None and isinstance(of, FloatType)

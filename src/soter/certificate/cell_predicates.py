@@ -77,7 +77,7 @@ def certain(
     """
     terms, states = model.new_terms(ENDLESS)
     truth = model.predicate(terms, states, expr, errors=errors)
-    return _shared_out(model, groups, terms, states, truth)
+    return _cells_by_share(model, groups, terms, states, truth)
 
 
 def published(model: CaseModel, groups: Sequence[Axes], topic: int) -> list[Cells]:
@@ -86,10 +86,10 @@ def published(model: CaseModel, groups: Sequence[Axes], topic: int) -> list[Cell
     That of every estimate: outside of its set the plant stops. Shared out as by `certain`.
     """
     terms, states = model.new_terms(ENDLESS)
-    return _shared_out(model, groups, terms, states, model.in_set(terms, states, topic))
+    return _cells_by_share(model, groups, terms, states, model.in_set(terms, states, topic))
 
 
-def _shared_out(
+def _cells_by_share(
     model: CaseModel,
     groups: Sequence[Axes],
     terms: Terms,

@@ -84,7 +84,7 @@ class Grid:
             if self.wraps_around(k):
                 if not (-FARTHEST_TURNED <= low <= high <= FARTHEST_TURNED):
                     return None
-                ranges.append(_around(edges, low, high))
+                ranges.append(_cells_around(edges, low, high))
                 continue
             if self.has_no_ends(k):
                 width = edges[-1] - edges[0]
@@ -153,8 +153,8 @@ class Grid:
     def beyond(self, axis: int, *, low: bool, high: bool) -> list[tuple[arb, arb]]:
         """Intervals that cover what lies beyond the ends of an axis, up to `FARTHEST`."""
         first, last = self.edges[axis][0], self.edges[axis][-1]
-        below_it = [(-b, -a) for a, b in _outwards(-first, last - first)] if low else []
-        return [*below_it, *(_outwards(last, last - first) if high else ())]
+        below_it = [(-b, -a) for a, b in _intervals_beyond(-first, last - first)] if low else []
+        return [*below_it, *(_intervals_beyond(last, last - first) if high else ())]
 
     def box(self, block: Block) -> list[tuple[arb, arb]]:
         """The box of a block of cells; at the ends of an axis that wraps around a little more."""
@@ -180,7 +180,7 @@ class Axes:
     grid: Grid
 
 
-def _around(edges: Sequence[float], low: float, high: float) -> tuple[int, int]:
+def _cells_around(edges: Sequence[float], low: float, high: float) -> tuple[int, int]:
     """The cells of a full turn that cover an interval, from within the first turn on."""
     count, turns = len(edges) - 1, [math.floor((x - edges[0]) / TURN) for x in (low, high)]
     if turns[0] == -1 and low >= edges[0] - SEAM:
@@ -219,7 +219,7 @@ def _width(edges: Sequence[float], cell: int) -> arb:
 
 
 @lru_cache(maxsize=64)
-def _outwards(end: float, width: float) -> Sequence[tuple[arb, arb]]:
+def _intervals_beyond(end: float, width: float) -> Sequence[tuple[arb, arb]]:
     """Intervals from an end upwards to `FARTHEST`."""
     intervals, low, step = [], exact(end), exact(width)
     while low < FARTHEST:

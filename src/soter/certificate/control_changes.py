@@ -98,11 +98,11 @@ def jumps_of(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, list[J
     if not facts.view or facts.whole is None or facts.whole.verify.enters is None:
         return {}
     jumps_by_link = {
-        link.name: [_published(facts, link, topic) for topic in topic_reads(link.value)]
+        link.name: [_jump_by_publisher(facts, link, topic) for topic in topic_reads(link.value)]
         for link in facts.symbol.verify.abstracts
     }
     if any(not jump.why for of in jumps_by_link.values() for jump in of):
-        why = _of_sets(facts, groups, claims)
+        why = _why_not_by_sets(facts, groups, claims)
         jumps_by_link = {
             name: [Jump(j.topic, j.node, j.why or why) for j in of]
             for name, of in jumps_by_link.items()
@@ -110,7 +110,7 @@ def jumps_of(facts: Facts, groups: Groups, claims: set[str]) -> dict[str, list[J
     return jumps_by_link
 
 
-def _published(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol) -> Jump:
+def _jump_by_publisher(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol) -> Jump:
     """The jump of one topic, by what the node that publishes it is shown to do (z3)."""
     if find_spec("z3") is None:
         return Jump(topic.name, "", "`z3-solver` is not installed")
@@ -119,11 +119,11 @@ def _published(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymb
     try:
         node, why = why_not(facts, link, topic)
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
-        return Jump(topic.name, "", _said(error))
+        return Jump(topic.name, "", _failure_text(error))
     return Jump(topic.name, node, why)
 
 
-def _of_sets(facts: Facts, groups: Groups, claims: set[str]) -> str:
+def _why_not_by_sets(facts: Facts, groups: Groups, claims: set[str]) -> str:
     """Why it is not confirmed that the state lies in R(H) wherever `enters` holds."""
     if not claims & FREE:
         return "nothing is claimed with which R(H) is confirmed"
@@ -139,11 +139,11 @@ def _of_sets(facts: Facts, groups: Groups, claims: set[str]) -> str:
             if why := not_entered(CaseModel(facts, values, facts.extents), of_case, expr):
                 return why
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
-        return _said(error)
+        return _failure_text(error)
     return ""
 
 
-def _said(error: Exception) -> str:
+def _failure_text(error: Exception) -> str:
     if isinstance(error, NotRecheckedError):
         return f"not rechecked: {error}"
     return f"the re-checker itself failed ({type(error).__name__}: {error})"
@@ -204,13 +204,13 @@ def not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr
         return "not every state is in a group"
     if unentered := next((g.unentered for g in groups if g.unentered), ""):
         return unentered
-    reach = _reach(model.facts, expr)
+    reach = _judged_ranges(model.facts, expr)
     for k, ends in enumerate(reach):
         if ends is None:
             return f"nothing that it reads bounds {model.facts.states[k].name}"
         if ends[0] > ends[1]:
             return f"no value of {model.facts.states[k].name} is shown by all that it reads"
-    where = _beyond(model, groups, expr, [r for r in reach if r is not None])
+    where = _where_outside_grid(model, groups, expr, [r for r in reach if r is not None])
     if where:
         return f"it may hold where {where}, outside the grid"
     return next((why for g in groups if (why := g.entered(model, expr))), "")
@@ -219,7 +219,7 @@ def not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr
 # ---------------------------------------------------------------- outside the grid
 
 
-def _reach(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, float] | None]:
+def _judged_ranges(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, float] | None]:
     """The range of each state where `expr` is judged; None where nothing that it reads bounds it.
 
     What is published lies in its declared set, and shows the state up to its error and rounding.
@@ -251,14 +251,14 @@ def _reach(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, float] | No
     return ranges
 
 
-def _beyond(
+def _where_outside_grid(
     model: CaseModel,
     groups: Sequence[Group],
     expr: typed.TypedExpr,
     reach: Sequence[tuple[float, float]],
 ) -> str:
     """Where `expr` may hold outside the grid, in words; "" where it cannot."""
-    parts = _parts(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
+    parts = _conjunct_checks(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
     for axes in (g.part(errors=False) for g in groups):
         for state, edges in zip(axes.states, axes.grid.edges, strict=True):
             low, high = reach[state]
@@ -271,16 +271,16 @@ def _beyond(
     return ""
 
 
-def _parts(anywhere: CaseModel, expr: typed.TypedExpr) -> list[_Part]:
+def _conjunct_checks(anywhere: CaseModel, expr: typed.TypedExpr) -> list[_ConjunctCheck]:
     """The conjuncts of `expr`, each with what must be true so that it is judged without a fault."""
     terms, states = anywhere.new_terms()
     told = anywhere.predicate(terms, states, expr, errors=True)
     sound = both_all(terms.obligations)
     atoms = [next(iter(x.terms)) for x in states]
-    return [_Part(anywhere, terms, atoms, part, sound) for part in conjuncts(told)]
+    return [_ConjunctCheck(anywhere, terms, atoms, part, sound) for part in conjuncts(told)]
 
 
-class _Part:
+class _ConjunctCheck:
     """One of the parts of a predicate, over states that may lie outside the grid."""
 
     def __init__(
@@ -398,7 +398,7 @@ def read_above(facts: Facts) -> None:
     safer = said_of(module.symbol.safer, shown)
     if safer is None:
         raise NotRecheckedError(f"`safer` of `{module.name}` says nothing of the plants here")
-    seen = _problems(facts, module)
+    seen = _problems_above(facts, module)
     setting, own = facts.setting, facts.own
     needs = max(handed_back(setting, own, u.setting.dm, u.own.age) for u in seen)
     facts.above = ModuleAbove(
@@ -431,7 +431,7 @@ def _seen_by_both(facts: Facts, above: Mapping[typed.TopicSymbol, int]) -> set[t
     return {t for t in same if topics[t] in known}
 
 
-def _problems(facts: Facts, module: Module) -> list[Facts]:
+def _problems_above(facts: Facts, module: Module) -> list[Facts]:
     """The problem of the module above in each of its views: the longest times of these count."""
     views = [v.name for v in module.symbol.verify.views] or [""]
     return [read_facts(facts.flying, module.name, view) for view in views]

@@ -90,7 +90,7 @@ def law_of(facts: Facts) -> Facts:
         raise DiffersError("others move the plants: nobody keeps what they publish where all stops")
     if facts.kind != "flow":
         raise DiffersError("the plants move in steps: when a lease ends there is not settled")
-    system, name = _under_law(flying, module, law)
+    system, name = _system_under_law(flying, module, law)
     law_facts = read_facts(system, name, facts.view)
     leave_out(law_facts, [s.name for s in facts.left_out])
     check_supported(law_facts)
@@ -101,7 +101,7 @@ def law_of(facts: Facts) -> Facts:
     return law_facts
 
 
-def _under_law(
+def _system_under_law(
     flying: System, module: Module, law: Mapping[typed.TopicSymbol, typed.TypedExpr]
 ) -> tuple[System, str]:
     """(the system with an SC that publishes the law and reads nothing, the module's name)."""

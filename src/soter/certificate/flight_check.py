@@ -142,7 +142,7 @@ class _Verdicts:
             return
         if before or after:  # the one before it counts until then
             began, ended = (time_ns - release + said.get(at, 0) for at in ("late_ns", "done_ns"))
-            yield from self._late(began, ended)
+            yield from self._late_doubts(began, ended)
         if self.said is not None and self.said != before and release == self.next:
             yield f"{_mode(before)} had control before it, and {_mode(self.said)} by the one before"
         if after != self.in_ac:
@@ -155,7 +155,7 @@ class _Verdicts:
             yield f'it says "AC" against its own {", ".join(false)}'
         self.next, self.said, self.flew = release + self.period, after, self.in_ac
 
-    def _late(self, began: int, ended: int) -> Iterator[str]:
+    def _late_doubts(self, began: int, ended: int) -> Iterator[str]:
         """A doubt where it began, or was in force, too many ns after its release."""
         most = self.late + self.response
         if began > self.late:
@@ -209,7 +209,7 @@ class _Reader:
                     self.modules[message["module"]].changed(message["mode"] == "AC")
             for channel, message in due:
                 if channel == DECISIONS_TOPIC and message["module"] in self.modules:
-                    self._verdict(time_ns, message)
+                    self._add_verdict(time_ns, message)
         except (ValueShapeError, LookupError, TypeError, ValueError, AttributeError) as error:
             said = error if isinstance(error, ValueShapeError) else repr(error)
             why = f"at {time_ns} ns: {said}; is it a log of `{self.system.name}`?"
@@ -221,19 +221,19 @@ class _Reader:
             if module.next == 0 and self.begun:
                 text = "the log has no verdict of it"
                 self.log.doubts.append(Doubt(0, name, CONTRADICTED, text))
-            self._missing(name, module.missing(time_ns + 1), module.next)
+            self._note_missing(name, module.missing(time_ns + 1), module.next)
 
-    def _missing(self, name: str, what: str, since_ns: int) -> None:
+    def _note_missing(self, name: str, what: str, since_ns: int) -> None:
         if what:
             text = f"{what} missing while AC had control"
             self.log.doubts.append(Doubt(since_ns, name, CONTRADICTED, text))
 
-    def _verdict(self, time_ns: int, message: dict[str, Any]) -> None:
+    def _add_verdict(self, time_ns: int, message: dict[str, Any]) -> None:
         name = message["module"]
         module = self.modules[name]
         release = time_ns // module.period * module.period
         was_ac = message["mode_before"] == "AC"
-        self._missing(name, module.missing(release, in_ac=was_ac), module.next)
+        self._note_missing(name, module.missing(release, in_ac=was_ac), module.next)
         why = list(module.doubts_of(time_ns, message))
         estimate: dict[str, float] = {}
         if message["mode_after"] == "AC":
@@ -342,7 +342,7 @@ class Flights:
         Ctrl-C ends it with what was asked until then of the log that it was at.
         """
         for log, system in self._logs:
-            began = _spent()
+            began = _cpu_seconds()
             phase(f"reading {visible(log)}", anew=True)
             flat = self._flats[system]
             proved = self._proved[system]
@@ -370,7 +370,7 @@ class Flights:
             doubted = {(d.time_ns, d.module) for d in report.doubts}
             report.asked = len(asked)
             report.confirmed = sum((v.time_ns, v.module) not in doubted for v in asked)
-            report.seconds = _spent() - began
+            report.seconds = _cpu_seconds() - began
             yield report
             if report.interrupted:
                 return
@@ -380,7 +380,7 @@ class Flights:
     ) -> Generator[tuple[LoggedVerdict, str]]:
         """Each verdict, as it is done, and why its estimate is not known to be good; "": it is."""
         for name in {v.module for v in verdicts}:
-            self._follower(system, name)  # before processes are forked
+            self._tube_of(system, name)  # before processes are forked
 
         def answer(k: int) -> str:
             return self._why_not(system, verdicts[k])
@@ -394,7 +394,7 @@ class Flights:
 
     def _why_not(self, system: str, verdict: LoggedVerdict) -> str:
         """Why a verdict is not confirmed; "": it is."""
-        known = self._follower(system, verdict.module)
+        known = self._tube_of(system, verdict.module)
         if isinstance(known, str):
             return known
         missing = [name for name in known.reads if name not in verdict.estimate]
@@ -406,14 +406,14 @@ class Flights:
         except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
             return in_words(error)
 
-    def _follower(self, system: str, module: str) -> ModuleTube | str:
+    def _tube_of(self, system: str, module: str) -> ModuleTube | str:
         """The tube of a module, made once; or why there is none."""
         key = system, module
         if key not in self._followers:
             proved = self._proved[system], module
             entry = next(e for e in self._entries if (e["system"], e["module"]) == proved)
             try:
-                self._followers[key] = rest_of(self._flat(proved[0]), entry)
+                self._followers[key] = rest_of(self._flat_of(proved[0]), entry)
             except Exception as error:  # noqa: BLE001 - as above
                 self._followers[key] = in_words(error)
         return self._followers[key]
@@ -428,16 +428,14 @@ class Flights:
         system, own = said.get("system", ""), self._sha256
         if said.get("program_sha256") != own:
             other = said.get("program_sha256", "none")
-            raise _of_another(
-                log, f"its program is {other[:12]}, that of the certificate {own[:12]}"
-            )
+            raise _mismatch(log, f"its program is {other[:12]}, that of the certificate {own[:12]}")
         of_entries = dict.fromkeys(e["system"] for e in self._entries)
         assert self._checked.program is not None
         if system in self._checked.program.systems:
-            self._proved[system] = (self._flat(system).proved or self._flat(system)).name
+            self._proved[system] = (self._flat_of(system).proved or self._flat_of(system)).name
         if self._proved.get(system) not in of_entries:
             names = ", ".join(f"`{n}`" for n in of_entries)
-            raise _of_another(log, f"system `{system}` flew, and the certificate is about {names}")
+            raise _mismatch(log, f"system `{system}` flew, and the certificate is about {names}")
         proved = {name: text for name, (text, _) in changed_parameters(self._flats[system]).items()}
         begin = len(PARAMETER)
         flown = {name[begin:]: text for name, text in said.items() if name.startswith(PARAMETER)}
@@ -445,22 +443,22 @@ class Flights:
             values = [of.get(name, "the default") for of in (flown, proved)]
             if values[0] != values[1]:
                 text = f"{name} was {values[0]} in it, and is {values[1]} in the certificate"
-                raise _of_another(log, text)
+                raise _mismatch(log, text)
         return system
 
-    def _flat(self, system: str) -> System:
+    def _flat_of(self, system: str) -> System:
         if system not in self._flats:
             flat = system_to_prove(self._checked, system, self._overrides, exact=False)
             self._flats[system] = flat
         return self._flats[system]
 
 
-def _of_another(log: str, why: str) -> SoterError:
+def _mismatch(log: str, why: str) -> SoterError:
     helps = ("fly and prove the same program with the same parameters",)
     return SoterError((Diagnostic("D023", f"`{log}` is of another flight: {why}", helps=helps),))
 
 
-def _spent() -> float:
+def _cpu_seconds() -> float:
     """Seconds of processors so far, of this process and of those that it has ended."""
     t = os.times()
     return t.user + t.system + t.children_user + t.children_system

@@ -55,10 +55,10 @@ class Covered(Protocol):
 
 def parameters_of(system: System) -> dict[str, str]:
     """Every parameter of the program with the value that it has in a system."""
-    return {name: _said(system.program, name, value) for name, value in system.params.items()}
+    return {name: _value_text(system.program, name, value) for name, value in system.params.items()}
 
 
-def _said(program: TypedProgram, name: str, value: Value) -> str:
+def _value_text(program: TypedProgram, name: str, value: Value) -> str:
     param = program.param(name)
     assert param is not None
     plain = show_ns(int(value)) if isinstance(param.type, DurationType) else str(value).lower()
@@ -81,7 +81,7 @@ def otherwise_in_program(checked: CheckResult, system: System) -> tuple[dict[str
         default = getattr(param.default, "value", None)
         said = own.params.get(name, own.params.get(param.name))
         if repr(said) != repr(value):
-            value_by_name[name] = _said(program, name, said)
+            value_by_name[name] = _value_text(program, name, said)
             contradicted |= repr(said) != repr(default)
     return value_by_name, contradicted
 
@@ -90,18 +90,18 @@ def open_questions(
     checked: CheckResult, overrides: Mapping[str, Any], covered: Sequence[Covered]
 ) -> list[RecheckAssumption]:
     """Everything that a reader might think is covered, and is not."""
-    gaps = [*_modules(checked, overrides, covered)]
+    gaps = [*_uncovered_modules(checked, overrides, covered)]
     if values := {n: v for f in covered for n, v in parameters_of(f.flying).items()}:
         shown = ", ".join(f"{n} = {v}" for n, v in values.items())
         gaps.append(("parameters", f"values of parameters other than {shown}"))
     for facts in covered:
-        gaps += _open_of_module(facts)
+        gaps += _open_questions(facts)
     gaps += _plants_of_no_claim(covered)
     gaps.append(("compiled", "the code that a decision module is compiled to"))
     return [RecheckAssumption(key, text) for key, text in dict.fromkeys(gaps)]
 
 
-def _modules(
+def _uncovered_modules(
     checked: CheckResult, overrides: Mapping[str, Any], covered: Sequence[Covered]
 ) -> Said:
     """Modules of any system of the program that the certificate is not about."""
@@ -118,15 +118,15 @@ def _modules(
             yield f"module {name} {module.name}", text
 
 
-def _modelled_of(system: System, covered: Sequence[Covered]) -> set[str]:
+def _modelled_plants_in(system: System, covered: Sequence[Covered]) -> set[str]:
     own = (f for f in covered if f.flying is system and not (isinstance(f, Facts) and f.above))
-    return {name for f in own for name in _modelled(f)}
+    return {name for f in own for name in _modelled_plants(f)}
 
 
 def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
     """Plants that no claim is about, and that stop where a value leaves its declared set."""
     for system in dict.fromkeys(f.flying for f in covered):
-        modelled = _modelled_of(system, covered)
+        modelled = _modelled_plants_in(system, covered)
         for c in system.components:
             if c.plant is None or c.name in modelled:
                 continue
@@ -138,7 +138,7 @@ def _plants_of_no_claim(covered: Sequence[Covered]) -> Said:
                 yield key, f"{text} leaves its declared set: {names}"
 
 
-def _modelled(facts: Covered) -> set[str]:
+def _modelled_plants(facts: Covered) -> set[str]:
     """Names, in the system that flies, of the plants that claims are about, abstracted or not."""
     around = holder_of(facts.flying, facts.flying_module)
     names = {link.instance for link in facts.symbol.verify.abstracts}
@@ -147,7 +147,7 @@ def _modelled(facts: Covered) -> set[str]:
     return {*names, *(f"{around}.{name}" for name in names if around)}
 
 
-def _open_of_module(facts: Covered) -> Said:
+def _open_questions(facts: Covered) -> Said:
     """Each question that is left open about a covered module: its key, and it in words."""
     name, system, symbol = facts.flying_module.name, facts.flying, facts.symbol
     for link in symbol.verify.abstracts:
@@ -188,16 +188,16 @@ def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssu
     parts = (
         verification_system.assumed(facts) if links else (),
         control_changes.assumed(facts, jumps or {}) if facts.view else (),
-        _world(facts),
-        _inputs(facts),
+        _plant_behaviour(facts),
+        _input_bounds(facts),
         sc_locals_and_modes.assumed(facts) if facts.modes else (),
         node_paths.assumed(facts.ways) if facts.ways.notes else (),
-        _timing(facts),
-        _machine(facts),
+        _timing_assumptions(facts),
+        _machine_assumptions(facts),
         verification_system.judged(facts) if links else (),
-        _open(facts),
-        _left_out(facts),
-        _turning(facts),
+        _open_ends(facts),
+        _left_out_states(facts),
+        _turning_axes(facts),
         control_changes.assumed_of_above(facts.above) if facts.above is not None else (),
     )
     return [RecheckAssumption(key, text) for part in parts for key, text in part]
@@ -218,7 +218,7 @@ def confirmed_of(facts: Facts, jumps: Jumps) -> list[RecheckAssumption]:
 # ---------------------------------------------------------------- the world
 
 
-def _world(facts: Facts) -> Said:
+def _plant_behaviour(facts: Facts) -> Said:
     if not facts.symbol.verify.abstracts:
         names = ", ".join(c.name for c in facts.plants)
         text = f"the world behaves like {names} for some disturbance within its bounds"
@@ -237,26 +237,26 @@ def _world(facts: Facts) -> Said:
         yield f"changes {p.name}", f"{text} mode; DM and SC read the new value from that instant on"
 
 
-def _open(facts: Facts) -> Said:
+def _open_ends(facts: Facts) -> Said:
     for state in sorted(facts.open_ends):
         name, end = facts.states[state].name, facts.axes[state][1]
         text = f"no run gets beyond an open end, of which nothing is proved: {name} below {end!r}"
         yield f"open {name} {end!r}", text
 
 
-def _left_out(facts: Facts) -> Said:
+def _left_out_states(facts: Facts) -> Said:
     for s in facts.left_out:
         text = "left out, as nothing that is proved depends on it, below 1e+308, and where"
         yield f"left out {s.name}", f"{text} functions in its rate are defined: {s.name}"
 
 
-def _turning(facts: Facts) -> Said:
+def _turning_axes(facts: Facts) -> Said:
     for name in (facts.states[i].name for i in sorted(facts.turning)):
         text = "read modulo a full turn, so that its axis wraps around, and within 16,384 rad of 0"
         yield f"turns {name}", f"{text}: {name}"
 
 
-def _range(x: Input) -> str:
+def _range_text(x: Input) -> str:
     return f"{x.name} in [{x.low:g}, {x.high:g}]"
 
 
@@ -264,12 +264,12 @@ def _unit(x: Input) -> str:
     return f" {x.unit}" if x.unit else ""
 
 
-def _inputs(facts: Facts) -> Said:
+def _input_bounds(facts: Facts) -> Said:
     for d in facts.disturbances:
         what = "disturbances stay within their bounds"
         if d.of_others:
             what = "what others publish and what moves these plants stays in its declared set"
-        yield f"disturbance {_range(d)}", f"{what}: {_range(d)}{_unit(d)}"
+        yield f"disturbance {_range_text(d)}", f"{what}: {_range_text(d)}{_unit(d)}"
     for e in facts.errors:
         text = f"measurement errors stay within their bounds: {e.name} within {e.high:g}{_unit(e)}"
         yield f"error {e.name} {e.high:g}", text
@@ -281,7 +281,7 @@ def _inputs(facts: Facts) -> Said:
             name = leaf_name(topic.name, path)
             if isinstance(of, FloatType) and (index, k) not in measured:
                 yield f"exact {name}", f"estimates are exact: {name}"
-    for name in dict.fromkeys(_sets(facts)):
+    for name in dict.fromkeys(_unproved_sets(facts)):
         yield (
             f"set {name}",
             f"what plants publish lies in the declared sets: {name} (else they stop)",
@@ -295,7 +295,7 @@ def _inputs(facts: Facts) -> Said:
         yield f"other {name}", f"{name}: any value of the declared set, at any time"
 
 
-def _sets(facts: Facts) -> Iterator[str]:
+def _unproved_sets(facts: Facts) -> Iterator[str]:
     """Topics with a declared set that plants drive, of which it is not shown that they keep to it.
 
     Of a plant that is abstracted, and of one that is no part of the proof, nothing is shown.
@@ -313,7 +313,7 @@ def _sets(facts: Facts) -> Iterator[str]:
 # ---------------------------------------------------------------- time
 
 
-def _delays(facts: Facts) -> Said:
+def _declared_delays(facts: Facts) -> Said:
     verify = facts.symbol.verify
     for key, (words, name) in DELAYS.items():
         if getattr(verify, name) is not None:
@@ -325,7 +325,7 @@ def _delays(facts: Facts) -> Said:
             yield f"undeclared {words}", f"{UNDECLARED} {words}"
 
 
-def _timing(facts: Facts) -> Said:
+def _timing_assumptions(facts: Facts) -> Said:
     for name in facts.ways.undeclared:
         yield f"undeclared {name}", f"{UNDECLARED} lateness or response of {name}"
     if facts.kind == "map":
@@ -339,7 +339,7 @@ def _timing(facts: Facts) -> Said:
         names = ", ".join(c.name for c in facts.controls)
         text = f"what SC publishes begins to act in all of these at one instant: {names}"
         yield f"together {names}", text
-    yield from _delays(facts)
+    yield from _declared_delays(facts)
     if facts.thread:
         yield f"thread {facts.thread}", facts.thread
     if facts.kind == "flow":
@@ -369,7 +369,7 @@ def acknowledged(symbol: typed.ModuleSymbol) -> Said:
         yield f"acknowledged {name}", text
 
 
-def _machine(facts: Facts) -> Said:
+def _machine_assumptions(facts: Facts) -> Said:
     """The assumptions about the machine, and prelude functions that SC, predicates, plants call."""
     assert facts.sc.node is not None
     code: list[object] = [*facts.sc.node.step, *facts.symbol.predicates]

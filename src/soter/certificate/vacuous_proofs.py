@@ -64,7 +64,7 @@ def vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
             elif _taken_by_age(facts):
                 found, unseen = f"{KEEPS} (`ttf` holds of whatever is fresh)", ""
             else:
-                found, unseen = _of_predicates(facts, values, of_case)
+                found, unseen = _vacuous_conditions(facts, values, of_case)
                 found = found or _never_given(facts, values)
         except (NotRecheckedError, StepFault, ArithmeticError, ValueError) as error:
             found, unseen = "", f"{type(error).__name__}: {error}"
@@ -78,7 +78,7 @@ def vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
 def _of_tables(facts: Facts, groups: Sequence[Group]) -> tuple[str, str]:
     """`vacuous` of computed predicates: S_0 leaves AC in control, S_(m-2) gives control back."""
     for g in groups:
-        found, unseen = g.never(_states(facts, np.random.default_rng(0), [g]))
+        found, unseen = g.never(_random_states(facts, np.random.default_rng(0), [g]))
         if found or unseen:
             return found, unseen
     return "", ""
@@ -122,7 +122,7 @@ def _taken_by_age(facts: Facts) -> bool:
     return always_by_parts(ttf, facts.system, facts.module.scope, read) is True
 
 
-def _of_predicates(
+def _vacuous_conditions(
     facts: Facts, values: tuple[int, ...], groups: Sequence[Group]
 ) -> tuple[str, str]:
     """`vacuous` of `ttf` and `safer`, on estimates of states drawn from K, all groups together."""
@@ -133,9 +133,9 @@ def _of_predicates(
     asked = partial(_admit_check, facts, values)
     checks = asked(safer, admits=True), asked(ttf, admits=False)
     drawn, gets, keeps, both = 0, 0, 0, 0
-    for x in _states(facts, chance, groups):
+    for x in _random_states(facts, chance, groups):
         drawn += 1
-        given, left = (_admits(check, x, chance) for check in checks)
+        given, left = (_is_ac_admitted(check, x, chance) for check in checks)
         gets, keeps, both = gets + given, keeps + left, both + (given and left)
         if both >= RARE_SHARE * DRAWN:
             return "", ""
@@ -177,7 +177,7 @@ def on_drawn(count: int, drawn: int) -> str:
     return f"on {count or 'none'} of {drawn:,} states drawn from K"
 
 
-def _states(
+def _random_states(
     facts: Facts, chance: np.random.Generator, groups: Sequence[Group]
 ) -> Iterator[NDArray[np.float64]]:
     """Random states, of each group's K together; a state without a group anywhere in its range."""
@@ -192,7 +192,7 @@ def _states(
         yield x
 
 
-def _admits(check: AdmitCheck, x: NDArray[np.float64], chance: np.random.Generator) -> bool:
+def _is_ac_admitted(check: AdmitCheck, x: NDArray[np.float64], chance: np.random.Generator) -> bool:
     """Whether one estimate of a state, with random errors, certainly lets AC have control."""
     box: list[tuple[arb, arb]] = [(exact(v), exact(v)) for v in x.tolist()]
     for low, high in check.decision.ranges:

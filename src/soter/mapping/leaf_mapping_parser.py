@@ -102,7 +102,7 @@ class LeafReader:
         self.vectors = 0
         self.types = dict(leaves(topic.type))
         self.keys = {".".join(path) or VALUE: path for path in self.types}
-        self.prefixes = _prefixes(self.types, self.keys)
+        self.prefixes = _leaves_by_name(self.types, self.keys)
 
     def read(self, given: Mapping[str, Any]) -> dict[LeafPath, Leaf]:
         """The source of each leaf, in declared order."""
@@ -113,7 +113,7 @@ class LeafReader:
         leaf_by_path: dict[LeafPath, Leaf] = {}
         said: set[LeafPath] = set()
         for key, what in given.items():
-            for path, leaf in self._row(key, what).items():
+            for path, leaf in self._row_leaves(key, what).items():
                 if path in said:
                     self.problems.add(f"`{'.'.join((name, *path))}` is given twice")
                 said.add(path)
@@ -123,22 +123,22 @@ class LeafReader:
         if left:
             names = ", ".join(f"`{k}`" for k in left)
             self.problems.add(f"`{name}` is to be given whole, or not at all: {names} missing")
-        self._slopes(leaf_by_path)
+        self._check_slopes(leaf_by_path)
         return {path: leaf_by_path[path] for path in self.types if path in leaf_by_path}
 
-    def _row(self, key: str, what: object) -> dict[LeafPath, Leaf | None]:
+    def _row_leaves(self, key: str, what: object) -> dict[LeafPath, Leaf | None]:
         """The leaves that a row is about, each with its source; None where it is wrong."""
         if key in self.keys:
             path = self.keys[key]
-            return {path: self._leaf(f"{self.topic.name}.{key}", self.types[path], what)}
+            return {path: self._leaf_source(f"{self.topic.name}.{key}", self.types[path], what)}
         if key in self.prefixes:
-            return self._vector(f"{self.topic.name}.{key}", self.prefixes[key], what)
+            return self._vector_leaves(f"{self.topic.name}.{key}", self.prefixes[key], what)
         self.problems.add(unknown(f"`{self.topic.name}` has no", key, self.keys))
         return {}
 
     # ---------------------------------------------------------------- vectors
 
-    def _vector(
+    def _vector_leaves(
         self, name: str, paths: list[LeafPath], what: object
     ) -> dict[LeafPath, Leaf | None]:
         self.vectors += 1
@@ -163,7 +163,7 @@ class LeafReader:
         made: dict[LeafPath, Leaf | None] = {}
         for path, (component, sign) in zip(paths, self.turn, strict=True):
             given = {"from": names[component], **rest}
-            leaf = self._from(".".join((self.topic.name, *path)), self.types[path], given)
+            leaf = self._signal_source(".".join((self.topic.name, *path)), self.types[path], given)
             if leaf is not None and sign < 0.0:
                 leaf = SignalSource(leaf.name, -leaf.scale, leaf.offset)
             made[path] = leaf
@@ -171,9 +171,9 @@ class LeafReader:
 
     # ---------------------------------------------------------------- leaves
 
-    def _leaf(self, name: str, t: Type, what: object) -> Leaf | None:
+    def _leaf_source(self, name: str, t: Type, what: object) -> Leaf | None:
         if isinstance(what, str):
-            return self._from(name, t, {"from": what})
+            return self._signal_source(name, t, {"from": what})
         if not isinstance(what, dict):
             self.problems.add(f"`{name}` is neither the name of a column nor a table: {what!r}")
             return None
@@ -187,10 +187,10 @@ class LeafReader:
         if "constant" in what:
             return self._constant(name, t, what["constant"])
         if "slope" in what:
-            return self._slope(name, what)
-        return self._from(name, t, what)
+            return self._slope_source(name, what)
+        return self._signal_source(name, t, what)
 
-    def _slope(self, name: str, what: Mapping[str, Any]) -> Leaf | None:
+    def _slope_source(self, name: str, what: Mapping[str, Any]) -> Leaf | None:
         of = self.keys.get(str(what["slope"]))
         window = self.problems.duration(what, "window", name)
         if of is None:
@@ -209,13 +209,13 @@ class LeafReader:
             return None
         return ConstantSource(value)
 
-    def _from(self, name: str, t: Type, what: Mapping[str, Any]) -> SignalSource | None:
+    def _signal_source(self, name: str, t: Type, what: Mapping[str, Any]) -> SignalSource | None:
         problems, before = self.problems, len(self.problems.told)
         field = what["from"]
         unit = self._check_row(name, t, what)
         if len(problems.told) > before:
             return None
-        standard = self._checked(name, t, field)
+        standard = self._field_unit(name, t, field)
         if standard not in UNITS and unit is not None and "scale" in what:
             standard = None  # the mapping says how it is turned
         factor = self._factor(name, t, field, unit, standard)
@@ -246,7 +246,7 @@ class LeafReader:
             problems.add(f"`{name}` is `{t}` and takes no {', '.join(sorted(changed))}")
         return unit
 
-    def _checked(self, name: str, t: Type, field: str) -> str | None:
+    def _field_unit(self, name: str, t: Type, field: str) -> str | None:
         """The standard unit of a field, which has to be in the message and of the right kind."""
         if self.message is None:
             return None
@@ -255,7 +255,7 @@ class LeafReader:
         except NoSuchFieldError as error:
             self.problems.add(f"`{name}`: {error}")
             return None
-        if not _holds(t, kind):
+        if not _can_fill(t, kind):
             text = f"`{field}` of {self.message.ros1} is `{kind}`"
             self.problems.add(f"`{name}` is `{t}`, and {text}")
             return None
@@ -280,12 +280,12 @@ class LeafReader:
             return 1.0
         if factor is None:
             self.problems.add(
-                f"`{name}` is in {_shown(t.unit)}, and `{field}` is in {_shown(given)}"
+                f"`{name}` is in {_unit_text(t.unit)}, and `{field}` is in {_unit_text(given)}"
             )
             return 1.0
         return factor
 
-    def _slopes(self, leaf_by_path: Mapping[LeafPath, Leaf]) -> None:
+    def _check_slopes(self, leaf_by_path: Mapping[LeafPath, Leaf]) -> None:
         for path, leaf in leaf_by_path.items():
             if not isinstance(leaf, SlopeSource):
                 continue
@@ -304,13 +304,13 @@ def _unit(t: Type) -> str:
     return t.unit if isinstance(t, FloatType) else ""
 
 
-def _shown(unit: str) -> str:
+def _unit_text(unit: str) -> str:
     """A unit with what is measured in it, where that is known."""
     dimension = DIMENSIONS.get(unit)
     return f"`{unit}`, {dimension}" if dimension else f"`{unit}`"
 
 
-def _prefixes(
+def _leaves_by_name(
     types: Mapping[LeafPath, Type], keys: Mapping[str, LeafPath]
 ) -> dict[str, list[LeafPath]]:
     """The leaves below each record or array, by its name; the whole topic as `value`."""
@@ -321,7 +321,7 @@ def _prefixes(
     return {key: paths for key, paths in below.items() if key not in keys}
 
 
-def _holds(t: Type, kind: str) -> bool:
+def _can_fill(t: Type, kind: str) -> bool:
     """Whether a primitive of a message may fill a leaf."""
     if isinstance(t, FloatType):
         return kind in NUMBERS

@@ -62,7 +62,7 @@ def dialect_xml(path: Path) -> bytes:
     made = ET.Element("mavlink")
     ids: set[int] = set()
     names: set[str] = set()
-    for root in _files(path):
+    for root in _documents(path):
         ET.SubElement(made, "version").text = _number(root.findtext("version") or "2", 255)
         messages = ET.SubElement(made, "messages")
         for m in root.findall("messages/message"):
@@ -81,7 +81,7 @@ def comment_text(text: str) -> str:
     return NOT_IN_COMMENTS.sub(" ", " ".join(text.split()))
 
 
-def _files(path: Path) -> Iterator[ET.Element]:
+def _documents(path: Path) -> Iterator[ET.Element]:
     """The documents, the innermost first, each once."""
     seen: set[Path] = set()
 
@@ -105,7 +105,7 @@ def _files(path: Path) -> Iterator[ET.Element]:
 def _tree(raw: bytes) -> ET.Element:
     """The root; a document type, and with it entities of its own, is refused."""
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
-    parser.StartDoctypeDeclHandler = _refuse
+    parser.StartDoctypeDeclHandler = _refuse_doctype
     parser.StartElementHandler = builder.start
     parser.EndElementHandler = builder.end
     parser.CharacterDataHandler = builder.data
@@ -119,7 +119,7 @@ def _tree(raw: bytes) -> ET.Element:
     return root
 
 
-def _refuse(*_of_it: object) -> None:
+def _refuse_doctype(*_of_it: object) -> None:
     raise ValueError("it has a document type (`<!DOCTYPE`), which no dialect needs")
 
 
@@ -250,12 +250,12 @@ def require_mavlink_package() -> None:
 
 def standard_dialects() -> list[str]:
     """The dialects that the package brings."""
-    return sorted(p.stem for p in _folder().glob("*.xml") if p.stem not in ("all", "test"))
+    return sorted(p.stem for p in _dialect_folder().glob("*.xml") if p.stem not in ("all", "test"))
 
 
 def dialect_path(name: str, folder: Path) -> Path:
     """The path of a dialect by its name, or of a file of one's own, beside the mapping."""
-    return folder / name if name.endswith(".xml") else _folder() / f"{name}.xml"
+    return folder / name if name.endswith(".xml") else _dialect_folder() / f"{name}.xml"
 
 
 @cache
@@ -264,8 +264,8 @@ def read_dialect(path: Path) -> Dialect:
     messages: dict[str, MavlinkMessage] = {}
     checksums: dict[int, ChecksumEntry] = {}
     document = dialect_xml(path)
-    for m in _parsed(document):
-        messages[m.name] = _message(m)
+    for m in _parsed_messages(document):
+        messages[m.name] = _mavlink_message(m)
         checksums[m.id] = ChecksumEntry(
             m.id,
             m.crc_extra,
@@ -280,14 +280,14 @@ def read_dialect(path: Path) -> Dialect:
     return Dialect(path.stem, document, messages, tuple(checksums[i] for i in sorted(checksums)))
 
 
-def _folder() -> Path:
+def _dialect_folder() -> Path:
     spec = find_spec("pymavlink")
     assert spec is not None, "require_mavlink_package"
     assert spec.origin is not None
     return Path(spec.origin).parent / "dialects" / "v20"
 
 
-def _parsed(document: bytes) -> list[Any]:
+def _parsed_messages(document: bytes) -> list[Any]:
     """The messages as pymavlink has them, the innermost file's first."""
     from pymavlink.generator import mavparse  # noqa: PLC0415 - an extra
 
@@ -307,7 +307,7 @@ def _unit(f: Any) -> str:  # noqa: ANN401 - of a package without types
     return f"{unit or '1'}*{f.multiplier}" if f.multiplier else UNITS.get(unit, unit)
 
 
-def _message(m: Any) -> MavlinkMessage:  # noqa: ANN401 - of a package without types
+def _mavlink_message(m: Any) -> MavlinkMessage:  # noqa: ANN401 - of a package without types
     kinds: list[tuple[str, Any]] = []
     for f in m.fields:
         kind: Any = (BASE, (_KIND.get(f.type, f.type.removesuffix("_t")), 0))

@@ -90,7 +90,7 @@ def _type_names(topics: Mapping[str, Any]) -> list[object]:
     return [t["type"] for t in tables if "type" in t]
 
 
-def _delayed(m: TopicMap, link: MavlinkLink | None) -> TopicMap:
+def _with_link_delay(m: TopicMap, link: MavlinkLink | None) -> TopicMap:
     """A topic with the delay of the MAVLink link, if its messages are MAVLink without a stamp."""
     if link is None or m.stamp is not None or not isinstance(m.message, MavlinkMessage):
         return m
@@ -133,7 +133,7 @@ class _MappingReader:
             problems.add(f"`frame` of the mapping is {' or '.join(WORLD)}, not {frame!r}")
             frame = "ENU"
         of_time = problems.table(given, "time", "the mapping")
-        time, unit = self._time(of_time)
+        time, unit = self._time_scale(of_time)
         since, until = (self._seconds(of_time, key) for key in ("since", "until"))
         if since is not None and until is not None and since > until:
             problems.add("`since` of `time` lies after `until`")
@@ -142,12 +142,12 @@ class _MappingReader:
         if not set(topics) - self.unused and not problems.told:
             problems.add("the mapping names no topics: `[topics.NAME]`")
         link = self._link(given, topics)
-        types = self._types(problems.table(given, "messages", "the mapping"), topics, link)
-        maps = [self._topic(name, given_, frame, types) for name, given_ in topics.items()]
-        mapped = tuple(_delayed(m, link) for of_topic in maps for m in of_topic)
+        types = self._message_types(problems.table(given, "messages", "the mapping"), topics, link)
+        maps = [self._topic_maps(name, given_, frame, types) for name, given_ in topics.items()]
+        mapped = tuple(_with_link_delay(m, link) for of_topic in maps for m in of_topic)
         return LogMap(mapped, time, unit, where, link, since, until)
 
-    def _topic(
+    def _topic_maps(
         self, name: str, given: object, frame: str, types: KnownTypes | None
     ) -> tuple[TopicMap, ...]:
         topic = self.known.get(name)
@@ -169,7 +169,7 @@ class _MappingReader:
             return None
         return read_link(table, self.folder, self.problems)
 
-    def _types(
+    def _message_types(
         self, messages: Mapping[str, Any], topics: Mapping[str, Any], link: MavlinkLink | None
     ) -> KnownTypes | None:
         """The types of messages; None where the mapping names none."""
@@ -177,7 +177,7 @@ class _MappingReader:
         of_ros = bool(messages) or any(not is_mavlink(name) for name in names)
         if not of_ros:
             return _TypesByFamily(None, link) if names else None
-        texts = {name: self._definition(name, path) for name, path in messages.items()}
+        texts = {name: self._definition_text(name, path) for name, path in messages.items()}
         types = MessageTypes()
         for name, text in texts.items():
             if text is not None:
@@ -187,7 +187,7 @@ class _MappingReader:
                     self.problems.add(str(error))
         return _TypesByFamily(types, link)
 
-    def _definition(self, name: str, path: object) -> str | None:
+    def _definition_text(self, name: str, path: object) -> str | None:
         if not isinstance(path, str) or not path:
             self.problems.add(f"`{name}` of `messages` is no name of a file: {path!r}")
             return None
@@ -198,7 +198,7 @@ class _MappingReader:
             self.problems.add(f"the file `{path}` of `{name}` cannot be read: {why}")
             return None
 
-    def _time(self, given: Mapping[str, Any]) -> tuple[str | None, Fraction]:
+    def _time_scale(self, given: Mapping[str, Any]) -> tuple[str | None, Fraction]:
         self.problems.only(given, TIME_KEYS, "`time`")
         unit, scale = given.get("unit", "s"), given.get("scale", 1)
         if not isinstance(unit, str) or unit not in TIME_UNITS:

@@ -58,7 +58,7 @@ def read_qos(given: Mapping[str, Any], problems: MappingProblems, where: str) ->
     return QualityOfService(
         _one_of(given, "reliability", RELIABILITY, problems, where),
         _one_of(given, "durability", DURABILITY, problems, where),
-        _depth(given.get("depth"), problems, where),
+        _queue_depth(given.get("depth"), problems, where),
     )
 
 
@@ -76,7 +76,7 @@ def _one_of(
     return said
 
 
-def _depth(said: object, problems: MappingProblems, where: str) -> int | None:
+def _queue_depth(said: object, problems: MappingProblems, where: str) -> int | None:
     if said is None:
         return None
     if said == ALL:
@@ -122,7 +122,7 @@ class TopicReader:
         """The topic as the mapping has it, once or a source each; useless where problems came."""
         if "sources" not in table:
             self.problems.only(table, (*TOPIC_KEYS, "sources"), f"`{self.name}`")
-            return (self._read(table),)
+            return (self._topic_map(table),)
         self.problems.only(table, ("sources",), f"`{self.name}`, which has `sources`,")
         tables = table["sources"]
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
@@ -135,14 +135,14 @@ class TopicReader:
             )
             return ()
         maps = tuple([self._source(rank, table) for rank, table in enumerate(tables)])
-        self._fit_together(maps)
+        self._check_sources(maps)
         return maps
 
     def _source(self, rank: int, table: Mapping[str, Any]) -> TopicMap:
         self.name = f"{self.topic.name}.sources.{rank + 1}"
         where = f"`{self.name}`"
         self.problems.only(table, SOURCE_KEYS, where)
-        made = self._read({k: v for k, v in table.items() if k in TOPIC_KEYS})
+        made = self._topic_map({k: v for k, v in table.items() if k in TOPIC_KEYS})
         if made.stamp is None:
             self.problems.add(f"{where} has no stamp: sources take over by when they measured")
         if made.leaves and all(isinstance(x, ConstantSource) for x in made.leaves.values()):
@@ -152,7 +152,7 @@ class TopicReader:
         promise = read_promise(table, rank, self.topic, self.problems, self.name)
         return replace(made, promise=promise)
 
-    def _fit_together(self, maps: tuple[TopicMap, ...]) -> None:
+    def _check_sources(self, maps: tuple[TopicMap, ...]) -> None:
         """Note where sources do not fit together, each of which is right by itself."""
         self.name = self.topic.name
         channels = [m.channel for m in maps if m.channel is not None]
@@ -162,14 +162,14 @@ class TopicReader:
         for problem in early_turns(self.name, promises):
             self.problems.add(problem)
 
-    def _read(self, table: Mapping[str, Any]) -> TopicMap:
+    def _topic_map(self, table: Mapping[str, Any]) -> TopicMap:
         problems, where = self.problems, f"`{self.name}`"
         between = table.get("between", "hold")
         if between not in ("hold", "linear"):
             problems.add(f"`between` of {where} is hold or linear, not {between!r}")
         gap = problems.duration(table, "gap", self.name) if "gap" in table else GAP_NS
-        message = self._message(table)
-        leaf_reader = LeafReader(self.topic, problems, message, self._turn(table))
+        message = self._message_type(table)
+        leaf_reader = LeafReader(self.topic, problems, message, self._frame_turn(table))
         leaf_by_path = leaf_reader.read(problems.table(table, "fields", where))
         stamp = self._stamp(table, message)
         made = TopicMap(
@@ -183,7 +183,7 @@ class TopicReader:
             delay_ns=self.delay_ns if stamp is None else 0,
             frame_id=self._frame_id(table, message),
             publisher=problems.name(table, "publisher", where),
-            constants=self._constants(problems.table(table, "set", where), message),
+            constants=self._constant_fields(problems.table(table, "set", where), message),
             qos=read_qos(problems.table(table, "qos", where), problems, f"`qos` of {where}"),
             where=problems.texts(table, "where", where),
         )
@@ -198,7 +198,7 @@ class TopicReader:
                 problems.add(f"`set` of {where} has `{path}`, which its fields have, too")
         return made
 
-    def _message(self, table: Mapping[str, Any]) -> MessageType | None:
+    def _message_type(self, table: Mapping[str, Any]) -> MessageType | None:
         name = self.problems.name(table, "type", f"`{self.name}`")
         if name is None or self.types is None:
             return None
@@ -208,7 +208,7 @@ class TopicReader:
             self.problems.add(f"`type` of `{self.name}` is `{name}`, which is not known: {error}")
             return None
 
-    def _turn(self, table: Mapping[str, Any]) -> Turn | None:
+    def _frame_turn(self, table: Mapping[str, Any]) -> Turn | None:
         frame = table.get("frame")
         if frame is None:
             return None
@@ -235,12 +235,12 @@ class TopicReader:
             return message.default_stamp if message is not None else None
         if stamp == ARRIVAL:
             return None
-        source = self._stamp_said(stamp)
+        source = self._declared_stamp(stamp)
         if source is not None and message is not None:
-            self._stamp_fits(source, message)
+            self._check_stamp(source, message)
         return source
 
-    def _stamp_said(self, stamp: object) -> StampSource | None:
+    def _declared_stamp(self, stamp: object) -> StampSource | None:
         problems, where = self.problems, f"`stamp` of `{self.name}`"
         if isinstance(stamp, str) and stamp:
             return StampSource(stamp)
@@ -257,7 +257,7 @@ class TopicReader:
             return None
         return StampSource(path, "number", Fraction(TIME_UNITS[unit]))
 
-    def _stamp_fits(self, source: StampSource, message: MessageType) -> None:
+    def _check_stamp(self, source: StampSource, message: MessageType) -> None:
         where = f"`stamp` of `{self.name}`"
         try:
             kind = message.leaf(source.path)
@@ -275,7 +275,7 @@ class TopicReader:
 
     # ---------------------------------------------------------------- what goes out
 
-    def _constants(
+    def _constant_fields(
         self, table: Mapping[str, Any], message: MessageType | None
     ) -> dict[str, object]:
         constants: dict[str, object] = {}
@@ -295,13 +295,13 @@ class TopicReader:
                 continue
             if part.through == "sequence":
                 self.problems.add(f"{where} is an element of a list, which may not be there")
-            elif not _fits(value, part.type):
+            elif not _fits_kind(value, part.type):
                 shown = f"`{part.type}` in {message.ros1}"
                 self.problems.add(f"{where} is {shown}, which takes no {value!r}")
         return constants
 
 
-def _fits(value: object, kind: str) -> bool:
+def _fits_kind(value: object, kind: str) -> bool:
     """Whether a constant is a value of a primitive."""
     if isinstance(value, bool):
         return kind == "bool"

@@ -93,7 +93,7 @@ def replay_flights(
     why = _not_flown(flat, about)
     if why:
         return ReplayedFlights(goal, total, why)
-    chosen = _chosen(rows, most)
+    chosen = _chosen_flights(rows, most)
     if not chosen:
         return ReplayedFlights(goal, total, "no flight was flown again")
     if not program.flat(flat.name, params).properties:
@@ -109,10 +109,10 @@ def replay_flights(
         said = f"cannot be known ({code['unknown']})" if code["unknown"] else "is another now"
         return ReplayedFlights(goal, total, f"the C of externs that the campaign flew {said}")
     flown = {f.number: f for f in fleet.fly([int(r["number"]) for r in chosen], first)}
-    return _as_recorded(goal, total, rows, chosen, flown)
+    return _replayed_flights(goal, total, rows, chosen, flown)
 
 
-def _as_recorded(
+def _replayed_flights(
     goal: str,
     total: str,
     rows: Sequence[Mapping[str, Any]],
@@ -145,7 +145,7 @@ def _not_flown(flat: System, about: dict[str, Any]) -> str:
     return ""
 
 
-def _chosen(rows: list[dict[str, str]], most: int) -> list[dict[str, str]]:
+def _chosen_flights(rows: list[dict[str, str]], most: int) -> list[dict[str, str]]:
     """At most `most` rows: first those of violations, then some evenly; each flight once."""
     if most <= 0:
         return []
@@ -163,7 +163,7 @@ def read_flights(folder: Path) -> FlightFolder:
         about = json.loads(read_json_text(folder / "campaign.json"))
         text = read_bytes(file, FLIGHTS_MAX).decode("utf-8")
         rows = list(csv.DictReader(StringIO(text, newline="")))
-        wrong = _wrong(about, rows)
+        wrong = _campaign_fault(about, rows)
     except (
         OSError,
         ValueError,
@@ -181,7 +181,7 @@ def read_flights(folder: Path) -> FlightFolder:
     return FlightFolder(file, file_hash(file), about, rows)
 
 
-def _wrong(about: dict[str, Any], rows: list[dict[str, str]]) -> str:
+def _campaign_fault(about: dict[str, Any], rows: list[dict[str, str]]) -> str:
     """What is wrong with a campaign's files, or ""; also ValueError, KeyError or TypeError."""
     from soter.campaign.store import SCHEMA  # noqa: PLC0415 - then only
 
@@ -224,7 +224,7 @@ class Evidence:
             program,
             flat,
             params,
-            {} if report is None else _told(report),
+            {} if report is None else _tests_in_report(report),
             report,
             "" if report is None else file_hash(report),
             None if campaign is None else read_flights(Path(campaign)),
@@ -247,12 +247,12 @@ class Evidence:
             phase("exploring the tests again")
             report = self.program.explore(params=self.params, output=None)
         for k, name in enumerate(names, 1):
-            result = None if report is None else _of(report, name)
-            self._test(case, goal, k, name, result, report)
+            result = None if report is None else _result_of_test(report, name)
+            self._add_test(case, goal, k, name, result, report)
             if result is not None and result.verdict == "violated":
                 refuted.append(f"test {name} is violated")
 
-    def _test(
+    def _add_test(
         self,
         case: SafetyCase,
         goal: CaseNode,
@@ -267,11 +267,11 @@ class Evidence:
         child = case.add(CaseNode(f"G2.{number}", "goal", text, property=name), under=goal)
         leaf = CaseNode(f"Sn.2.{number}", "solution", f"a report on test {name}")
         if result is None or report is None:
-            leaf.why = _as_told(self.told.get(name), case.program_sha256)
+            leaf.why = _report_fault(self.told.get(name), case.program_sha256)
             leaf.path, leaf.sha256 = str(self.report or ""), self.report_sha256
         else:
             leaf.text = f"test {name}, explored again just now"
-            leaf.why = _why_not(result, report)
+            leaf.why = _why_no_support(result, report)
             leaf.checked = not leaf.why
             for k, said in enumerate(result.assumptions, 1):
                 said = f"test {name}: {said}"  # noqa: PLW2901 - whose it is
@@ -293,11 +293,11 @@ class Evidence:
             refuted.append(flown.violated)
 
 
-def _of(report: ExploreReport, name: str) -> TestResult | None:
+def _result_of_test(report: ExploreReport, name: str) -> TestResult | None:
     return next((t for t in report.tests if t.name == name), None)
 
 
-def _why_not(result: TestResult, report: ExploreReport) -> str:
+def _why_no_support(result: TestResult, report: ExploreReport) -> str:
     """Why a test that was explored now supports nothing; "" if every execution is clean."""
     if result.verdict != "exhausted":
         return f"explored just now: {result.verdict}" + f", {result.why}" * bool(result.why)
@@ -307,7 +307,7 @@ def _why_not(result: TestResult, report: ExploreReport) -> str:
     return report.unsettled(result)
 
 
-def _as_told(told: dict[str, Any] | None, sha256: str) -> str:
+def _report_fault(told: dict[str, Any] | None, sha256: str) -> str:
     if told is None:
         return "there is no such test any more"
     if told["program_sha256"] != sha256:
@@ -315,7 +315,7 @@ def _as_told(told: dict[str, Any] | None, sha256: str) -> str:
     return f"the report says {told['verdict']} of this program; it was not explored again (--tests)"
 
 
-def _told(path: Path) -> dict[str, dict[str, Any]]:
+def _tests_in_report(path: Path) -> dict[str, dict[str, Any]]:
     """Test -> its entry in a document of `soter test --json`; SoterError D005, D006."""
     try:
         document = json.loads(read_json_text(path))

@@ -89,14 +89,14 @@ def read_hazards(path: Path) -> HazardFile:
     except UnicodeDecodeError as error:
         message = f"`{path}` is not UTF-8: byte {error.start + 1}"
         raise mistake(CODE, message) from error
-    rows = list(_rows(Source(str(path), text), diagnostics))
+    rows = list(_hazard_rows(Source(str(path), text), diagnostics))
     if diagnostics.has_errors:
         raise SoterError(diagnostics.items)
     return HazardFile(str(path), hashlib.sha256(raw).hexdigest(), tuple(rows))
 
 
-def _rows(source: Source, diagnostics: Diagnostics) -> Iterator[HazardRow]:
-    records = _records(source, diagnostics)
+def _hazard_rows(source: Source, diagnostics: Diagnostics) -> Iterator[HazardRow]:
+    records = _csv_records(source, diagnostics)
     head, where = next(records, ([], Span(source, 0, 0)))
     names = [name.strip() for name in head]
     if not _is_head(names, where, diagnostics):
@@ -122,7 +122,7 @@ def _rows(source: Source, diagnostics: Diagnostics) -> Iterator[HazardRow]:
         yield row
 
 
-def _records(source: Source, diagnostics: Diagnostics) -> Iterator[tuple[list[str], Span]]:
+def _csv_records(source: Source, diagnostics: Diagnostics) -> Iterator[tuple[list[str], Span]]:
     """Yields each record with its place; stops, with a report, at one that is no CSV."""
     lines = list(StringIO(source.text, newline=""))
     ends = [0]
@@ -226,7 +226,7 @@ class Tracing:
         """Reads a file; SoterError D006, and D021 if a row names what the system does not have."""
         tracing = Tracing(None if path is None else read_hazards(path), _properties(flat))
         if tracing.file is not None:
-            _follow(tracing.file.rows, tracing.how)
+            _require_traces(tracing.file.rows, tracing.how)
         return tracing
 
     def enter(self, case: SafetyCase) -> None:
@@ -236,12 +236,12 @@ class Tracing:
         """
         rows = () if self.file is None else self.file.rows
         assumptions = [n for n in case.nodes if n.kind == "assumption"]
-        stale = list(_answered(assumptions, [r for r in rows if r.kind == "assumption"]))
-        properties = [self._property(case, name) for name in self.how]
+        stale = list(_owner_gaps(assumptions, [r for r in rows if r.kind == "assumption"]))
+        properties = [self._traced_property(case, name) for name in self.how]
         status = {p.name: p.status for p in properties}
         traced = [r for r in rows if r.kind != "assumption"]
-        reached = _reached(traced)
-        items = tuple(_items(traced, reached, status))
+        reached = _reached_properties(traced)
+        items = tuple(_traced_items(traced, reached, status))
         for k, p in enumerate(properties):
             hazards = (i.id for i in items if i.kind == "hazard" and p.name in i.properties)
             properties[k] = replace(p, hazards=tuple(hazards))
@@ -250,7 +250,7 @@ class Tracing:
         opened = (*open_, *stale)
         case.traceability = Traceability(path, sha256, items, tuple(properties), opened)
 
-    def _property(self, case: SafetyCase, name: str) -> TracedProperty:
+    def _traced_property(self, case: SafetyCase, name: str) -> TracedProperty:
         how = self.how[name]
         goal = next((g for g in case.goals if g.property == name), None)
         if how == "flights":
@@ -273,7 +273,7 @@ def _properties(flat: System) -> dict[str, str]:
     return how | {" ".join(f"{p.kind} {p.text}".split()): "flights" for p in said}
 
 
-def _follow(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
+def _require_traces(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
     """Raises SoterError D021 if a row traces to nothing, to a hazard, or in a circle."""
     diagnostics = Diagnostics()
     by_id = {r.id: r for r in rows if r.kind != "assumption"}
@@ -292,12 +292,12 @@ def _follow(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
                 helps=did_you_mean(target, [*requirements, *how])
                 or (f"properties are {', '.join(f'`{name}`' for name in list(how)[:12])}",),
             )
-    _no_circle(by_id, diagnostics)
+    _check_acyclic(by_id, diagnostics)
     if diagnostics.has_errors:
         raise SoterError(diagnostics.items)
 
 
-def _no_circle(by_id: Mapping[str, HazardRow], diagnostics: Diagnostics) -> None:
+def _check_acyclic(by_id: Mapping[str, HazardRow], diagnostics: Diagnostics) -> None:
     graph = {r.id: [t for t in r.traces_to if t in by_id] for r in by_id.values()}
     try:
         TopologicalSorter(graph).prepare()
@@ -307,7 +307,7 @@ def _no_circle(by_id: Mapping[str, HazardRow], diagnostics: Diagnostics) -> None
         diagnostics.error(CODE, f"these rows trace to themselves: {said}", by_id[circle[0]].span)
 
 
-def _reached(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
+def _reached_properties(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
     """Id of a row -> the properties that it traces to, directly or not, each once."""
     by_id = {r.id: r for r in rows}
     reached: dict[str, list[str]] = {}
@@ -318,7 +318,7 @@ def _reached(rows: Sequence[HazardRow]) -> dict[str, list[str]]:
     return reached
 
 
-def _items(
+def _traced_items(
     rows: Sequence[HazardRow], reached: dict[str, list[str]], status: dict[str, str]
 ) -> Iterator[TracedItem]:
     """Yields each row; it is supported if all its properties and requirements are."""
@@ -356,7 +356,7 @@ def _unasked(properties: Sequence[TracedProperty]) -> Iterator[OpenItem]:
             yield OpenItem("property", p.name, "no hazard traces to it")
 
 
-def _answered(assumptions: Sequence[CaseNode], rows: Sequence[HazardRow]) -> Iterator[OpenItem]:
+def _owner_gaps(assumptions: Sequence[CaseNode], rows: Sequence[HazardRow]) -> Iterator[OpenItem]:
     """Adds owners to assumptions; a row without its assumption is SoterError D021, or open."""
     known = {n.key for n in assumptions}
     groups = {_is_of_test(key) for key in known}

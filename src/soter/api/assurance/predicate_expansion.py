@@ -107,7 +107,7 @@ class _Expansion:
                 used = f"{known.text} ; {used}"
             else:
                 self.where.remove(known)
-        self.read = _read(used, topics)
+        self.read = _definitions_in(used, topics)
         return text
 
     # ------------------------------------------------------------ names
@@ -119,7 +119,7 @@ class _Expansion:
                 name: self.define(f"{base}_{name}", part) if _long(part) else part
                 for name, part in value.parts.items()
             }
-            return _record(parts)
+            return _record_text(parts)
         for known in self.where:
             if known.text == value.text:
                 return _Text(known.name)
@@ -140,7 +140,7 @@ class _Expansion:
         """Notes a named constant or parameter of the program; its name as text."""
         known = self.constants.get(name)
         if known is None:
-            text = _value(t, value)
+            text = _constant_text(t, value)
             if len(text) > VALUE_MAX:
                 text = f"{text[:VALUE_MAX]}… ({len(text):,} letters: the program has all)"
             known = Definition(self.free(name.rpartition(".")[2]), text, _unit(t))
@@ -160,7 +160,7 @@ class _Expansion:
             case typed.Literal() if e.name is not None and not isinstance(e.type, EnumType):
                 return self.constant(e.name, e.type, e.value)
             case typed.Literal():
-                text = _value(e.type, e.value)
+                text = _constant_text(e.type, e.value)
                 return _Text(text, UNARY if text.startswith("-") else ATOM)
             case typed.ParamRead():
                 params = {**self.module.around, **self.module.scope.params}
@@ -215,7 +215,7 @@ class _Expansion:
             return _Text(f"[{', '.join(x.text for x in given)}]")
         order = e.order or range(len(given))
         by_field = dict(zip(order, given, strict=True))
-        return _record({name: by_field[i] for i, (name, _) in enumerate(fields)})
+        return _record_text({name: by_field[i] for i, (name, _) in enumerate(fields)})
 
     def atom(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> str:
         """The text of an expression that never needs parentheses."""
@@ -285,7 +285,7 @@ class _Expansion:
             return self.expr(first.value, env)
         if isinstance(first, typed.TypedDeclare):
             value = self.expr(first.value, env)
-            value = value if _plain(value) else self.define(first.variable.name, value)
+            value = value if _is_plain(value) else self.define(first.variable.name, value)
             return self.body(rest, {**env, first.variable: value})
         assert isinstance(first, typed.TypedIf)
         conditions = [self.expr(condition, env) for condition, _ in first.arms]
@@ -310,20 +310,20 @@ def _is_expression(body: Sequence[typed.TypedStmt]) -> bool:
     return False
 
 
-def _plain(value: _Text) -> bool:
+def _is_plain(value: _Text) -> bool:
     return PLAIN.fullmatch(value.text) is not None
 
 
 def _long(value: _Text) -> bool:
-    return not _plain(value) and len(value.text) > SHORT
+    return not _is_plain(value) and len(value.text) > SHORT
 
 
-def _record(parts: dict[str, _Text]) -> _Text:
+def _record_text(parts: dict[str, _Text]) -> _Text:
     shown = (f"{name}: {x.text}" for name, x in parts.items())
     return _Text(f"{{ {', '.join(shown)} }}", parts=parts)
 
 
-def _read(text: str, topics: dict[str, Type]) -> dict[str, Definition]:
+def _definitions_in(text: str, topics: dict[str, Type]) -> dict[str, Definition]:
     """The topics and fields of topics in a text -> their types and units."""
     read = {}
     for name, t in topics.items():
@@ -339,7 +339,7 @@ def _unit(t: Type) -> str:
     return t.unit if isinstance(t, (FloatType, IntType)) else ""
 
 
-def _value(t: Type, value: Value) -> str:
+def _constant_text(t: Type, value: Value) -> str:
     """A constant as source text if it is a scalar, else as JSON."""
     if isinstance(t, EnumType):
         return f"{t.name.rpartition('.')[2]}.{t.members[value]}"
@@ -353,11 +353,11 @@ def _value(t: Type, value: Value) -> str:
 def _source(fun: typed.FunSymbol) -> str:
     """The source of a function from its name on; for an extern its first line."""
     text = fun.span.source.text[fun.span.start :]
-    end = text.find(";") if fun.body is None else _closing(text)
+    end = text.find(";") if fun.body is None else _closing_brace(text)
     return text[: end + 1]
 
 
-def _closing(text: str) -> int:
+def _closing_brace(text: str) -> int:
     """Where the first `{` of a text is closed; braces in comments and strings do not count."""
     depth = 0
     for token in re.finditer(r'//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\])*"|[{}]', text, re.DOTALL):

@@ -71,7 +71,7 @@ def compiled_as_proved(
     try:
         for system, seen in systems_by_view(faultless(flat), module):
             problem = extract(system, seen)
-            tables = _tables(problem, entries, certificate) if problem.computed else []
+            tables = _group_tables(problem, entries, certificate) if problem.computed else []
             if problem.computed and not tables:
                 return "", "not tried: its tables are not those of grids", False
             check = check_problem(problem, tables)
@@ -83,7 +83,7 @@ def compiled_as_proved(
     return said, "", False
 
 
-def _tables(
+def _group_tables(
     problem: Problem, entries: Sequence[dict[str, Any]], certificate: Certificate
 ) -> list[GroupTable]:
     """The DM's tables in the certificate, which the re-checker compared with its sets.
@@ -165,24 +165,24 @@ def argue(case: SafetyCase, flat: System, proof: CertifiedProof, refuted: list[s
         _ConfirmedModule(k, m, *proof.of(flat, m, case.params))
         for k, m in enumerate(_claiming(flat), 1)
     ]
-    top = case.add(CaseNode("G1", "goal", _top(flat)))
+    top = case.add(CaseNode("G1", "goal", _top_goal_text(flat)))
     strategy = case.add(
         CaseNode("S1", "strategy", MODULES),
         under=top,
     )
     for each in shown:
-        _module(case, strategy, flat, each, proof)
-    _returns(case, top, shown, proof)
-    _laws(case, flat, shown, proof)
-    compiled = _compiled(case, flat, shown, proof, refuted)
+        _add_module(case, strategy, flat, each, proof)
+    _add_returns(case, top, shown, proof)
+    _add_laws(case, flat, shown, proof)
+    compiled = _add_compiled(case, flat, shown, proof, refuted)
     used = [m for each in shown for m in each.reports]
     if proof.report is not None and used:
         rest = [s for s in proof.report.not_covered if s.key != "compiled" or not compiled]
-        _beside(case, top, used, rest)
+        _add_context(case, top, used, rest)
     return top
 
 
-def _beside(
+def _add_context(
     case: SafetyCase,
     top: CaseNode,
     used: Sequence[RecheckedModule],
@@ -206,9 +206,9 @@ def _vacuous(used: Sequence[RecheckedModule]) -> list[str]:
     ]
 
 
-def _top(flat: System) -> str:
+def _top_goal_text(flat: System) -> str:
     """The top goal's text: safe while DM, SC and gate run; a law after that is another goal."""
-    kept = " and ".join(f"`{_safe(m)}`{_whilst(flat, m)}" for m in _claiming(flat)) or "nothing"
+    kept = " and ".join(f"`{_safe(m)}`{_while_text(flat, m)}" for m in _claiming(flat)) or "nothing"
     return (
         f"System {flat.name} keeps {kept} for as long as its trusted part runs, in every run that "
         "keeps the assumptions"
@@ -220,7 +220,7 @@ def _claiming(flat: System) -> list[Module]:
     return [m for m in flat.modules if not claims_nothing(flat, m)]
 
 
-def _whilst(flat: System, m: Module) -> str:
+def _while_text(flat: System, m: Module) -> str:
     """The condition under which a module below others keeps its `safe`, as text; else ""."""
     names = " and ".join(x.name for x in modules_above(flat, m.index))
     return f" while {names} is in AC" if names else ""
@@ -230,7 +230,7 @@ def _safe(m: Module) -> str:
     return " ".join(m.symbol.safe.span.text.split())
 
 
-def _module(
+def _add_module(
     case: SafetyCase,
     strategy: CaseNode,
     flat: System,
@@ -241,7 +241,7 @@ def _module(
     module, id_ = each.module, f"G1.{each.number}"
     ac = flat.components[module.ac].name if module.over is None else flat.modules[module.over].name
     sc = flat.components[module.sc].name
-    kept = f"`{_safe(module)}`{_whilst(flat, module)}"
+    kept = f"`{_safe(module)}`{_while_text(flat, module)}"
     text = f"RTA module {module.name} keeps {kept}: complex function {ac}, recovery "
     goal = case.add(
         CaseNode(id_, "goal", f"{text}function {sc}", property=f"{module.name}.safe"),
@@ -249,10 +249,10 @@ def _module(
     )
     for name, said in PROPERTIES.items():
         child = case.add(CaseNode(f"{id_}.{name}", "goal", f"{name}: {said}"), under=goal)
-        _leaf(case, child, f"Sn.{each.number}.{name}", each.missing(name), proof)
+        _add_leaf(case, child, f"Sn.{each.number}.{name}", each.missing(name), proof)
 
 
-def _leaf(case: SafetyCase, goal: CaseNode, id_: str, why: str, proof: CertifiedProof) -> None:
+def _add_leaf(case: SafetyCase, goal: CaseNode, id_: str, why: str, proof: CertifiedProof) -> None:
     """Adds evidence from the certificate for a goal, or `why` there is none."""
     leaf = CaseNode(id_, "solution", "no evidence" if why else RECHECKED, checked=not why, why=why)
     if not why:
@@ -260,7 +260,7 @@ def _leaf(case: SafetyCase, goal: CaseNode, id_: str, why: str, proof: Certified
     case.add(leaf, under=goal)
 
 
-def _returns(
+def _add_returns(
     case: SafetyCase, top: CaseNode, shown: list[_ConfirmedModule], proof: CertifiedProof
 ) -> None:
     """Adds the goal of P2b for every module of which the program asks it."""
@@ -280,10 +280,10 @@ def _returns(
         child = case.add(
             CaseNode(f"{RETURNS}.{each.number}", "goal", text, property=name), under=goal
         )
-        _leaf(case, child, f"Sn.4.{each.number}", each.missing("P2b"), proof)
+        _add_leaf(case, child, f"Sn.4.{each.number}", each.missing("P2b"), proof)
 
 
-def _laws(
+def _add_laws(
     case: SafetyCase, flat: System, shown: list[_ConfirmedModule], proof: CertifiedProof
 ) -> None:
     """Adds the goal that a fail-safe law takes over once the trusted part has stopped."""
@@ -300,10 +300,10 @@ def _laws(
             why = NO_LAW
         # it begins where the module has kept the state until then
         why = why or next(filter(None, map(each.missing, PROPERTIES)), "")
-        _leaf(case, child, f"Sn.5.{each.number}", why, proof)
+        _add_leaf(case, child, f"Sn.5.{each.number}", why, proof)
 
 
-def _compiled(
+def _add_compiled(
     case: SafetyCase,
     flat: System,
     shown: list[_ConfirmedModule],
@@ -400,7 +400,7 @@ def assure(
         flat.name,
         parameters_of(flat),
     )
-    case.plants = _plants(flat)
+    case.plants = _plant_equations(flat)
     refuted = case.refuted
     evidence = Evidence.read(program, flat, params, test_report, campaign, tell)
     tracing = Tracing.read(None if hazards is None else Path(hazards), flat)
@@ -433,10 +433,10 @@ def assure(
     evidence.tests(case, refuted, explored=tests)
     evidence.campaign(case, refuted, flights)
     tracing.enter(case)
-    return Assurance(case, _written(case, Path(output)), tuple(refuted), proof.not_rechecked)
+    return Assurance(case, _write_files(case, Path(output)), tuple(refuted), proof.not_rechecked)
 
 
-def _plants(flat: System) -> dict[str, tuple[str, ...]]:
+def _plant_equations(flat: System) -> dict[str, tuple[str, ...]]:
     """Instance of a plant -> its equations as they are written."""
     names: dict[PlantSymbol, list[str]] = {}
     for c in flat.components:
@@ -459,7 +459,7 @@ def _equations(plant: PlantSymbol) -> tuple[str, ...]:
 # ---------------------------------------------------------------- files
 
 
-def _written(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
+def _write_files(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
     """Writes the three files and returns their paths; SoterError D006 if one cannot be written."""
     from soter.report.html import write_text  # noqa: PLC0415 - only then
     from soter.report.safety_case import sdoc  # noqa: PLC0415 - only then

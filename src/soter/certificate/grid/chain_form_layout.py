@@ -97,7 +97,7 @@ class FormLayout:
     def closed(self, start: OpenedForm, way: StateRows, new: CommandRows) -> Form:
         """The form at the end of a hold, of its states `way` then and its command `new`."""
         n, old = self.n, (self.depth - 1) * self.q
-        spread, turned = product(way.rows, start.z), self._over_betas(start, way.rows)
+        spread, turned = product(way.rows, start.z), self._on_old_betas(start, way.rows)
         lines = [
             [*row[: 1 + n], spread_of(row[1 + n :]) + rest]
             for row, rest in zip(spread, way.rest, strict=True)
@@ -105,11 +105,11 @@ class FormLayout:
         ranges, common = list(way.box), []
         if self.depth:
             ranges += [*new.ranges, *start.ranges[n : n + old]]
-            answers = self._over_betas(start, new.rows)
+            answers = self._on_old_betas(start, new.rows)
             commands = zip(product(new.rows, start.z), answers, strict=True)
             kept = zip(start.z[n : n + old], start.memories[:old], strict=True)
             for values, own in (*commands, *kept):
-                line, a = self._remembered(values, own, turned, spread, way)
+                line, a = self._on_new_betas(values, own, turned, spread, way)
                 lines.append(line)
                 common.append(a)
         return (
@@ -120,15 +120,15 @@ class FormLayout:
             *(x for a in common for x in a),
         )
 
-    def _over_betas(self, start: OpenedForm, rows: Rows) -> Rows:
+    def _on_old_betas(self, start: OpenedForm, rows: Rows) -> Rows:
         """The coefficients of rows on the states' old betas, also through commands that share them.
 
-        Nothing rests on it: it only makes `a` (`_remembered`) a good one.
+        Nothing rests on it: it only makes `a` (`_on_new_betas`) a good one.
         """
         shared = [*units(self.n), *start.memories]
         return product([row[: len(shared)] for row in rows], shared)
 
-    def _remembered(
+    def _on_new_betas(
         self, values: Sequence[Any], own: Sequence[Any], turned: Rows, spread: Rows, way: StateRows
     ) -> tuple[list[Any], list[Any]]:
         """A command over the betas of the new states: its line, its coefficients on them.

@@ -55,11 +55,11 @@ def around(model: CaseModel, group: GroupTables, box: list[tuple[arb, arb]]) -> 
     """
     bounds: list[float] = []
     for state, (low, high) in zip(group.states, box, strict=True):
-        bounds += _estimates(model, state, low, high)
+        bounds += _estimates_of(model, state, low, high)
     return tuple(bounds)
 
 
-def _estimates(model: CaseModel, state: int, low: arb, high: arb) -> tuple[float, float]:
+def _estimates_of(model: CaseModel, state: int, low: arb, high: arb) -> tuple[float, float]:
     """The range of all estimates of one state that is in [low, high]."""
     if state not in model.facts.leaves:
         return model.extents[state]
@@ -78,7 +78,7 @@ def eroded(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
     """
     grid = group.grid
     ends = [
-        [_estimates(model, state, low, high) for low, high in pairwise(map(exact, edges))]
+        [_estimates_of(model, state, low, high) for low, high in pairwise(map(exact, edges))]
         for state, edges in zip(group.states, grid.edges, strict=True)
     ]
     members = np.zeros(grid.shape, dtype=np.bool_)
@@ -122,9 +122,9 @@ def cells_of(facts: Facts) -> int:
     NotRecheckedError where no proof of a shield is known here, RejectedError where none can be.
     """
     assert facts.symbol.shield is not None
-    if facts.view or any(e.clocks for e in facts.setting.effects) or not _passed_on(facts):
+    if facts.view or any(e.clocks for e in facts.setting.effects) or not _passes_on(facts):
         raise NotRecheckedError("a shield of a view, or with nodes behind the module")
-    if facts.kind == "map" and not _in_the_instants(facts):
+    if facts.kind == "map" and not _steps_with_plants(facts):
         raise NotRecheckedError("a shield of an AC that runs between the steps of its plant")
     if {r.name for r in facts.setting.by_sc} - {r.name for r in facts.setting.by_dm}:
         raise NotRecheckedError("a shield of an SC that reads what the DM does not")
@@ -134,14 +134,14 @@ def cells_of(facts: Facts) -> int:
     return int(number_of(facts, facts.symbol.shield))
 
 
-def _in_the_instants(facts: Facts) -> bool:
+def _steps_with_plants(facts: Facts) -> bool:
     """Whether AC steps only when the plants, which move in steps, do."""
     step = facts.plants[0].period_ns
     ac = facts.system.components[facts.module.ac]
     return ac.period_ns % step == 0 and ac.phase_ns % step == 0
 
 
-def _passed_on(facts: Facts) -> bool:
+def _passes_on(facts: Facts) -> bool:
     """Whether every node behind SC in its instant runs in its thread, and reads commands alone.
 
     What reads sensors, too, or has a memory has to show what it says to the plants of the proof.
@@ -153,14 +153,14 @@ def _passed_on(facts: Facts) -> bool:
     for c in nodes:
         assert c.node is not None
         told |= {*c.writes}
-    return all(_there(c) and (_only_of(c, told) or _is_shown(c, shown)) for c in nodes)
+    return all(_in_thread(c) and (_reads_only(c, told) or _is_shown(c, shown)) for c in nodes)
 
 
-def _there(c: Component) -> bool:
+def _in_thread(c: Component) -> bool:
     return c.inline or not c.extern
 
 
-def _only_of(c: Component, told: set[int]) -> bool:
+def _reads_only(c: Component, told: set[int]) -> bool:
     assert c.node is not None
     return {*c.reads} <= told and not c.node.locals
 

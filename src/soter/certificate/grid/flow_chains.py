@@ -147,11 +147,11 @@ class FlowChain:
     def first(self, pieces: int, form: Form) -> Image:
         """The first hold, from a_0 to delta - e: the form then, and the boxes on the way."""
         before = self.flow.ranges * self.depth  # anything
-        return self._hold(self.layout.opened(form, before), pieces, fresh=True)
+        return self._hold_image(self.layout.opened(form, before), pieces, fresh=True)
 
     def later(self, pieces: int, form: Form) -> Image:
         """A later hold, from k delta - e to (k + 1) delta - e: as `first`."""
-        return self._hold(self.layout.opened(form, None), pieces, fresh=False)
+        return self._hold_image(self.layout.opened(form, None), pieces, fresh=False)
 
     def last(self, pieces: int, form: Form) -> Image:
         """The boxes over [0, e + l] after N delta - e, while the latest command still acts."""
@@ -164,7 +164,7 @@ class FlowChain:
         spans = [(time / pieces, NOW)] * (pieces if time else 0)
         return (), self._follow(start, self._any(start), spans)[1]
 
-    def _hold(self, start: OpenedForm, pieces: int, *, fresh: bool) -> Image:
+    def _hold_image(self, start: OpenedForm, pieces: int, *, fresh: bool) -> Image:
         """A hold: the command that SC answers, where it leads, and the boxes on the way."""
         new = self._answered(start, fresh=fresh)
         way, boxes = self._follow(start, new, self.spans(pieces * self.least_pieces, fresh=fresh))
@@ -243,7 +243,7 @@ class FlowChain:
             return way
         begin, end = self.times.taken if fresh else (-self.times.d, self.span)
         acting, others = (
-            (self._any(start), []) if fresh else (self._acting(start), self._others(start))
+            (self._any(start), []) if fresh else (self._acting(start), self._gap_sums(start))
         )
         n, q = self.n, self.q
         ranges = [hull_of(start.ranges[n + k :: q][: self.depth]) for k in range(q)]
@@ -282,7 +282,7 @@ class FlowChain:
             size = noise[i] + wide + sum_of_sizes(pushes[i], others)
             rest.append(applied("magnitude", size))
         rows = plus(way.rows, product([[x.mid() for x in row] for row in integral], rate))
-        placed = self._placed(start, StateRows(rows, rest, way.box), local)
+        placed = self._with_ranges(start, StateRows(rows, rest, way.box), local)
         if self.times.anew:  # rows are about the middle of the span, with the noise of all of it
             placed.box = [
                 (applied("larger", low, a), applied("smaller", high, b))
@@ -290,7 +290,7 @@ class FlowChain:
             ]
         return placed
 
-    def _others(self, start: OpenedForm) -> list[Any]:
+    def _gap_sums(self, start: OpenedForm) -> list[Any]:
         """For each command the integral, back to the sample, of what older ones differ from it."""
         n, q = self.n, self.q
         integrals = []
@@ -337,15 +337,15 @@ class FlowChain:
         rows = product(beside(law.state, law.control), [*way.rows, *new.rows])
         noise = flow.noise(local, NOW, span, new.radii)
         if early:
-            moved, more = self._handed_over(start, local, law, new, early)
+            moved, more = self._handover(start, local, law, new, early)
             rows = plus(rows, moved)
             noise = [x + y for x, y in zip(noise, more, strict=True)]
         for row, c in zip(rows, law.constant, strict=True):
             row[-1] += c
         rest = [sum_of_sizes(row, way.rest) + x for row, x in zip(law.state, noise, strict=True)]
-        after = self._placed(start, StateRows(rows, rest, way.box), local)
+        after = self._with_ranges(start, StateRows(rows, rest, way.box), local)
         after.box = self._compared(way.box, after.box, local, span)
-        return after, self._between(way, after, local, span)
+        return after, self._tube(way, after, local, span)
 
     @staticmethod
     def _compared(before: Boxes, after: Boxes, local: Enclosure, span: Fraction) -> list[Interval]:
@@ -357,7 +357,7 @@ class FlowChain:
             box.append(applied("compared", low, high, *after[i], *law, parts=2))
         return box
 
-    def _placed(self, start: OpenedForm, way: StateRows, local: Enclosure) -> StateRows:
+    def _with_ranges(self, start: OpenedForm, way: StateRows, local: Enclosure) -> StateRows:
         """The states with new ranges, from their rows; a state whose rate is 0 keeps its range."""
         box = []
         for i, row in enumerate(product(way.rows, start.z)):
@@ -365,7 +365,7 @@ class FlowChain:
             box.append(way.box[i] if local.has_zero_rate(i) else (row[0] - radius, row[0] + radius))
         return StateRows(way.rows, way.rest, self.flow.end_ranges(box, local))
 
-    def _between(self, way: StateRows, after: StateRows, local: Enclosure, span: Fraction) -> Boxes:
+    def _tube(self, way: StateRows, after: StateRows, local: Enclosure, span: Fraction) -> Boxes:
         """The box of the states between two instants: low, high, low, ..., rounded outwards."""
         tube = []
         for i, rates in enumerate(local.rates):
@@ -375,7 +375,7 @@ class FlowChain:
         ends = [end for interval in self.flow.clipped(tube) for end in interval]
         return [applied(name, end) for name, end in zip(cycle(("below", "above")), ends)]
 
-    def _handed_over(
+    def _handover(
         self,
         start: OpenedForm,
         local: Enclosure,

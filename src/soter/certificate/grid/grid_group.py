@@ -90,7 +90,7 @@ class GridGroup(Group):
         if "R" in entry:
             tables.free = certificate.bits(entry["R"], shape)
         if "Q_axes" in entry:
-            tables.finer = _finer(certificate, axes.grid, entry["Q_axes"])
+            tables.finer = _grid_of_q(certificate, axes.grid, entry["Q_axes"])
             shape_of_way = tables.finer.shape
         if "Q" in entry:
             tables.home = certificate.numbers(entry["Q"], shape_of_way, "<u1")
@@ -336,7 +336,7 @@ class GridCheck(GroupCheck):
         if np.any(tables.core == RESTS):
             raise NotRecheckedError("P2b: K has cells at rest, from which SC leads nowhere")
         if tables.finer is not None:
-            yield from self._on_finer().home(None)
+            yield from self._check_on_finer().home(None)
             return
         if calm is None:
             if tables.given_back is None:
@@ -362,7 +362,7 @@ class GridCheck(GroupCheck):
         what = "SC does not certainly come nearer to Q from"
         yield from blocks(what, self.grid, nearer, tables.rank_holds)
 
-    def _on_finer(self) -> GridCheck:
+    def _check_on_finer(self) -> GridCheck:
         """The check of the way back, on the smaller cells of Q and W."""
         if self.tables.given_back is None:
             raise RejectedError("Q has cells of its own, and the DM has no table")
@@ -394,7 +394,7 @@ class GridCheck(GroupCheck):
             yield brought_back(edges, *ends) if self.grid.wraps_around(k) else ends
 
 
-def _finer(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Grid:
+def _grid_of_q(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Grid:
     """The cells of Q; RejectedError where one of them is no part of a cell of the grid."""
     edges = tuple(map(certificate.edges, paths))
     same = len(edges) == len(grid.edges) and all(

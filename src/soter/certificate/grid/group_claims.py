@@ -92,7 +92,7 @@ class GroupTables(Axes):
 
 
 @dataclass(frozen=True)
-class _Within:
+class _TargetCells:
     """A set of cells in which the runs from a box are to be, and those from beyond its ends."""
 
     cells: Cells
@@ -142,7 +142,7 @@ class ChainCheck:
         reached = self.reached(box, [holds], within, pieces, cuts=cuts, window=window)
         return any(all(map(target, ends)) for _, ends in reached)
 
-    def _halved(self, forms: Sequence[tuple[arb, ...]]) -> list[tuple[arb, ...]]:
+    def _halved_forms(self, forms: Sequence[tuple[arb, ...]]) -> list[tuple[arb, ...]]:
         return [part for form in forms for part in self._parts(form)]
 
     def reached(
@@ -161,12 +161,12 @@ class ChainCheck:
         often on the way sets are halved along what errors and disturbances made of them. `window`:
         of the runs in it.
         """
-        chain, set_ = self.chain(pieces, window), _Within(within, box)
+        chain, set_ = self.chain(pieces, window), _TargetCells(within, box)
         forms, step, last = [form_of_box(box, symbols=True)], chain.first, max(wanted, default=0)
         at = {last * k // (cuts + 1) for k in range(1, cuts + 1)} - {0}
         for k in range(last):
             if k in at:
-                forms = self._halved(forms)
+                forms = self._halved_forms(forms)
             after = []
             for form in forms:
                 image = step(form)
@@ -180,7 +180,7 @@ class ChainCheck:
                     yield k + 1, [end for some in ends for end in some or ()]
 
     def _after(
-        self, chain: Chain, form: tuple[arb, ...], within: _Within
+        self, chain: Chain, form: tuple[arb, ...], within: _TargetCells
     ) -> list[tuple[float, ...]] | None:
         """The boxes of all states while the last command may still act; None: not within."""
         n = len(self.group.states)
@@ -330,7 +330,7 @@ class FreeCheck:
         maps = self.model.facts.kind == "map"
         form = form_of_box(box, symbols=True)
         start = _box_of(form, len(self.group.states))
-        set_ = _Within(within, box)
+        set_ = _TargetCells(within, box)
         if not within.contains(start):
             return False
         for step in self.phase(pieces):

@@ -56,7 +56,7 @@ class Resting:
         """`marked`: of the grid's shape; `c`: cells of C."""
         self.model, self.group, self.grid = model, group, group.grid
         self.marked, self.c = marked, c
-        self._settled()
+        self._require_resting_case()
         self.commands, read = self._commands()
         self.ways = [k for k, state in enumerate(group.states) if state not in read]
         self.moving = [k for k in range(len(group.states)) if k not in self.ways]
@@ -66,11 +66,11 @@ class Resting:
         self.rates = {
             signs: self._rates(signs) for signs in product((-1, 0, 1), repeat=len(self.moving))
         }
-        self._stay()
+        self._require_no_growth()
         self.far = [[self._slopes(way, sign) for sign in (-1, 1)] for way in self.ways]
         self.beyond = [[self._safe_beyond(way, sign) for sign in (-1, 1)] for way in self.ways]
 
-    def _settled(self) -> None:
+    def _require_resting_case(self) -> None:
         facts = self.model.facts
         symbol = facts.symbol
         others = facts.view or facts.modes or len(facts.tower) > 1 or facts.module.law
@@ -155,7 +155,7 @@ class Resting:
 
     # ------------------------------------------------------------ B, and how far ways get
 
-    def _stay(self) -> None:
+    def _require_no_growth(self) -> None:
         """NotRecheckedError where a state of B may get farther from 0."""
         for signs, rates in self.rates.items():
             for axis, sign in zip(self.moving, signs, strict=True):
@@ -206,11 +206,11 @@ class Resting:
             cell = tuple(
                 (a + int(k), a + int(k) + 1) for (a, _), k in zip(block, place, strict=True)
             )
-            box = self._reached(cell)
+            box = self._reached_ranges(cell)
             if box is None or not self.c.contains(box):
                 yield cell
 
-    def _reached(self, cell: Block) -> list[float] | None:
+    def _reached_ranges(self, cell: Block) -> list[float] | None:
         """All that a run from a cell comes to, within the grid; None: it may leave it unsafely."""
         ends = self.grid.box(cell)
         reached: list[float] = []
@@ -221,7 +221,7 @@ class Resting:
                 continue
             at = self.ways.index(k)
             for sign, start in ((-1, low), (1, high)):
-                end = start + sign * self._most(at, sign, ends)
+                end = start + sign * self._farthest_way(at, sign, ends)
                 last = exact(edges[0] if sign < 0 else edges[-1])
                 if not sign * (last - end) >= 0:
                     if not self.beyond[at][sign > 0]:
@@ -230,7 +230,7 @@ class Resting:
                 reached.append(below(end) if sign < 0 else above(end))
         return reached
 
-    def _most(self, at: int, sign: int, ends: Sequence[Interval]) -> arb:
+    def _farthest_way(self, at: int, sign: int, ends: Sequence[Interval]) -> arb:
         """The farthest that way number `at`, in the direction of `sign`, leads from a box."""
         most = exact(np.inf)
         for axis, under, over in self.far[at][sign > 0]:

@@ -132,7 +132,7 @@ def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
     """
     if model.facts.kind != "flow" or model.facts.at_rest:
         return [(False, False)] * len(members)
-    inwards = (_linear if is_linear(model, members) else _local)(model, members)
+    inwards = (_linear if is_linear(model, members) else _local_side_test)(model, members)
     ends = []
     for i in range(len(members)):
         sides = [[model.extents[k] for k in members] for _ in range(2)]
@@ -162,7 +162,7 @@ def _linear(model: CaseModel, members: Sequence[int]) -> Test:
     return inwards
 
 
-def _local(model: CaseModel, members: Sequence[int]) -> Test:
+def _local_side_test(model: CaseModel, members: Sequence[int]) -> Test:
     """The test of a flow that is not linear: over parts of the side, halved where it fails."""
     flow = LocalFlow(model, members)
 
@@ -255,12 +255,12 @@ def sc_chain(
     times = Times(delta, d, *window.ends(j), window.taken(d))
     if facts.late_commands:
         times = Times(delta, facts.own.in_force * NANOSECOND, anew=True)
-    chain = FlowChain(model, members, _flow(model, members), times)
+    chain = FlowChain(model, members, _flow_of_group(model, members), times)
     cell, form = (chain.layout.length(fresh=fresh) for fresh in (True, False))
-    first = _step(chain, partial(chain.first, pieces), cell)
-    later = _step(chain, partial(chain.later, pieces), form)
+    first = _form_step(chain, partial(chain.first, pieces), cell)
+    later = _form_step(chain, partial(chain.later, pieces), form)
     return Chain(
-        first, later, _step(chain, partial(chain.last, pieces), form) if chain.span else None
+        first, later, _form_step(chain, partial(chain.last, pieces), form) if chain.span else None
     )
 
 
@@ -271,28 +271,28 @@ def free_phase(
     if model.facts.kind == "map":
         return map_free(model, members, time_ns)
     delta = model.facts.times["delta_ns"] * NANOSECOND
-    chain = FlowChain(model, members, _flow(model, members), Times(delta))
+    chain = FlowChain(model, members, _flow_of_group(model, members), Times(delta))
     free = partial(chain.free, time_ns * NANOSECOND, pieces)
-    return (_step(chain, free, chain.layout.length(fresh=True)),)
+    return (_form_step(chain, free, chain.layout.length(fresh=True)),)
 
 
-def _flow(model: CaseModel, members: Sequence[int]) -> LocalFlow | SolvedFlow:
+def _flow_of_group(model: CaseModel, members: Sequence[int]) -> LocalFlow | SolvedFlow:
     kept = uncrossed_ends(model, members)
     if is_linear(model, members):
         return SolvedFlow(model, members, linear_flow(model, members), kept)
     return LocalFlow(model, members, kept)
 
 
-def _step(chain: FlowChain, image: Callable[[tuple[Any, ...]], Image], length: int) -> Step:
+def _form_step(chain: FlowChain, image: Callable[[tuple[Any, ...]], Image], length: int) -> Step:
     """A function of forms; compiled where the flow is solved once. `length`: of its form."""
     if isinstance(chain.flow, LocalFlow):
-        return partial(_of_balls, image)
+        return partial(_image_of_balls, image)
     make = Builder()
     form, boxes = image(tuple(make.input(i) for i in range(length)))
     return Function(make, length, [*form, *boxes], after=len(form))
 
 
-def _of_balls(
+def _image_of_balls(
     image: Callable[[tuple[Any, ...]], Image], form: tuple[arb, ...]
 ) -> tuple[tuple[arb, ...], tuple[float, ...]] | None:
     try:

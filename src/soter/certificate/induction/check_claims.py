@@ -64,7 +64,7 @@ def recheck_induction(
         raise RejectedError("failsafe: an induction says nothing of plants, so of no law")
     k, returns = compare(facts, entry["induction"])
     said = dict(entry["claims"])
-    _static(facts, said)
+    _compare_static(facts, said)
     if wanted := claims & set(TOGETHER):
         if k < 1:
             raise RejectedError("an induction needs a hypothesis: k is 0")
@@ -98,7 +98,7 @@ def read_all(flat: System, entry: dict[str, Any]) -> None:
         TransitionSystem(facts, first=first).run(facts.turn + 1)
 
 
-def _static(facts: InductionFacts, said: dict[str, str]) -> None:
+def _compare_static(facts: InductionFacts, said: dict[str, str]) -> None:
     """Compare P1a, P1b, P1c and the latch with the program; RejectedError if they overstate."""
     of_the_module(facts.flying, facts.flying_module, said)
     if said.get("P1c") == PROVED and facts.undeclared:
@@ -112,10 +112,10 @@ def _induction(facts: InductionFacts, k: int) -> int:
     """
     _affordable(facts, k + 1)
     times = sorted(calendar_of(facts, (k + 1) * facts.turn))
-    rests_on = max(_rests_on(facts, at, times) for at in times if at >= k * facts.turn)
+    rests_on = max(_time_before(facts, at, times) for at in times if at >= k * facts.turn)
     run = TransitionSystem(facts, first=True)
     run.run(facts.settled + min(rests_on, k * facts.turn))
-    _refuse(_fails(facts, _solver(run), run.instants), "the first hyperperiods")
+    _refuse(_ask_failure(facts, _solver(run), run.instants), "the first hyperperiods")
     return min(-(-rests_on // facts.turn), k)
 
 
@@ -130,7 +130,7 @@ def _affordable(facts: InductionFacts, turns: int) -> None:
         )
 
 
-def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
+def _time_before(facts: InductionFacts, at: int, times: list[int]) -> int:
     """The time (ns) before an instant in which all must have held for it to hold then, too.
 
     A few instants at first, from any state at all: what follows from them follows from more.
@@ -144,7 +144,7 @@ def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
         last = begin == 0
         solver = _solver(run)
         solver.add(*[i.holds for i in run.instants[:-1]])
-        answer = _fails(facts, solver, run.instants[-1:], WORK if last else WORK // 10)
+        answer = _ask_failure(facts, solver, run.instants[-1:], WORK if last else WORK // 10)
         if last:
             _refuse(answer, "the induction")
         if last or answer == z3.unsat:
@@ -152,7 +152,7 @@ def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
         many *= 2
 
 
-def _fails(
+def _ask_failure(
     facts: InductionFacts, solver: z3.Solver, instants: list[Instant], work: int = WORK
 ) -> z3.CheckSatResult:
     solver.add(one_of(*[negation(both(i.holds, i.always)) for i in instants]))

@@ -62,16 +62,16 @@ def why_not(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol)
     """
     if not all(isinstance(n, IN_A_MAP) for n in parts_of([link.value])):
         return "", f"the map of {link.name} reads more than plants and topics"
-    at = _place(facts, topic)
+    at = _topic_index(facts, topic)
     if at < 0:
         return "", "it stands for several topics, or for none"
     writers = _writers(facts, at)
     if len(writers) != 1 or writers[0].node is None:
         return "", "it is not published by one node alone"
     (c,) = writers
-    if why := _not_for_this(facts, c, at):
+    if why := _why_unsuited(facts, c, at):
         return c.name, why
-    shown = _shown(facts)
+    shown = _shown_topics(facts)
     for index in shown:
         if [w.index for w in _writers(facts, index)] != [c.index]:
             name = facts.flying.topics[index].name
@@ -85,7 +85,7 @@ def why_not(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol)
 # ---------------------------------------------------------------- who publishes
 
 
-def _place(facts: Facts, topic: typed.TopicSymbol) -> int:
+def _topic_index(facts: Facts, topic: typed.TopicSymbol) -> int:
     """The one topic of the system that runs which a name of the map means; -1: there is no such."""
     flat_ = facts.flying
     scopes = [c.scope for c in flat_.components] + [m.scope for m in flat_.modules]
@@ -104,7 +104,7 @@ def _is_plain(c: Component) -> bool:
     return own and c.node is not None and c.node.takeover is None
 
 
-def _not_for_this(facts: Facts, c: Component, index: int) -> str:
+def _why_unsuited(facts: Facts, c: Component, index: int) -> str:
     node, sc = c.node, facts.sc.node
     assert node is not None
     published = c.writes
@@ -124,7 +124,7 @@ def _not_for_this(facts: Facts, c: Component, index: int) -> str:
     return ""
 
 
-def _shown(facts: Facts) -> list[int]:
+def _shown_topics(facts: Facts) -> list[int]:
     """The topics that plants of the view drive and the decision module or SC reads, as they run."""
     module = facts.flying_module
     scopes = (module.scope.topics, facts.flying.components[module.sc].scope.topics)
@@ -181,15 +181,15 @@ class _Steps:
             ("the first step", (True, default), False, self._step(initial)),
             ("a step", before.said.get(index), before.fault, self._step(before.behind)),
         ):
-            bad = self._bad(topic, paths, shown, last, step)
-            if not self._never(both(negation(fault), bad)):
+            bad = self._is_wrong_step(topic, paths, shown, last, step)
+            if not self._is_impossible(both(negation(fault), bad)):
                 return (
                     f"{what} of {self.c.name} may change it where `enters` does not hold, or "
                     "without showing it to DM and SC"
                 )
         return ""
 
-    def _bad(
+    def _is_wrong_step(
         self,
         topic: Topic,
         paths: Sequence[Path],
@@ -206,10 +206,10 @@ class _Steps:
             old = either(last[0], last[1], old)
         same = [_equal(value, old, topic.type, p) for p in paths]
         shows = [step.said[i][0] if i in step.said else False for i in shown]
-        good = one_of(both(*same), both(self._enters(step), *shows))
+        good = one_of(both(*same), both(self._enters_term(step), *shows))
         return both(negation(step.fault), says, negation(good))
 
-    def _never(self, what: Term) -> bool:
+    def _is_impossible(self, what: Term) -> bool:
         solver = z3.Solver()
         solver.set("rlimit", WORK)
         solver.set("timeout", PATIENCE_MS)
@@ -244,7 +244,7 @@ class _Steps:
         said = {self.c.scope.topics[t]: value for t, value in published.items()}
         return _Step(behind, said, one_of(reading.make.fault, reading.make.doubt), read)
 
-    def _enters(self, step: _Step) -> Term:
+    def _enters_term(self, step: _Step) -> Term:
         """Whether `enters` holds of what a step reads and publishes."""
         enters = self.whole.verify.enters
         assert enters is not None

@@ -102,12 +102,12 @@ def read_induction(flat: System, name: str) -> InductionFacts:
     if any(getattr(symbol.verify, word) for word in REFUSED):
         raise NotRecheckedError("a `verify` block that speaks of sets")
     facts = InductionFacts(flat, module, symbol, flat.components[module.sc])
-    _gather(facts)
+    _enter_actors(facts)
     _times(facts)
     return facts
 
 
-def _gather(facts: InductionFacts) -> None:
+def _enter_actors(facts: InductionFacts) -> None:
     """Enter as actors DM, AC, SC, and each node that publishes what is read and can be followed."""
     flat, module, symbol = facts.flying, facts.flying_module, facts.symbol
     facts.actors = [flat.components[i] for i in (module.dm, module.ac, module.sc)]
@@ -123,20 +123,20 @@ def _gather(facts: InductionFacts) -> None:
         for c in flat.components:
             if c in facts.actors or c.role != "node" or c.node is None:
                 continue
-            if wanted & set(c.writes) and _plain(c):
+            if wanted & set(c.writes) and _is_followable(c):
                 facts.actors.append(c)
                 wanted |= {c.scope.topics[t] for t in topic_reads(*c.node.step)}
                 changed = True
-    facts.topics = _published(facts.actors)
+    facts.topics = _published_topics(facts.actors)
     for index in facts.topics:
         _published_here_only(facts, index)
 
 
-def _published(actors: list[Component]) -> list[int]:
+def _published_topics(actors: list[Component]) -> list[int]:
     return sorted({i for c in actors for i in c.writes})
 
 
-def _plain(c: Component) -> bool:
+def _is_followable(c: Component) -> bool:
     """A node of Soter code that publishes one value a step: any other may publish anything."""
     assert c.node is not None
     return not c.extern and not c.node.bursts and len(modes_in(c.node.step)) < 2
@@ -199,7 +199,7 @@ def _times(facts: InductionFacts) -> None:
 # ---------------------------------------------------------------- the certificate
 
 
-def _without(facts: InductionFacts, followed: object) -> None:
+def _leave_out_nodes(facts: InductionFacts, followed: object) -> None:
     """Leave out nodes beside the module that a certificate does without.
 
     What they publish may then be anything of its set, at any time: more executions are shown safe.
@@ -207,7 +207,7 @@ def _without(facts: InductionFacts, followed: object) -> None:
     if not isinstance(followed, dict):
         raise RejectedError("`clocks` are not as they should be")
     facts.actors = [c for c in facts.actors if c.role != "node" or c.name in followed]
-    facts.topics = _published(facts.actors)
+    facts.topics = _published_topics(facts.actors)
 
 
 def compare(facts: InductionFacts, given: Any) -> tuple[int, int]:  # noqa: ANN401 - any JSON
@@ -222,7 +222,7 @@ def compare(facts: InductionFacts, given: Any) -> tuple[int, int]:  # noqa: ANN4
     if type(given["latching"]) is not bool:
         raise RejectedError("`latching` is no truth")
     facts.latching = given["latching"]
-    _without(facts, given["clocks"])
+    _leave_out_nodes(facts, given["clocks"])
     clocks = {c.name: [c.period_ns, c.phase_ns, 0, 0] for c in facts.actors}
     if given["clocks"] != clocks:
         raise RejectedError("the nodes, or their times, are others in the program")
@@ -348,9 +348,9 @@ class TransitionSystem:
             who = z3.FreshInt("who")
             turns.append(who)
             self.constraints += [who >= 0, who < len(due)]
-            after = self._stepped(due[0], at, who == 0)
+            after = self._state_after(due[0], at, who == 0)
             for n, c in enumerate(due[1:], 1):
-                one = self._stepped(c, at, who == n)
+                one = self._state_after(c, at, who == n)
                 after = {k: either(who == n, x, after[k]) for k, x in one.items()}
             self.now = {k: self._name(v) for k, v in after.items()}
         if len(turns) > 1:
@@ -370,7 +370,7 @@ class TransitionSystem:
 
     # ------------------------------------------------------------ steps
 
-    def _stepped(self, c: Component, at: int, turn: Term) -> State:
+    def _state_after(self, c: Component, at: int, turn: Term) -> State:
         if c.role == "dm":
             return self._decision(at, turn)
         if c.role == "ac":

@@ -124,7 +124,7 @@ class BallFlow:
 
     # ------------------------------------------------------------ between instants
 
-    def _pieces(
+    def _time_pieces(
         self, rows: arb_mat, start: Fraction, end: Fraction, count: int
     ) -> Iterator[tuple[arb, Fraction, arb_mat]]:
         """(r, r, c e^{Am}) of each piece [m - r, m + r]."""
@@ -132,7 +132,7 @@ class BallFlow:
         for k in range(count):
             yield exact(r), r, rows * self.at(start + (2 * k + 1) * r)
 
-    def _lines(
+    def _line_bounds(
         self, at: arb_mat, r: Fraction, columns: arb_mat
     ) -> Iterator[tuple[list[arb], list[arb], list[arb]]]:
         """Per row |f(m)|, |f'(m)| and a bound of |f''| on the piece, for every column."""
@@ -145,8 +145,8 @@ class BallFlow:
         total = [ZERO] * rows.nrows()
         integrals = [total]
         for start, end in pairwise(times):
-            for r, exact_r, at in self._pieces(rows, start, end, PIECES):
-                lines = self._lines(at, exact_r, columns)
+            for r, exact_r, at in self._time_pieces(rows, start, end, PIECES):
+                lines = self._line_bounds(at, exact_r, columns)
                 total = [t + _area(*line, r) for t, line in zip(total, lines, strict=True)]
             integrals.append(total)
         return integrals
@@ -154,8 +154,8 @@ class BallFlow:
     def greatest(self, rows: arb_mat, columns: arb_mat, end: Fraction) -> list[list[arb]]:
         """For each row c and column the greatest |c e^{As} column|, s in [0, end]."""
         maxima: list[list[arb]] = [[ZERO] * columns.ncols() for _ in range(rows.nrows())]
-        for r, exact_r, at in self._pieces(rows, Fraction(0), end, PIECES_OF_EXCHANGE):
-            for k, (p, q, bend) in enumerate(self._lines(at, exact_r, columns)):
+        for r, exact_r, at in self._time_pieces(rows, Fraction(0), end, PIECES_OF_EXCHANGE):
+            for k, (p, q, bend) in enumerate(self._line_bounds(at, exact_r, columns)):
                 here = [a + r * b + r * r * HALF * c for a, b, c in zip(p, q, bend, strict=True)]
                 maxima[k] = [x.max(y) for x, y in zip(maxima[k], here, strict=True)]
         return maxima
@@ -164,7 +164,7 @@ class BallFlow:
         """h^2/8 sup |phi''| between two instants; `speed` bounds |A x + B u + b|."""
         suprema = [ZERO] * rows.nrows()
         h = exact(end - start)
-        for _, r, at in self._pieces(rows, start, end, PIECES):
+        for _, r, at in self._time_pieces(rows, start, end, PIECES):
             here = first(sizes(at * self.a) * self.growth(r) * speed)
             suprema = [x.max(y) for x, y in zip(suprema, here, strict=True)]
         return [x * h * h / 8 for x in suprema]
@@ -240,7 +240,7 @@ class HoldImage:
         half = exact(self.delay / 2)
         self.gain = self.k - self.rate_rows * half
         self.offset = [a - b * half for a, b in zip(law.offset, self.rate_offset, strict=True)]
-        self.spread = [a + b for a, b in zip(law.spread, self._read(), strict=True)]
+        self.spread = [a + b for a, b in zip(law.spread, self._read_gap(), strict=True)]
 
     @cached_property
     def push(self) -> list[arb]:
@@ -250,18 +250,18 @@ class HoldImage:
         by_w = first(sizes(self.k * flow.w) * column([arb(1)] * flow.w.ncols()))
         return [a + b for a, b in zip(by_u, by_w, strict=True)]
 
-    def _bend(self, time: Fraction) -> list[arb]:
+    def _command_slope(self, time: Fraction) -> list[arb]:
         """|K A (x(n + s) - x(n))| / |s|."""
         flow = self.flow
         away = flow.growth(time) * (flow.speed + flow.shaken)
         return first(sizes(self.rate_rows) * away)
 
-    def _read(self) -> list[arb]:
+    def _read_gap(self) -> list[arb]:
         """The most that a read differs from one of age d / 2, row by row (see "its read" above)."""
         if not self.timed:
             return [ZERO] * len(self.rate)
         far, off = exact(self.delay + self.jitter), exact(self.delay / 2 + self.jitter)
-        bend = self._bend(self.delay + self.jitter)
+        bend = self._command_slope(self.delay + self.jitter)
         return [
             off * r + far * p + far * far * HALF * b
             for r, p, b in zip(self.rate, self.push, bend, strict=True)
@@ -272,7 +272,7 @@ class HoldImage:
         """A bound of |u_(k+-1) - u_k|, control by control (see "other" above)."""
         span = self.times[-1] + self.delay + self.jitter
         apart = exact(span)
-        bend = self._bend(span)
+        bend = self._command_slope(span)
         return [
             apart * (r + p + apart * b) + 2 * s
             for r, p, b, s in zip(self.rate, self.push, bend, self.law.spread, strict=True)
@@ -287,7 +287,7 @@ class HoldImage:
             j * sum((a * b for a, b in zip(row, self.other, strict=True)), ZERO) for row in steer
         ]
 
-    def _mapped(self, c: arb_mat, time: Fraction) -> tuple[arb_mat, list[arb]]:
+    def _row_image(self, c: arb_mat, time: Fraction) -> tuple[arb_mat, list[arb]]:
         flow = self.flow
         through = c * flow.summed(time)
         steer = through * flow.b
@@ -300,7 +300,7 @@ class HoldImage:
     def everywhere(self, rows: Rows) -> list[Moved]:
         """For every instant (row, loss): the greatest of them bounds c x during the hold."""
         flow, c = self.flow, arb_mat(rows)
-        moved, more = [self._mapped(c, t) for t in self.times], self._exchanged(c)
+        moved, more = [self._row_image(c, t) for t in self.times], self._exchanged(c)
         still = [(row, [a + b for a, b in zip(loss, more, strict=True)]) for row, loss in moved]
         return flow.between(c, still, flow.w, flow.speed, self.times)
 
@@ -308,7 +308,7 @@ class HoldImage:
         """(row, loss): `rows` of the end of the hold are at most row x + loss, x its begin."""
         c = arb_mat(rows)
         noise = self.flow.noise(c, self.flow.w, self.times)[-1]
-        row, loss = self._mapped(c, self.times[-1])
+        row, loss = self._row_image(c, self.times[-1])
         parts = zip(loss, noise, self._exchanged(c), strict=True)
         return row.tolist(), [sum(p, ZERO) for p in parts]
 

@@ -105,14 +105,14 @@ def enclosed_flow(
         ends = [found[(at + 1) * width - 2 : (at + 1) * width] for at in range(len(members))]
         return [magnitude(low).max(magnitude(high)) for low, high in ends]
 
-    bent = _bent(terms, rests)
-    noise = _largest(ranges, [at for at, k in enumerate(inputs) if k in bent], sizes, SPLITS)
+    bent = _nonlinear_inputs(terms, rests)
+    noise = _largest_sizes(ranges, [at for at, k in enumerate(inputs) if k in bent], sizes, SPLITS)
     columns = _diagonal(noise, len(members))
     limits = tuple((exact(c.low), exact(c.high)) for c in model.facts.controls)
     return LinearFlow(tuple(members), a, b, constant, columns, limits)
 
 
-def _bent(terms: Terms, values: Sequence[Linear]) -> set[int]:
+def _nonlinear_inputs(terms: Terms, values: Sequence[Linear]) -> set[int]:
     """The inputs in which values are not linear."""
     roots: list[Linear | Proposition] = []
     for atom in (terms.atoms[k] for x in values for k in x.terms):
@@ -121,7 +121,7 @@ def _bent(terms: Terms, values: Sequence[Linear]) -> set[int]:
     return inputs_of(terms, roots)
 
 
-def _largest(
+def _largest_sizes(
     box: Ranges, axes: Sequence[int], sizes: Callable[[Ranges], list[arb]], splits: int
 ) -> list[arb]:
     """The largest sizes on parts of the box, halved so often along these axes, in turns."""
@@ -131,7 +131,7 @@ def _largest(
     low, high = box[axis]
     middle = ((low + high) * HALF).mid()
     found = [
-        _largest([*box[:axis], half, *box[axis + 1 :]], [*others, axis], sizes, splits - 1)
+        _largest_sizes([*box[:axis], half, *box[axis + 1 :]], [*others, axis], sizes, splits - 1)
         for half in ((low, middle), (middle, high))
     ]
     return [x.max(y) for x, y in zip(*found, strict=True)]
@@ -153,7 +153,7 @@ class CommandLaw:
     high: list[arb]
 
 
-def _without(
+def _middle_without(
     own: Sequence[int], z: Linear, rest: arb, ranges: Mapping[int, tuple[arb, arb]]
 ) -> tuple[arb, arb]:
     """The middle of z without the atoms `own`, and how far that part is off it, `rest` included."""
@@ -161,7 +161,7 @@ def _without(
         raise RejectedError("SC's law is not linear between its limits")
     constant = z.const
     for atom in z.terms.keys() - set(own):
-        centre, radius = _middle(*ranges[atom])
+        centre, radius = _middle_and_radius(*ranges[atom])
         constant += z.terms[atom] * centre
         rest += abs(z.terms[atom]) * radius
     return constant, rest
@@ -178,7 +178,7 @@ def linear_law(model: CaseModel, members: Sequence[int], claimed: ClaimedLaw) ->
     ranges = {i: (a.low, a.high) for i, a in enumerate(terms.atoms) if a.kind == "box"}
     for x, (least, most) in zip(states, model.extents, strict=True):
         ranges[next(iter(x.terms))] = exact(least), exact(most)
-    zs = _claimed(model, terms, states, claimed)
+    zs = _claimed_laws(model, terms, states, claimed)
     low, high = ([exact(float(x)) for x in ends] for ends in (claimed.low, claimed.high))
     form = _with_limits(ranges, zs, list(zip(low, high, strict=True)))
     rests = [
@@ -194,14 +194,14 @@ def linear_law(model: CaseModel, members: Sequence[int], claimed: ClaimedLaw) ->
     own = [next(iter(states[i].terms)) for i in members]
     gain, offset, spread = [], [], []
     for z, least, most in zip(zs, found[::2], found[1::2], strict=True):
-        constant, rest = _without(own, z, magnitude(least).max(magnitude(most)), ranges)
+        constant, rest = _middle_without(own, z, magnitude(least).max(magnitude(most)), ranges)
         gain.append([z.terms.get(atom, ZERO) for atom in own])
         offset.append(constant)
         spread.append(rest)
     return CommandLaw(controls, gain, offset, spread, low, high)
 
 
-def _claimed(
+def _claimed_laws(
     model: CaseModel, terms: Terms, states: Sequence[Linear], claimed: ClaimedLaw
 ) -> list[Linear]:
     """Each z, over the inputs of the manifest: states, controls, disturbances, errors, others."""
@@ -222,7 +222,7 @@ def _claimed(
     return zs
 
 
-def _middle(low: arb, high: arb) -> tuple[arb, arb]:
+def _middle_and_radius(low: arb, high: arb) -> tuple[arb, arb]:
     return (low + high) * HALF, (high - low) * HALF
 
 
@@ -234,7 +234,7 @@ def _with_limits(
     A z that nothing certainly moves says nothing.
     """
     places = {atom: k for k, atom in enumerate(ranges)}
-    centres, radii = zip(*(_middle(*ends) for ends in ranges.values()), strict=True)
+    centres, radii = zip(*(_middle_and_radius(*ends) for ends in ranges.values()), strict=True)
     centre = list(centres)
     symbols = [[r if i == k else ZERO for k in places.values()] for i, r in enumerate(radii)]
     free = set(places.values())
@@ -247,7 +247,7 @@ def _with_limits(
             continue
         pivot = max(movers, key=lambda k: float(magnitude(e[k])))
         free.discard(pivot)
-        c, r = _middle(*limit)
+        c, r = _middle_and_radius(*limit)
         for i, own in enumerate(symbols):
             share = own[pivot] / e[pivot]
             centre[i] += share * (c - constant)

@@ -80,12 +80,12 @@ def all_published(model: CaseModel, groups: Sequence[Kept], topic: int) -> bool:
         if own.isdisjoint(value.terms) and not elsewhere.isdisjoint(value.terms):
             continue
         for sign, limit in ((1, exact(high)), (-1, -exact(low))):
-            if not _greatest(terms, value, sign, atoms, groups) <= limit:
+            if not _upper_bound(terms, value, sign, atoms, groups) <= limit:
                 return False
     return True
 
 
-def _greatest(
+def _upper_bound(
     terms: Terms, value: Linear, sign: int, atoms: Sequence[int], groups: Sequence[Kept]
 ) -> arb:
     """An upper bound of sign * value, of all states that SC keeps."""
@@ -94,14 +94,14 @@ def _greatest(
     for tables, hold in groups:
         row = [left.pop(atoms[s], ZERO) for s in tables.states]
         if not all(x.is_zero() for x in row):
-            total += _on_the_way(tables.core, hold, row)
+            total += _hold_bound(tables.core, hold, row)
     for atom, factor in left.items():
         ends = terms.atoms[atom].low, terms.atoms[atom].high
         total += (factor * ends[0]).max(factor * ends[1])
     return total
 
 
-def _on_the_way(kernel: HalfSpaces, hold: HoldImage, row: list[arb]) -> arb:
+def _hold_bound(kernel: HalfSpaces, hold: HoldImage, row: list[arb]) -> arb:
     """An upper bound of row x(t): in K, and while SC holds what it commanded there."""
     bound = kernel.bound(row, _weights(kernel, row))
     for own, loss in chain.from_iterable(zip(*x, strict=True) for x in hold.everywhere([row])):
@@ -224,7 +224,7 @@ class PolytopeCheck(GroupCheck):
     # ------------------------------------------------------------ helpers
 
     @contextmanager
-    def _given(self, part: str) -> Iterator[Callable[[], Triples]]:
+    def _multipliers(self, part: str) -> Iterator[Callable[[], Triples]]:
         """Hand out the multipliers of a part, claim by claim; RejectedError unless all are used."""
         if part not in self.tables.multipliers:
             raise RejectedError(f"there are no multipliers for {part}")
@@ -239,30 +239,30 @@ class PolytopeCheck(GroupCheck):
         if left:
             raise RejectedError(f"there are too many multipliers for {part}")
 
-    def _instants(self, name: str, until_ns: int) -> tuple[int, ...]:
+    def _instants_until(self, name: str, until_ns: int) -> tuple[int, ...]:
         instants = self.tables.instants.get(name, (0,))
         if instants[-1] != until_ns:
             raise RejectedError(f"the instants of `{name}` do not end when they should")
         return instants
 
-    def _hold(self, which: str) -> HoldImage:
+    def _hold_image(self, which: str) -> HoldImage:
         rate = self.tables.rates.get(which)
         if rate is None or rate.shape != (len(self.law.controls),):
             raise RejectedError("the rates of a polytope group are not one for each control")
         facts = self.model.facts
         if facts.late_commands:
             raise NotRecheckedError("half-spaces of an SC whose jitter exceeds half its period")
-        instants = self._instants("hold", facts.times["delta_ns"])
+        instants = self._instants_until("hold", facts.times["delta_ns"])
         late = facts.delay_ns, facts.jitter_ns
         return HoldImage(self.flow, self.law, rate.tolist(), instants, late)
 
-    def _boxed_in(self, what: str, inner: HalfSpaces, outer: HalfSpaces) -> None:
+    def _require_box_in(self, what: str, inner: HalfSpaces, outer: HalfSpaces) -> None:
         if not inner.boxed_in(outer):
             raise RejectedError(f"{what}: its box is larger")
 
     # ------------------------------------------------------------ SC
 
-    def _kept(
+    def _show_kept(
         self,
         what: str,
         hold: HoldImage,
@@ -271,7 +271,7 @@ class PolytopeCheck(GroupCheck):
         given: Callable[[], Triples],
     ) -> None:
         """RejectedError where SC may not keep `own` and, on the way, C and `within_faces`."""
-        self._boxed_in(f"{what} in C", own, self.tables.constraint)
+        self._require_box_in(f"{what} in C", own, self.tables.constraint)
         if within_faces.rows:
             own.require(f"{what} in what it keeps", *within_faces.own, given())
         for rows, limits in hold.linear():
@@ -286,7 +286,7 @@ class PolytopeCheck(GroupCheck):
     @cached_property
     def hold_of_core(self) -> HoldImage:
         """A hold of SC that begins in K."""
-        return self._hold("K")
+        return self._hold_image("K")
 
     def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
         """Shown on all of C, or else on K and along what SC does from there.
@@ -309,8 +309,8 @@ class PolytopeCheck(GroupCheck):
     @whole
     def core(self) -> None:
         """SC keeps K and, on the way, C."""
-        with self._given("K") as given:
-            self._kept("K", self.hold_of_core, self.tables.core, self.tables.constraint, given)
+        with self._multipliers("K") as given:
+            self._show_kept("K", self.hold_of_core, self.tables.core, self.tables.constraint, given)
 
     @property
     def holds(self) -> int:
@@ -343,8 +343,8 @@ class PolytopeCheck(GroupCheck):
         for _ in range(tables.periods):
             row, more = self.hold_of_core.after(row)
             loss = [a + b for a, b in zip(loss, more, strict=True)]
-        with self._given("Q") as given:
-            self._kept("Q", self._hold("Q"), home, inside, given)
+        with self._multipliers("Q") as given:
+            self._show_kept("Q", self._hold_image("Q"), home, inside, given)
             tables.core.require("K returns to Q", row, less(ends, loss), given())
 
     @whole
@@ -357,14 +357,14 @@ class PolytopeCheck(GroupCheck):
         faces, limits = tables.target.faces
         known = least(zip(faces, (exact(x) for x in limits), strict=True))
         for row, limit in tables.gives_back:
-            if row not in known or not known[row] + self._off([*map(exact, row)]) <= limit:
+            if row not in known or not known[row] + self._error_effect([*map(exact, row)]) <= limit:
                 raise RejectedError(
                     "the DM is not certain to give control back where P2b returns to"
                 )
 
     # ------------------------------------------------------------ any command
 
-    def _free(
+    def _show_free(
         self,
         what: str,
         start: HalfSpaces,
@@ -373,7 +373,7 @@ class PolytopeCheck(GroupCheck):
         given: Callable[[], Triples] | None,
     ) -> None:
         """RejectedError unless any command keeps states from `start` in `inner` all the time."""
-        self._boxed_in(f"{what} in C", start, self.tables.constraint)
+        self._require_box_in(f"{what} in C", start, self.tables.constraint)
         faces, ends = inner
         for row, loss in FreeImage(self.flow, instants).everywhere(faces):
             start.require(what, row, less(ends, loss), None if given is None else given())
@@ -381,18 +381,18 @@ class PolytopeCheck(GroupCheck):
     def _eroded(self, p: HalfSpaces) -> tuple[Rows, Sequence[arb]]:
         """All z with z + E in `p`: estimates of states in `p` only, or states of such estimates."""
         faces, ends = p.in_balls
-        return faces, less(ends, [self._off(row) for row in faces])
+        return faces, less(ends, [self._error_effect(row) for row in faces])
 
-    def _off(self, row: Sequence[arb]) -> arb:
+    def _error_effect(self, row: Sequence[arb]) -> arb:
         """The most that the errors of estimates change the value of a row."""
         return sum((abs(a) * e for a, e in zip(row, self.errors, strict=True)), ZERO)
 
     @whole
     def free(self, horizon_ns: int) -> None:
         """Show that from R(H) the state stays in K for the horizon, whatever is commanded."""
-        instants = self._instants("R", horizon_ns)
-        with self._given("R") as given:
-            self._free("R(H)", self.tables.free, self.tables.core.in_balls, instants, given)
+        instants = self._instants_until("R", horizon_ns)
+        with self._multipliers("R") as given:
+            self._show_free("R(H)", self.tables.free, self.tables.core.in_balls, instants, given)
 
     @whole
     def start(self, until_ns: int) -> None:
@@ -400,8 +400,8 @@ class PolytopeCheck(GroupCheck):
         starts_in_sets(self.model)
         own = [self.model.facts.states[i] for i in self.tables.states]
         box = HalfSpaces(tuple(s.low for s in own), tuple(s.high for s in own), (), ())
-        instants = self._instants("start", until_ns)
-        self._free("an initial state", box, self.tables.core.in_balls, instants, None)
+        instants = self._instants_until("start", until_ns)
+        self._show_free("an initial state", box, self.tables.core.in_balls, instants, None)
 
     @whole
     def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> None:
@@ -418,7 +418,7 @@ class PolytopeCheck(GroupCheck):
         while todo:
             box, depth = todo.pop()
             looked += 1
-            excess = _excess(faces, limits, box)
+            excess = _box_excess(faces, limits, box)
             if (excess <= 0).all():
                 continue
             ends = [(exact(a), exact(b)) for a, b in box.T.tolist()]
@@ -443,14 +443,14 @@ class PolytopeCheck(GroupCheck):
         tables, count = self.tables, self.model.facts.levels - 1
         if len(tables.levels) != max(count, 1) or len(tables.carried) != len(tables.levels) - 1:
             raise RejectedError("the sets S are not as many as the levels ask for")
-        instants = self._instants("window", between_ns)
-        with self._given("S") as given:
+        instants = self._instants_until("window", between_ns)
+        with self._multipliers("S") as given:
             self._estimates("S_0", tables.levels[0], tables.free, given())
             for k, carried in enumerate(tables.carried):
                 before, after = tables.levels[k], tables.levels[k + 1]
-                self._free(f"G_{k + 1}", carried, self._eroded(before), instants, given)
+                self._show_free(f"G_{k + 1}", carried, self._eroded(before), instants, given)
                 self._estimates(f"S_{k + 1}", after, carried, given())
-                self._boxed_in(f"S_{k + 1} in S_{k}", after, before)
+                self._require_box_in(f"S_{k + 1} in S_{k}", after, before)
                 if before.rows:
                     after.require(f"S_{k + 1} in S_{k}", *before.own, given())
 
@@ -461,7 +461,7 @@ class PolytopeCheck(GroupCheck):
         estimates.require(what, *self._eroded(states), weights)
 
 
-def _excess(faces: Floats, limits: Floats, box: Floats) -> Floats:
+def _box_excess(faces: Floats, limits: Floats, box: Floats) -> Floats:
     """The most by which a box exceeds each half-space, at a corner; up to 0: surely not."""
     reach = np.abs(faces) @ np.abs(box).max(axis=0) + np.abs(limits)
     corners = np.where(faces > 0, box[1], box[0])

@@ -101,8 +101,8 @@ class PolytopeGroup(Group):
         for group in (g.tables for g in same):
             if group.states != self.states or not group.levels:
                 raise RejectedError("the cases have other polytopes, and the DM has one for all")
-            _only(outer, group.levels[0], [outer])
-            _only(inner, group.levels[-1], [outer, inner])
+            _require_no_more(outer, group.levels[0], [outer])
+            _require_no_more(inner, group.levels[-1], [outer, inner])
             group.leaves, group.gives_back = _surely([outer]), _surely([outer, inner])
 
     def tell(self, report: RecheckedModule) -> None:
@@ -153,7 +153,7 @@ class PolytopeGroup(Group):
 # ---------------------------------------------------------------- half-spaces of the DM
 
 
-def _error(row: Sequence[float], box: HalfSpaces) -> arb:
+def _rounding(row: Sequence[float], box: HalfSpaces) -> arb:
     """A bound of the rounding error of the product of `row` with a point of the box."""
     n, size = len(row), ZERO
     for r, low, high in zip(row, box.low, box.high, strict=True):
@@ -162,12 +162,12 @@ def _error(row: Sequence[float], box: HalfSpaces) -> arb:
     return share * size + 2 * n * TINIEST
 
 
-def _only(box: HalfSpaces, claimed: HalfSpaces, held: Sequence[HalfSpaces]) -> None:
+def _require_no_more(box: HalfSpaces, claimed: HalfSpaces, held: Sequence[HalfSpaces]) -> None:
     """RejectedError unless what passes `box` and all comparisons of `held` is in `claimed`."""
     if not box.boxed_in(claimed):
         raise RejectedError("the DM's box is larger than that of its set")
     passed = least(
-        (row, exact(limit) + _error(row, p))
+        (row, exact(limit) + _rounding(row, p))
         for p in held
         for row, limit in zip(p.rows, p.bounds, strict=True)
     )
@@ -184,5 +184,5 @@ def _surely(held: Sequence[HalfSpaces]) -> list[tuple[tuple[float, ...], arb]]:
         faces, limits = p.faces
         for k, (row, limit) in enumerate(zip(faces, limits, strict=True)):
             # the box is compared as it is; what is outside it is not let through
-            half_spaces.append((row, exact(limit) - (_error(row, p) if k < count else ZERO)))
+            half_spaces.append((row, exact(limit) - (_rounding(row, p) if k < count else ZERO)))
     return half_spaces

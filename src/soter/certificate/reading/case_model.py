@@ -71,7 +71,7 @@ class CaseModel:
 
     # ------------------------------------------------------------ plants
 
-    def _variables(
+    def _state_values(
         self, terms: Terms, c: Component, values: Sequence[Linear]
     ) -> dict[typed.Variable, Any]:
         """The values of a plant's states: inputs, parameters of this case, or left out."""
@@ -93,7 +93,7 @@ class CaseModel:
             value_by_variable[variable] = filled(variable.type, parts)
         return value_by_variable
 
-    def _with_lets(
+    def _with_let_values(
         self, reader: SymbolicReader, c: Component, variables: dict[typed.Variable, Any]
     ) -> dict[typed.Variable, Any]:
         assert c.plant is not None
@@ -122,7 +122,7 @@ class CaseModel:
                     " node publish that"
                 )
             reader = SymbolicReader(terms, Surroundings(c.scope.params, {}, seconds(c.period_ns)))
-            variables = self._with_lets(reader, c, self._variables(terms, c, states))
+            variables = self._with_let_values(reader, c, self._state_values(terms, c, states))
             value = reader.expression(expr, variables)
             if errors:
                 value = self._with_errors(terms, index, value)
@@ -226,7 +226,7 @@ class CaseModel:
         """The next value of every state of a map, as the machine computes it."""
         return self._rates_or_next(terms, states, controls, self.facts.states, rounded=True)[0]
 
-    def _said_by_others(self, terms: Terms, c: Component, topic: typed.TopicSymbol) -> list[Linear]:
+    def _others_inputs(self, terms: Terms, c: Component, topic: typed.TopicSymbol) -> list[Linear]:
         own = (x for x in self.facts.disturbances if x.of_others and x.owner == c.index)
         return free(terms, (x for x in own if x.variable == topic.name))
 
@@ -245,7 +245,7 @@ class CaseModel:
         disturbances = []
         for c in self.facts.plants:
             assert c.plant is not None
-            variables = self._variables(terms, c, states)
+            variables = self._state_values(terms, c, states)
             for d in c.disturbances:
                 name, low, high = d.variable.name, exact(d.low), exact(d.high)
                 parts = [terms.input("box", name, low, high) for _ in leaves(d.variable.type)]
@@ -253,13 +253,13 @@ class CaseModel:
                 variables[d.variable] = filled(d.variable.type, parts)
             topics = self._inputs_of_plant(c, controls)
             for symbol in topics_of_others(c, self.facts.module):
-                parts = self._said_by_others(terms, c, symbol)
+                parts = self._others_inputs(terms, c, symbol)
                 disturbances += parts
                 topics[symbol] = filled(symbol.type, parts)
             around = Surroundings(c.scope.params, topics, seconds(c.period_ns))
             reader = SymbolicReader(terms, around, rounded=rounded)
             reader.operations.everywhere = wanted is self.facts.left_out
-            self._with_lets(reader, c, variables)
+            self._with_let_values(reader, c, variables)
             moves = c.plant.der if flow else c.plant.next
             for variable, expr in moves.items():
                 if (c.index, variable.name) not in members:

@@ -234,8 +234,8 @@ def derive(setting: TimingSetting) -> DerivedTimes:
     age = age_sc = delay = jitter = 0
     stamps: dict[str, int] = {}
     if not setting.instants:
-        age = max((_enforced(setting, r) for r in setting.by_dm), default=0)
-        age_sc, delay, stamps = _answered(setting)
+        age = max((_enforced_age(setting, r) for r in setting.by_dm), default=0)
+        age_sc, delay, stamps = _answered_ages(setting)
         jitter = _jitter(setting)
     # SC's release whose reads are all there, whatever is late, if the DM never says "AC"
     plain = [p.certain_from() for r in setting.by_sc for p in r.paths]
@@ -245,11 +245,11 @@ def derive(setting: TimingSetting) -> DerivedTimes:
         age_sc=age_sc,
         delay=delay,
         jitter=jitter,
-        h_star=age + _handed_over(setting),
+        h_star=age + _handover_time(setting),
         h_0=h_0,
-        start=max(h_0, _without_state(setting)),
+        start=max(h_0, _time_without_state(setting)),
         stamps=stamps,
-        in_force=0 if setting.instants else _in_force(setting),
+        in_force=0 if setting.instants else _age_in_force(setting),
     )
 
 
@@ -265,7 +265,7 @@ def check_runs(setting: TimingSetting) -> None:
             raise NotRecheckedError("SC may not be done when its next step is due")
 
 
-def _enforced(setting: TimingSetting, read: TopicReading) -> int:
+def _enforced_age(setting: TimingSetting, read: TopicReading) -> int:
     """The greatest age of a state on which the DM may still say "AC".
 
     The stamp is no older than `max_age`, and that is enforced; what was published then is as old
@@ -274,7 +274,7 @@ def _enforced(setting: TimingSetting, read: TopicReading) -> int:
     return read.max_age + max(path.lag(setting.silent) for path in read.paths)
 
 
-def _answered(setting: TimingSetting) -> tuple[int, int, dict[str, int]]:
+def _answered_ages(setting: TimingSetting) -> tuple[int, int, dict[str, int]]:
     """Greatest age of a state that SC reads, and how old it is when the command for it acts.
 
     Both with drop-outs; and greatest age of stamps, without.
@@ -291,7 +291,7 @@ def _answered(setting: TimingSetting) -> tuple[int, int, dict[str, int]]:
     return age, delay, stamps
 
 
-def _in_force(setting: TimingSetting) -> int:
+def _age_in_force(setting: TimingSetting) -> int:
     """Greatest age of the state that is answered by a command of SC when the next one replaces it.
 
     Effects come in order: what was published for one release is gone for good when what was
@@ -314,7 +314,7 @@ def _jitter(setting: TimingSetting) -> int:
     return max(setting.acts_by(t) - t for t in steady) - early
 
 
-def _handed_over(setting: TimingSetting) -> int:
+def _handover_time(setting: TimingSetting) -> int:
     """From the release of a DM that says "AC", and then not again, to the first output of SC.
 
     What SC publishes before the next verdict is in force is dropped; an output of a step released
@@ -335,7 +335,7 @@ def _handed_over(setting: TimingSetting) -> int:
     return worst
 
 
-def _without_state(setting: TimingSetting) -> int:
+def _time_without_state(setting: TimingSetting) -> int:
     """The time from which an output of SC acts for good, drop-outs and "AC" on defaults included.
 
     A node that has read nothing publishes what it makes of a default, with a fresh stamp: the DM

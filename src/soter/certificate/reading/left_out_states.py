@@ -135,10 +135,10 @@ def refuse_read(model: CaseModel) -> None:
 
 def degree(terms: Terms, x: Linear, inputs: Collection[int]) -> float:
     """A power of these inputs beyond which a term does not grow; inf where none is known."""
-    return max((_of_atom(terms, a, inputs) for a in x.terms), default=0)
+    return max((_atom_degree(terms, a, inputs) for a in x.terms), default=0)
 
 
-def _of_atom(terms: Terms, index: int, inputs: Collection[int]) -> float:
+def _atom_degree(terms: Terms, index: int, inputs: Collection[int]) -> float:
     atom = terms.atoms[index]
     parts = [degree(terms, y, inputs) for y in atom.arguments]
     if index in inputs or not any(parts):
@@ -216,12 +216,12 @@ def refuse_turns_read(model: CaseModel) -> None:
     asked += [model.in_set(terms, states, topic) for topic in bounded_topics(facts)]
     asked += model.rates(terms, states, control_inputs(facts, terms))[0]
     asked += terms.obligations
-    if not all(_same_further(terms, x) for x in asked):
+    if not all(_is_turn_invariant(terms, x) for x in asked):
         names = ", ".join(facts.states[i].name for i in sorted(facts.turning))
         raise RejectedError(f"something reads how many turns there are in {names}")
 
 
-def _same_further(terms: Terms, asked: Linear | Proposition) -> bool:
+def _is_turn_invariant(terms: Terms, asked: Linear | Proposition) -> bool:
     """Whether a term is the same where angles are turns further."""
     for index in closure(terms, [asked]):
         atom = terms.atoms[index]

@@ -208,7 +208,7 @@ def linear_flow(model: CaseModel, members: Sequence[int]) -> LinearFlow:
     whole = all(row is not None for row in rows)
     known = whole or all(c.plant.method in ORDERS for c in model.facts.plants if c.plant)
     if known and all(rows[i] is not None for i in moving):
-        stepped = _as_stepped(model, rows, moving)
+        stepped = _stepped_rows(model, rows, moving)
         rows = [stepped.get(i, row) for i, row in enumerate(rows)]
     own = [row for i in members if (row := rows[i]) is not None]
     noises: Rows = []
@@ -338,7 +338,7 @@ def _scheme(model: CaseModel, a: Rows, states: Sequence[int]) -> tuple[Rows, Row
     return of_x, of_v
 
 
-def _as_stepped(
+def _stepped_rows(
     model: CaseModel, rows: Sequence[FlowRow | None], states: Sequence[int]
 ) -> dict[int, FlowRow]:
     """The rows of a system of its own with the extra rate of the scheme."""

@@ -61,11 +61,11 @@ class ThreadRelease:
     ends: int
 
 
-def _check_behind(
+def _check_behind_sc(
     sc: Component, turns: list[ThreadRelease], nodes: Iterable[Component], response: int
 ) -> None:
     for node in nodes:
-        if _there(node) and _after(turns, sc, node) > response:
+        if _in_thread(node) and _behind_sc(turns, sc, node) > response:
             raise DiffersError(f"`{node.name}` may end later behind SC than its response says")
 
 
@@ -79,23 +79,23 @@ def check_thread(
     `in_step`: nodes behind SC in its instant, by name. SC may begin when the DM's verdict may still
     be due, which `starts_by` counts. NotRecheckedError where there are too many releases.
     """
-    clocks = {c.name: c for c in _nodes(setting)}
-    _check_elsewhere(system, clocks, in_step)
-    thread = [c for c in system.components if _there(c)]
+    clocks = {c.name: c for c in _way_clocks(setting)}
+    _check_processes(system, clocks, in_step)
+    thread = [c for c in system.components if _in_thread(c)]
     if all(c.wcet_ns is None and not c.jitter_ns for c in thread):
         return ""
-    turns = _turns(thread)
+    turns = _releases(thread)
     dm, sc = system.components[module.dm], system.components[module.sc]
     clocks[dm.name] = setting.dm
     for t in turns:
         if t.ends > t.release + t.who.period_ns:
             raise DiffersError(f"`{t.who.name}` may not be done when it is released again")
         if t.who.index == sc.index:
-            _held(t, setting.starts_by(t.release), setting.sc.response)
+            _check_release(t, setting.starts_by(t.release), setting.sc.response)
         elif t.who.name in clocks:
             clock = clocks[t.who.name]
-            _held(t, t.release + clock.late, clock.response)
-    _check_behind(sc, turns, map(system.component, in_step), setting.sc.response)
+            _check_release(t, t.release + clock.late, clock.response)
+    _check_behind_sc(sc, turns, map(system.component, in_step), setting.sc.response)
     absent = [c.name for c in thread if c.wcet_ns is None]
     if absent:
         return f"execution times are not declared of {', '.join(absent)}: lateness is assumed"
@@ -105,7 +105,7 @@ def check_thread(
     )
 
 
-def _check_elsewhere(system: System, clocks: dict[str, Clock], in_step: Iterable[str]) -> None:
+def _check_processes(system: System, clocks: dict[str, Clock], in_step: Iterable[str]) -> None:
     """DiffersError where a node in a process of its own says longer times than are counted with.
 
     Of a node that is taken to run with SC none are.
@@ -113,7 +113,7 @@ def _check_elsewhere(system: System, clocks: dict[str, Clock], in_step: Iterable
     times = {name: (clock.late, clock.response) for name, clock in clocks.items()}
     for name, (late, response) in (times | dict.fromkeys(in_step, (0, 0))).items():
         c = system.component(name)
-        if not _there(c) and (c.jitter_ns > late or (c.wcet_ns or 0) > response):
+        if not _in_thread(c) and (c.jitter_ns > late or (c.wcet_ns or 0) > response):
             raise DiffersError(f"`{name}` says itself that it may be later, or take longer")
 
 
@@ -122,21 +122,21 @@ def delayed(system: System, followed: Iterable[Component]) -> str:
 
     DiffersError, NotRecheckedError where the thread has too much to do, or too many releases.
     """
-    thread = [c for c in system.components if _there(c)]
+    thread = [c for c in system.components if _in_thread(c)]
     own = {c.index for c in followed}
     apart = [c.name for c in followed if c not in thread and (c.jitter_ns or c.wcet_ns)]
-    late = [t.who.name for t in _turns(thread) if t.who.index in own and t.ends > t.release]
+    late = [t.who.name for t in _releases(thread) if t.who.index in own and t.ends > t.release]
     return next(iter([*apart, *late]), "")
 
 
-def _there(c: Component) -> bool:
+def _in_thread(c: Component) -> bool:
     """Whether a component runs in the thread: Soter code, or an extern taken in (`inline`)."""
     if c.node is None:
         return c.role == "dm"
     return c.inline or not c.extern
 
 
-def _nodes(setting: TimingSetting) -> Iterable[Clock]:
+def _way_clocks(setting: TimingSetting) -> Iterable[Clock]:
     for read in (*setting.by_dm, *setting.by_sc):
         for path in read.paths:
             yield from path.clocks[1:]
@@ -144,7 +144,7 @@ def _nodes(setting: TimingSetting) -> Iterable[Clock]:
         yield from effect.clocks
 
 
-def _turns(thread: list[Component]) -> list[ThreadRelease]:
+def _releases(thread: list[Component]) -> list[ThreadRelease]:
     """Every release until all have begun and two hyperperiods have gone by."""
     hyper = lcm(*(c.period_ns for c in thread))
     work = sum(hyper // c.period_ns * (c.wcet_ns or 0) for c in thread)
@@ -168,7 +168,7 @@ def _turns(thread: list[Component]) -> list[ThreadRelease]:
     return turns
 
 
-def _held(turn: ThreadRelease, start: int, response: int) -> None:
+def _check_release(turn: ThreadRelease, start: int, response: int) -> None:
     if turn.begins > start:
         late = show_ns(turn.begins - turn.release)
         raise DiffersError(f"`{turn.who.name}` may start {late} after a release in the thread")
@@ -177,7 +177,7 @@ def _held(turn: ThreadRelease, start: int, response: int) -> None:
         raise DiffersError(f"`{turn.who.name}` may take {took} in the thread")
 
 
-def _after(turns: list[ThreadRelease], sc: Component, node: Component) -> int:
+def _behind_sc(turns: list[ThreadRelease], sc: Component, node: Component) -> int:
     """From the begin of SC to the end of a node behind it in the same instant, at most.
 
     The thread may wait in between for the release of one of them, no earlier than the instant.
@@ -205,7 +205,7 @@ DELAYS = {
 """Name in the manifest -> how the program says it, and where the `verify` block has it."""
 
 
-def _check_together(facts: Facts, reads: tuple[list[int], list[int]]) -> None:
+def _check_instants(facts: Facts, reads: tuple[list[int], list[int]]) -> None:
     driven = driven_topics(facts)
     for together in reads:
         if len({(driven[t][0].period_ns, driven[t][0].phase_ns) for t in together}) > 1:
@@ -234,14 +234,14 @@ def read_times(facts: Facts) -> None:
         time_by_name[key] = number_of(facts, getattr(verify, name))
     by_dm, by_sc = read_by(facts)
     if not verify.abstracts:
-        _check_together(facts, (by_dm, by_sc))
+        _check_instants(facts, (by_dm, by_sc))
     running = {facts.running[i] for i in (*by_dm, *by_sc)}
     if verify.abstracts or nodes_between(facts.flying, facts.flying_module, running):
         number = partial(number_of, facts)
         facts.ways = NodeWays(facts.flying, facts.flying_module, number)
     else:
         facts.ways = Ways(facts.flying, facts.flying_module)
-    setting = _setting(facts, by_dm, by_sc, time_by_name)
+    setting = _timing(facts, by_dm, by_sc, time_by_name)
     if verify.abstracts:
         seen_from_what_is_abstracted(facts, {*by_dm, *by_sc})
     if facts.kind == "map":
@@ -263,7 +263,7 @@ def read_times(facts: Facts) -> None:
     facts.times, facts.own, facts.setting = time_by_name, own, setting
 
 
-def _setting(
+def _timing(
     facts: Facts, by_dm: list[int], by_sc: list[int], times: dict[str, int]
 ) -> TimingSetting:
     """Everything that the times depend on; topics are those of the system that runs."""

@@ -175,19 +175,19 @@ class NodeWays(Ways):
 
     def to(self, index: int) -> tuple[TopicPath, ...]:
         """All ways from a sensor to a topic; `NotRecheckedError` where there is none."""
-        paths = self._to(index, ())
+        paths = self._paths_to(index, ())
         if not paths:
             name = self.system.topics[index].name
             raise NotRecheckedError(f"no plant stands behind `{name}` in `{self.system.name}`")
         return tuple(dict.fromkeys(paths))
 
-    def _to(self, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
+    def _paths_to(self, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
         """The ways to a topic; `behind`: the nodes that were followed already."""
-        self._looks()
+        self._count_look()
         paths: list[TopicPath] = []
         for c in self._writers(index):
             if c.plant is not None:
-                if self._of_the_proof(c):
+                if self._is_in_proof(c):
                     paths.append(straight(c))
                 else:
                     self.notes["beside", c.name] = None
@@ -199,10 +199,10 @@ class NodeWays(Ways):
                 continue  # what it feeds back to itself
             if len(behind) >= NODES_MAX:
                 raise NotRecheckedError(f"more than {NODES_MAX} nodes on a path")
-            paths += self._over(c, index, (*behind, c.index))
+            paths += self._paths_over(c, index, (*behind, c.index))
         return paths
 
-    def _over(self, c: Component, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
+    def _paths_over(self, c: Component, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
         """The paths through a node: what it publishes is as old as what it reads.
 
         A node behind the module that reads no sensor on its own is part of what is abstracted:
@@ -210,30 +210,30 @@ class NodeWays(Ways):
         """
         assert c.node is not None
         topics = _subscribed(self.system, c)
-        if before := [p for i in topics for p in self._to(i, behind)]:
-            self._steps(c, index)
-            self._noted(c)
+        if before := [p for i in topics for p in self._paths_to(i, behind)]:
+            self._require_each_step(c, index)
+            self._note_undeclared(c)
             self.notes["shows", c.name] = None
             for i in topics:
-                if not self._to(i, behind) and self._commanded(i, behind):
+                if not self._paths_to(i, behind) and self._is_commanded(i, behind):
                     self.notes["vehicle", self.system.topics[i].name] = None
-            return [NodePath(p.sensor, (*p.clocks[1:], self._clock(c))) for p in before]
-        if len(behind) == 1 and any(self._commanded(i, behind) for i in topics):
-            self._steps(c, index)
-            self._noted(c)
+            return [NodePath(p.sensor, (*p.clocks[1:], self._clock_of(c))) for p in before]
+        if len(behind) == 1 and any(self._is_commanded(i, behind) for i in topics):
+            self._require_each_step(c, index)
+            self._note_undeclared(c)
             self.notes["vehicle", self.system.topics[index].name] = None
-            return [NodePath(NOW, (self._clock(c),))]
+            return [NodePath(NOW, (self._clock_of(c),))]
         return []
 
-    def _commanded(self, index: int, behind: tuple[int, ...]) -> bool:
+    def _is_commanded(self, index: int, behind: tuple[int, ...]) -> bool:
         """Whether a topic depends on what the module publishes, by nodes alone."""
-        self._looks()
+        self._count_look()
         if index in self.module.outputs:
             return True
         for c in self._writers(index):
             if c.role == "node" and c.index not in behind and len(behind) < NODES_MAX:
                 more = (*behind, c.index)
-                if any(self._commanded(i, more) for i in _subscribed(self.system, c)):
+                if any(self._is_commanded(i, more) for i in _subscribed(self.system, c)):
                     return True
         return False
 
@@ -246,17 +246,17 @@ class NodeWays(Ways):
         """
         effects: list[Effect] = []
         for index in self.module.outputs:
-            ends = [NodeEffect(least, most, nodes) for nodes in self._from(index, (), ())]
+            ends = [NodeEffect(least, most, nodes) for nodes in self._clocks_from(index, (), ())]
             if not ends:
                 name = self.system.topics[index].name
                 raise NotRecheckedError(f"no plant feels `{name}` in `{self.system.name}`")
             effects += ends
         return tuple(dict.fromkeys(effects))
 
-    def _from(
+    def _clocks_from(
         self, index: int, nodes: tuple[Clock, ...], behind: tuple[int, ...]
     ) -> Iterable[tuple[Clock, ...]]:
-        self._looks()
+        self._count_look()
         vehicle = {name for kind, name in self.notes if kind == "vehicle"}
         if behind and self.system.topics[index].name in vehicle:
             return [nodes]
@@ -271,25 +271,25 @@ class NodeWays(Ways):
                 continue
             if len(behind) >= NODES_MAX:
                 raise NotRecheckedError(f"more than {NODES_MAX} nodes on a path")
-            routes += self._by_node(c, nodes, behind)
+            routes += self._clocks_by_node(c, nodes, behind)
         return routes
 
-    def _by_node(
+    def _clocks_by_node(
         self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]
     ) -> Iterable[tuple[Clock, ...]]:
         assert c.node is not None
         for topic in c.node.publishes:
             after = c.scope.topics[topic]
-            step = self._in_step(c, nodes, behind)
-            on = nodes if step else (*nodes, self._clock(c))
-            if ends := list(self._from(after, on, (*behind, c.index))):
-                self._steps(c, after)
+            step = self._is_in_step(c, nodes, behind)
+            on = nodes if step else (*nodes, self._clock_of(c))
+            if ends := list(self._clocks_from(after, on, (*behind, c.index))):
+                self._require_each_step(c, after)
                 if not step:
-                    self._noted(c)
+                    self._note_undeclared(c)
                 self.notes["in step" if step else "passes", c.name] = None
             yield from ends
 
-    def _in_step(self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]) -> bool:
+    def _is_in_step(self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]) -> bool:
         """Whether a node is released whenever SC is, behind all before it, and says no times.
 
         Then it is taken to run in the module's thread, behind SC (an assumption, printed): it
@@ -308,7 +308,7 @@ class NodeWays(Ways):
 
     # ------------------------------------------------------------ parts
 
-    def _looks(self) -> None:
+    def _count_look(self) -> None:
         self.looked += 1
         if self.looked > LOOKS_MAX:
             raise NotRecheckedError("more ways between plants and module than are followed")
@@ -318,7 +318,7 @@ class NodeWays(Ways):
         home = holder_of(self.system, self.module)
         return [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
 
-    def _of_the_proof(self, c: Component) -> bool:
+    def _is_in_proof(self, c: Component) -> bool:
         """Whether a plant is one that `abstracts` names; all are where it names none."""
         links = self.module.symbol.verify.abstracts
         return not links or any(link.instance in self._names(c) for link in links)
@@ -335,7 +335,7 @@ class NodeWays(Ways):
         """Whether a topic reaches a component, through a queue or not."""
         return any(index in (i, self.system.topics[i].queue_of) for i in c.reads)
 
-    def _steps(self, c: Component, index: int) -> None:
+    def _require_each_step(self, c: Component, index: int) -> None:
         """NotRecheckedError unless a node publishes a topic in every step; assumed of an extern."""
         assert c.node is not None
         if c.node.extern:
@@ -344,20 +344,20 @@ class NodeWays(Ways):
             name = self.system.topics[index].name
             raise NotRecheckedError(f"`{c.name}` may not publish `{name}` in every step")
 
-    def _clock(self, c: Component) -> Clock:
+    def _clock_of(self, c: Component) -> Clock:
         """The period and delays of a node; times that are not declared are zero."""
-        late, response = (self._declared(c, of) for of in ("late_of", "response_of"))
+        late, response = (self._declared_time(c, of) for of in ("late_of", "response_of"))
         clock = Clock(c.name, c.period_ns, c.phase_ns, late or 0, response or 0)
         if clock.slow > clock.period:
             raise NotRecheckedError(f"a run of `{c.name}` may not be over when the next one is due")
         return clock
 
-    def _noted(self, c: Component) -> None:
+    def _note_undeclared(self, c: Component) -> None:
         """Note a node on a path whose times are not declared, and so assumed."""
-        if None in (self._declared(c, "late_of"), self._declared(c, "response_of")):
+        if None in (self._declared_time(c, "late_of"), self._declared_time(c, "response_of")):
             self.undeclared[c.name] = None
 
-    def _declared(self, c: Component, of: str) -> int | None:
+    def _declared_time(self, c: Component, of: str) -> int | None:
         """A time of a node, where the `verify` block has one, or the node says it itself."""
         if of == "response_of" and c.takes_ns is not None:
             return c.takes_ns[1]

@@ -112,16 +112,16 @@ def every_step(
     """What each step of SC may publish; `with_modes`: a function of modes, then of its locals."""
     for modes in every_mode(sc.step):
         published = with_modes(modes)
-        for known_locals in _combinations(terms, sc.locals):
+        for known_locals in _local_values(terms, sc.locals):
             yield published(known_locals)
 
 
-def _combinations(
+def _local_values(
     terms: Terms, variables: Sequence[typed.Variable]
 ) -> Iterator[dict[typed.Variable, Any]]:
     """Every combination of values; without locals the empty one."""
-    parts = [of for v in variables for _, of in _leaves(v)]
-    sizes = [_size(of) for of in parts]
+    parts = [of for v in variables for _, of in _local_leaves(v)]
+    sizes = [_count_values(of) for of in parts]
     by_size = sorted(range(len(parts)), key=lambda k: sizes[k])
     single: set[int] = set()
     for k in by_size:
@@ -129,25 +129,25 @@ def _combinations(
             single.add(k)
     ranges: list[list[Any]] = []
     for k, of in enumerate(parts):
-        ranges.append(_values(of) if k in single else [_as_input(terms, of)])
+        ranges.append(_values_of_type(of) if k in single else [_input_of_type(terms, of)])
     for values in product(*ranges):
         left = list(values)
         value_by_variable = {}
         for v in variables:
-            count = len(_leaves(v))
+            count = len(_local_leaves(v))
             value_by_variable[v] = filled(v.type, left[:count])
             left = left[count:]
         yield value_by_variable
 
 
-def _leaves(variable: typed.Variable) -> list[tuple[tuple[str, ...], Type]]:
+def _local_leaves(variable: typed.Variable) -> list[tuple[tuple[str, ...], Type]]:
     variable_leaves = list(leaves(variable.type))
     if any("[]" in path for path, _ in variable_leaves):
         raise NotRecheckedError(f"a list in the local `{variable.name}` is not rechecked")
     return variable_leaves
 
 
-def _size(of: Type) -> int:
+def _count_values(of: Type) -> int:
     if isinstance(of, BoolType):
         return 2
     if isinstance(of, EnumType):
@@ -157,19 +157,19 @@ def _size(of: Type) -> int:
     raise NotRecheckedError("an SC with a local that is no truth, enumeration or bounded int")
 
 
-def _values(of: Type) -> list[Any]:
+def _values_of_type(of: Type) -> list[Any]:
     if isinstance(of, BoolType):
         return [False, True]
     if isinstance(of, IntType):
         return list(range(of.low, of.high + 1))
-    return list(range(_size(of)))
+    return list(range(_count_values(of)))
 
 
-def _as_input(terms: Terms, of: Type) -> Linear | Proposition:
+def _input_of_type(terms: Terms, of: Type) -> Linear | Proposition:
     if isinstance(of, BoolType):
         free = terms.input("box", "local", exact(0.0), exact(1.0))
         return terms.below(terms.combine(((ONE, free),), exact(-0.5)))
-    low, high = (of.low, of.high) if isinstance(of, IntType) else (0, _size(of) - 1)
+    low, high = (of.low, of.high) if isinstance(of, IntType) else (0, _count_values(of) - 1)
     return whole(terms.input("box", "local", exact(float(low)), exact(float(high))))
 
 
@@ -218,7 +218,7 @@ class _Shapes:
                 shape = (
                     atom.kind,
                     tuple(self.of(x) for x in atom.arguments),
-                    None if atom.condition is None else self._truth(atom.condition),
+                    None if atom.condition is None else self._truth_key(atom.condition),
                     tuple(key_of(w) for w in atom.weights),
                     atom.values,
                     atom.shape,
@@ -227,7 +227,7 @@ class _Shapes:
             self._atoms[index] = self._names.setdefault(shape, len(self._names))
         return self._atoms[index]
 
-    def _truth(self, x: Proposition) -> int:
+    def _truth_key(self, x: Proposition) -> int:
         argument = None if x.argument is None else self.of(x.argument)
-        shape = (x.kind, tuple(self._truth(p) for p in x.parts), argument, x.value, x.strict)
+        shape = (x.kind, tuple(self._truth_key(p) for p in x.parts), argument, x.value, x.strict)
         return self._names.setdefault(shape, len(self._names))

@@ -44,13 +44,13 @@ def seen(module: Module, name: str) -> Module:
     if symbol.ttf is None or symbol.safer is None:
         raise NotRecheckedError("predicates that are computed, in several views")
     block = named[0].block
-    shown = _shown(block)
+    shown = _shown_topics(block)
     values = {
         **vars(symbol),
         "verify": block,
-        "safe": _of(symbol.safe, shown, wanted=True),
-        "safer": _of(symbol.safer, shown, wanted=True),
-        "ttf": _not(_of(symbol.ttf, shown, wanted=False)),
+        "safe": _shown_conjunction(symbol.safe, shown, wanted=True),
+        "safer": _shown_conjunction(symbol.safer, shown, wanted=True),
+        "ttf": _negation(_shown_conjunction(symbol.ttf, shown, wanted=False)),
     }
     return dataclasses.replace(module, symbol=typed.ModuleSymbol(**values))
 
@@ -62,7 +62,7 @@ def entered(symbol: typed.ModuleSymbol, block: typed.TypedVerifyBlock) -> typed.
     """
     if symbol.verify.enters is None:
         return None
-    return _of(symbol.verify.enters, _shown(block), wanted=True)
+    return _shown_conjunction(symbol.verify.enters, _shown_topics(block), wanted=True)
 
 
 def left_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
@@ -70,12 +70,12 @@ def left_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
     for view in symbol.verify.views:
         if view.name not in views:
             return f"view `{view.name}` of module `{symbol.name}` is not there"
-    every = [_shown(view.block) for view in symbol.verify.views]
+    every = [_shown_topics(view.block) for view in symbol.verify.views]
     for name, predicate in (("safe", symbol.safe), ("safer", symbol.safer)):
         if predicate is None:
             return f"module `{symbol.name}` has views and no `{name}`"
-        for part in _parts(predicate, wanted=True):
-            if not any(_in(part, shown) for shown in every):
+        for part in _required_parts(predicate, wanted=True):
+            if not any(_reads_only(part, shown) for shown in every):
                 return f"no view of module `{symbol.name}` shows a part of `{name}`"
     return ""
 
@@ -87,9 +87,9 @@ def said_of(e: typed.TypedExpr, shown: Collection[typed.TopicSymbol]) -> typed.T
     """
     own = [
         part
-        for part in _parts(e, wanted=True)
+        for part in _required_parts(e, wanted=True)
         if topic_reads(part[0])
-        and _in(part, shown)
+        and _reads_only(part, shown)
         and not any(isinstance(node, ELSEWHERE) for node in nodes([part[0]]))
     ]
     return _joined("&&", e.span, own, wanted=True) if own else None
@@ -100,28 +100,28 @@ def without_ages(ttf: typed.TypedExpr) -> typed.TypedExpr:
 
     "Not ttf" asks that every part be false: without some it is weaker, and more is shown.
     """
-    parts = _parts(ttf, wanted=False)
+    parts = _required_parts(ttf, wanted=False)
     rest = [p for p in parts if not any(isinstance(n, typed.AgeRead) for n in nodes([p[0]]))]
     return _joined("||", ttf.span, rest, wanted=False) if rest else ttf
 
 
-def _shown(block: typed.TypedVerifyBlock) -> set[typed.TopicSymbol]:
+def _shown_topics(block: typed.TypedVerifyBlock) -> set[typed.TopicSymbol]:
     return {topic for link in block.abstracts for topic, _ in link.plant.drives}
 
 
-def _in(part: Part, shown: Collection[typed.TopicSymbol]) -> bool:
+def _reads_only(part: Part, shown: Collection[typed.TopicSymbol]) -> bool:
     return all(topic in shown for topic in topic_reads(part[0]))
 
 
-def _parts(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
+def _required_parts(e: typed.TypedExpr, *, wanted: bool) -> Iterator[Part]:
     """The parts that must all hold for `e` to be `wanted`."""
     if isinstance(e, typed.TypedUnary) and e.op == "!":
-        yield from _parts(e.operand, wanted=not wanted)
+        yield from _required_parts(e.operand, wanted=not wanted)
     elif isinstance(e, typed.TypedBinary) and e.op == ("&&" if wanted else "||"):
-        yield from _parts(e.left, wanted=wanted)
-        yield from _parts(e.right, wanted=wanted)
+        yield from _required_parts(e.left, wanted=wanted)
+        yield from _required_parts(e.right, wanted=wanted)
     elif isinstance(e, typed.TypedCall) and (body := _body(e)) is not None:
-        parts = list(_parts(body, wanted=wanted))
+        parts = list(_required_parts(body, wanted=wanted))
         yield from parts if len(parts) > 1 else [(e, wanted)]
     else:
         yield e, wanted
@@ -142,9 +142,11 @@ def _body(call: typed.TypedCall) -> typed.TypedExpr | None:
     return expansion
 
 
-def _of(e: typed.TypedExpr, shown: set[typed.TopicSymbol], *, wanted: bool) -> typed.TypedExpr:
+def _shown_conjunction(
+    e: typed.TypedExpr, shown: set[typed.TopicSymbol], *, wanted: bool
+) -> typed.TypedExpr:
     """The expression that all parts of `e` hold which are shown; true where there are none."""
-    own = [part for part in _parts(e, wanted=wanted) if _in(part, shown)]
+    own = [part for part in _required_parts(e, wanted=wanted) if _reads_only(part, shown)]
     return _joined("&&", e.span, own, wanted=True)
 
 
@@ -152,9 +154,9 @@ def _joined(op: str, span: Span, parts: Sequence[Part], *, wanted: bool) -> type
     """The parts joined by `op`; each as it is where its truth is `wanted`, else negated."""
     joined: typed.TypedExpr = typed.Literal(BOOL, span, value=op == "&&")
     for e, truth in parts:
-        joined = typed.TypedBinary(BOOL, span, op, joined, e if truth == wanted else _not(e))
+        joined = typed.TypedBinary(BOOL, span, op, joined, e if truth == wanted else _negation(e))
     return joined
 
 
-def _not(e: typed.TypedExpr) -> typed.TypedExpr:
+def _negation(e: typed.TypedExpr) -> typed.TypedExpr:
     return typed.TypedUnary(BOOL, e.span, "!", e)

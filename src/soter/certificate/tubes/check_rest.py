@@ -43,7 +43,7 @@ SOUND = (
 
 def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedModule]:
     """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
-    problem, box, ways = _compared(flat, entry)
+    problem, box, ways = _compare_entry(flat, entry)
     facts, claims = problem.facts, claimed_of(entry["claims"])
     try:
         _show(problem, claims, box, ways)
@@ -55,7 +55,7 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
     facts.in_sets = dict.fromkeys(bounded_topics(facts), True)  # a part of C
     report = RecheckedModule(entry["module"], dict(entry["claims"]), system=flat.name)
     report.confirmed = [c for c in CLAIMS if c in claims]
-    assumed = [*_contracts(problem), *_far(problem), SOUND]
+    assumed = [*_map_assumptions(problem), *_largest_assumptions(problem), SOUND]
     report.assumptions = [*assumptions_of(facts), *(RecheckAssumption(*a) for a in assumed)]
     report.stays = bool(facts.symbol.stays)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
@@ -65,7 +65,7 @@ def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedM
     return facts, report
 
 
-def _contracts(problem: RestProblem) -> Iterator[tuple[str, str]]:
+def _map_assumptions(problem: RestProblem) -> Iterator[tuple[str, str]]:
     """The assumption about each map that `safe` reads (condition 7)."""
     for index in problem.maps:
         name = problem.facts.system.topics[index].name
@@ -73,7 +73,7 @@ def _contracts(problem: RestProblem) -> Iterator[tuple[str, str]]:
         yield f"map {name}", f"{free}, it is safe for ever: what it calls free stays free"
 
 
-def _far(problem: RestProblem) -> Iterator[tuple[str, str]]:
+def _largest_assumptions(problem: RestProblem) -> Iterator[tuple[str, str]]:
     """The assumption that each followed state without a smaller set stays below `LARGEST`."""
     for s in problem.followed:
         if max(map(abs, problem.sets[s])) > LARGEST:
@@ -83,13 +83,13 @@ def _far(problem: RestProblem) -> Iterator[tuple[str, str]]:
 
 def read_all(flat: System, entry: dict[str, Any]) -> None:
     """Read an entry, compare it with the program, and show no claim; raises as `recheck_rest`."""
-    problem, _, ways = _compared(flat, entry)
+    problem, _, ways = _compare_entry(flat, entry)
     ModuleTube(problem, ways)
 
 
 def rest_of(flat: System, entry: dict[str, Any]) -> ModuleTube:
     """The tube that follows SC as the DM of an entry does; raises as `recheck_rest`."""
-    problem, _, ways = _compared(flat, entry)
+    problem, _, ways = _compare_entry(flat, entry)
     return ModuleTube(problem, ways)
 
 
@@ -115,12 +115,12 @@ def _show(
 # ---------------------------------------------------------------- the manifest
 
 
-def _moves(problem: RestProblem) -> dict[str, list[str | None]]:
+def _moves_entry(problem: RestProblem) -> dict[str, list[str | None]]:
     names, drifts = [s.name for s in problem.facts.states], problem.drifts
     return {names[s]: [None if x == inf else x.hex() for x in drifts[s]] for s in problem.moving}
 
 
-def _compared(
+def _compare_entry(
     flat: System, entry: dict[str, Any]
 ) -> tuple[RestProblem, dict[int, Range], dict[int, Range]]:
     """The problem, B and Y (`rest_claims.py`); RejectedError where an entry differs otherwise."""
@@ -153,9 +153,9 @@ def _compared(
             raise RejectedError(f"{name} is {rest[name]} in the manifest, {own} by the program")
     _compare_shield(judged, rest.get("shield"))
     _compare_reads(problem, rest["reads"])
-    if rest["moves"] != _moves(problem):
+    if rest["moves"] != _moves_entry(problem):
         raise RejectedError("what `rest` moves is another in the program")
-    box, ways = (_ranges(problem, rest[name], name) for name in ("box", "ways"))
+    box, ways = (_read_ranges(problem, rest[name], name) for name in ("box", "ways"))
     return problem, box, ways
 
 
@@ -198,7 +198,7 @@ def _compare_reads(problem: RestProblem, given: dict[str, Any]) -> None:
             raise RejectedError(f"the error of {leaf} is another one in the program")
 
 
-def _ranges(problem: RestProblem, given: dict[str, Any], what: str) -> dict[int, Range]:
+def _read_ranges(problem: RestProblem, given: dict[str, Any], what: str) -> dict[int, Range]:
     """B or Y, as `what` says: a range for each followed state that `moves` does not name."""
     names = {problem.facts.states[s].name: s for s in problem.own}
     if given.keys() != names.keys():

@@ -94,16 +94,16 @@ def slope(terms: Terms, x: Linear, at: int) -> arb:
     return of(x)
 
 
-def _range(x: Linear) -> arb:
+def _hull_of(x: Linear) -> arb:
     return hull(x.low, x.high)
 
 
-def _of_one(factor: Callable[[arb], arb]) -> Callable[[Atom, list[arb]], arb]:
+def _slope_rule(factor: Callable[[arb], arb]) -> Callable[[Atom, list[arb]], arb]:
     """The rule of a function of one number: the derivative over its range."""
-    return lambda atom, slopes: factor(_range(atom.arguments[0])) * slopes[0]
+    return lambda atom, slopes: factor(_hull_of(atom.arguments[0])) * slopes[0]
 
 
-def _kinked(beneath: arb, between: arb) -> Callable[[Atom, list[arb]], arb]:
+def _kink_rule(beneath: arb, between: arb) -> Callable[[Atom, list[arb]], arb]:
     """The rule of max(x, 0) and |x|: slope 1 above 0, `beneath` below, `between` for both signs."""
 
     def rule(atom: Atom, slopes: list[arb]) -> arb:
@@ -114,7 +114,7 @@ def _kinked(beneath: arb, between: arb) -> Callable[[Atom, list[arb]], arb]:
 
 
 def _product(atom: Atom, slopes: list[arb]) -> arb:
-    a, b = map(_range, atom.arguments)
+    a, b = map(_hull_of, atom.arguments)
     return a * slopes[1] + b * slopes[0]
 
 
@@ -126,19 +126,19 @@ _RULES: dict[str, Callable[[Atom, list[arb]], arb]] = {
     "product": _product,
     "min": _extreme,
     "max": _extreme,
-    "max0": _kinked(ZERO, hull(ZERO, ONE)),
-    "abs": _kinked(-ONE, UNIT),
-    "square": _of_one(lambda x: 2 * x),
-    "inverse": _of_one(lambda x: -((1 / x) ** 2)),
-    "sqrt": _of_one(lambda x: HALF / x.sqrt()),
-    "soft_sign": _of_one(lambda x: (1 / (1 + abs(x))) ** 2),
-    "sin": _of_one(lambda x: x.cos()),
-    "cos": _of_one(lambda x: -x.sin()),
-    "exp": _of_one(lambda x: x.exp()),
-    "log": _of_one(lambda x: 1 / x),
-    "tanh": _of_one(lambda x: 1 - x.tanh() ** 2),
-    "atan": _of_one(lambda x: 1 / (1 + x * x)),
-    "tan": _of_one(lambda x: 1 + x.tan() ** 2),
+    "max0": _kink_rule(ZERO, hull(ZERO, ONE)),
+    "abs": _kink_rule(-ONE, UNIT),
+    "square": _slope_rule(lambda x: 2 * x),
+    "inverse": _slope_rule(lambda x: -((1 / x) ** 2)),
+    "sqrt": _slope_rule(lambda x: HALF / x.sqrt()),
+    "soft_sign": _slope_rule(lambda x: (1 / (1 + abs(x))) ** 2),
+    "sin": _slope_rule(lambda x: x.cos()),
+    "cos": _slope_rule(lambda x: -x.sin()),
+    "exp": _slope_rule(lambda x: x.exp()),
+    "log": _slope_rule(lambda x: 1 / x),
+    "tanh": _slope_rule(lambda x: 1 - x.tanh() ** 2),
+    "atan": _slope_rule(lambda x: 1 / (1 + x * x)),
+    "tan": _slope_rule(lambda x: 1 + x.tan() ** 2),
 }
 
 
@@ -188,14 +188,14 @@ def show_rule_1(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
         return
     model = RestModel(problem.facts, (), problem.facts.extents)
     times = problem.times
-    for group in _groups(model, own):
+    for group in _state_groups(model, own):
         chain = TubeChain(model, group, TubeFlow(model, group), times.holds)
         way, end = _ends(ways, group), _ends(box, group)
-        if not _returns(chain, end, way, end, times.switches, 0):
+        if not _box_returns(chain, end, way, end, times.switches, 0):
             raise NotRecheckedError("P2a: SC does not certainly lead back to where `rest` holds")
 
 
-def _groups(model: RestModel, own: Sequence[int]) -> list[tuple[int, ...]]:
+def _state_groups(model: RestModel, own: Sequence[int]) -> list[tuple[int, ...]]:
     """Groups of states: no rate of one, nor a command in it, reads a state of another group."""
     terms, states = model.new_terms()
     controls = control_inputs(model.facts, terms)
@@ -211,7 +211,7 @@ def _groups(model: RestModel, own: Sequence[int]) -> list[tuple[int, ...]]:
     return [tuple(sorted(g)) for g in groups]
 
 
-def _returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, cut: int) -> bool:
+def _box_returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, cut: int) -> bool:
     """Whether every rest run from `start` is in `way` until some output acts within `end`."""
     if _leads_back(chain, start, way, end, holds, PIECES[min(cut, len(PIECES) - 1)]):
         return True
@@ -226,7 +226,7 @@ def _returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, cut: 
     middle = ((low + high) * HALF).mid()
     halves = ((low, middle), (middle, high))
     return all(
-        _returns(chain, [*start[:axis], h, *start[axis + 1 :]], way, end, holds, cut + 1)
+        _box_returns(chain, [*start[:axis], h, *start[axis + 1 :]], way, end, holds, cut + 1)
         for h in halves
     )
 
@@ -269,13 +269,13 @@ def _holds_only_in(problem: RestProblem, box: Ranges) -> None:
     for s in problem.own:
         low, high = map(exact, box[s])
         for slab in ((at[s][0], low), (high, at[s][1])):
-            if slab[0] < slab[1] and not _nowhere(rest, problem, {**at, s: slab}, s, 0):
+            if slab[0] < slab[1] and not _false_on_slab(rest, problem, {**at, s: slab}, s, 0):
                 name = problem.facts.states[s].name
                 raise NotRecheckedError(f"P2a: `rest` may hold outside of its box, by {name}")
         at[s] = low, high
 
 
-def _nowhere(
+def _false_on_slab(
     rest: ConditionOnBoxes, problem: RestProblem, at: dict[int, tuple[arb, arb]], s: int, cut: int
 ) -> bool:
     if rest.certainly_false([at[k] for k in problem.followed]):
@@ -283,12 +283,12 @@ def _nowhere(
     if cut == HALVINGS:
         return False
     low, high = at[s]
-    middle = _between(low, high)
+    middle = _cut_point(low, high)
     halves = ((low, middle), (middle, high))
-    return all(_nowhere(rest, problem, {**at, s: h}, s, cut + 1) for h in halves)
+    return all(_false_on_slab(rest, problem, {**at, s: h}, s, cut + 1) for h in halves)
 
 
-def _between(low: arb, high: arb) -> arb:
+def _cut_point(low: arb, high: arb) -> arb:
     """The middle; of a slab without an end a number between the magnitudes of its ends."""
     far, near = abs(low).max(abs(high)), abs(low).min(abs(high)).max(ONE)
     if far < LARGEST / 2**60 and far < near * 2**20:
@@ -324,7 +324,7 @@ def show_rule_2(problem: RestProblem, box: Ranges, ways: Ranges) -> None:
         raise NotRecheckedError("P2a: a plant's equation is not defined everywhere at rest")
     for z in problem.moving:
         for sign, by in zip((-1, 1), problem.drifts[z], strict=True):
-            if by < inf and not _bounded(problem, z, sign * ONE, by, box, there):
+            if by < inf and not _is_growth_below(problem, z, sign * ONE, by, box, there):
                 name = problem.facts.states[z].name
                 raise NotRecheckedError(f"P2a: how far SC moves {name} is not shown")
 
@@ -356,22 +356,22 @@ def _answered(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
     ]
 
 
-def _bounded(
+def _is_growth_below(
     problem: RestProblem, z: int, sign: arb, by: float, rests: Ranges, there: AtRest
 ) -> bool:
     """Whether z grows (`sign` 1), or falls (-1), by at most `by`."""
     total, held = ZERO, there
     for x in problem.own:
-        if _grows(problem, z, sign, held) <= 0:
+        if _rate_bound(problem, z, sign, held) <= 0:
             break
         c = _factor(problem, z, sign, x, held)
         if c < inf:
             total += exact(c) * exact(max(map(abs, rests[x])))
             held = AtRest({**held.states, x: (ZERO, ZERO)}, held.commands)
-    return bool(_grows(problem, z, sign, held) <= 0 and total <= exact(by))
+    return bool(_rate_bound(problem, z, sign, held) <= 0 and total <= exact(by))
 
 
-def _grows(problem: RestProblem, z: int, sign: arb, there: AtRest) -> arb:
+def _rate_bound(problem: RestProblem, z: int, sign: arb, there: AtRest) -> arb:
     """An upper bound of `sign` z'."""
     terms, _, rates = _rates(problem, there)
     return terms.combine(((sign, rates[z]),)).high

@@ -197,21 +197,21 @@ def read_rest(flat: System, name: str) -> RestProblem:
     if rest is None:
         raise DiffersError(f"`{name}` has no `rest`")
     check_supported(facts, followed=True)
-    _refuse(facts)
+    _require_covered(facts)
     _only_safe_reads_maps(facts, rest)
     setting = facts.setting
     if setting.first_available(0, setting.by_sc) != setting.sc.phase:
         survives_the_start(facts)
-    sets = _sets(facts)
+    sets = _state_sets(facts)
     facts.extents = tuple((max(a, -LARGEST), min(b, LARGEST)) for a, b in sets.values())
-    states = _followed(facts, rest)
+    states = _followed_states(facts, rest)
     facts.unbounded = {s for s in states if max(map(abs, sets[s])) > LARGEST}
-    at = _estimate(facts)
+    at = _estimate_leaves(facts)
     for s in states:
         if s not in at:
             raise NotRecheckedError(f"no topic that is read shows `{facts.states[s].name}`")
-    _sees_only(facts, {at[s][0] for s in states})
-    drifts = _drifts(facts, rest)
+    _check_sc_reads(facts, {at[s][0] for s in states})
+    drifts = _drift_ranges(facts, rest)
     within = int(number_of(facts, rest.within))
     leaves_of = {s: at[s] for s in states}
     maps = maps_of(facts)
@@ -253,7 +253,7 @@ def _only_safe_reads_maps(facts: Facts, rest: RestSymbol) -> None:
             raise NotRecheckedError(f"the map `{topic.name}` {what}")
 
 
-def _refuse(facts: Facts) -> None:
+def _require_covered(facts: Facts) -> None:
     """NotRecheckedError for what the theorem (condition 8), or this folder, does not cover."""
     symbol = facts.symbol
     wrong = {
@@ -311,7 +311,7 @@ def shows(facts: Facts) -> dict[tuple[int, int], int]:
     return found
 
 
-def _sets(facts: Facts) -> dict[int, Range]:
+def _state_sets(facts: Facts) -> dict[int, Range]:
     """The set of each state; (-inf, inf) where nothing bounds it.
 
     It is the declared set, less the error, of every topic that shows the state: a state in it can
@@ -329,7 +329,7 @@ def _sets(facts: Facts) -> dict[int, Range]:
     return ranges
 
 
-def _followed(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
+def _followed_states(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
     """The states on which SC's answers, the conditions, or rates of such states depend.
 
     NotRecheckedError where the solution of another state might end in finite time.
@@ -369,14 +369,14 @@ def constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -> Prop
     return held
 
 
-def _estimate(facts: Facts) -> dict[int, tuple[int, int]]:
+def _estimate_leaves(facts: Facts) -> dict[int, tuple[int, int]]:
     """State -> (topic, leaf) in which the DM sees it: one that SC reads too, where there is one."""
     by_dm, by_sc = (set(of) for of in read_by(facts))
     known = [(at, s) for at, s in shows(facts).items() if at[0] in by_dm]
     return {s: at for at, s in sorted(known, key=lambda of: of[0][0] in by_sc)}
 
 
-def _sees_only(facts: Facts, estimate: set[int]) -> None:
+def _check_sc_reads(facts: Facts, estimate: set[int]) -> None:
     """NotRecheckedError where SC sees a plant by a topic that the DM does not read: condition 2."""
     _, by_sc = read_by(facts)
     for topic in by_sc:
@@ -385,7 +385,7 @@ def _sees_only(facts: Facts, estimate: set[int]) -> None:
             raise NotRecheckedError(f"SC sees the plant by `{name}`, which its DM does not read")
 
 
-def _drifts(facts: Facts, rest: RestSymbol) -> dict[int, Range]:
+def _drift_ranges(facts: Facts, rest: RestSymbol) -> dict[int, Range]:
     """State that `moves` names -> how far down and up it says that SC may move it."""
     found, known = {}, shows(facts)
     for move in rest.moves:

@@ -116,26 +116,26 @@ class TubeChain(FlowChain):
         act. `pieces`: into how many steps the hold is cut.
         """
         fresh = not body.memory and self.depth > 0
-        start = self._opened(body)
+        start = self._opened_rows(body)
         new = self._answered(start, fresh=fresh)
         way, tube = self._follow(start, new, self.spans(pieces, fresh=fresh or not self.depth))
-        return self._closed(start, way, new), _boxes(tube, self.n)
+        return self._closed_body(start, way, new), _boxes(tube, self.n)
 
     def after_any_commands(self, body: StateSet, span: Fraction) -> tuple[StateSet, list[Box]]:
         """Follow any commands for `span` s: the set then, and the boxes until then."""
-        start = self._opened(StateSet(body.box, body.rows, [], []))
+        start = self._opened_rows(StateSet(body.box, body.rows, [], []))
         way, tube = self._follow(start, self._any(start), [(span, NOW)])
-        return self._closed(start, way, None), _boxes(tube, self.n)
+        return self._closed_body(start, way, None), _boxes(tube, self.n)
 
     def at_some_instant(self, body: StateSet, span: Fraction) -> StateSet:
         """All states at some instant of the next `span` s, under any commands."""
-        start = self._opened(StateSet(body.box, body.rows, [], []))
+        start = self._opened_rows(StateSet(body.box, body.rows, [], []))
         way = self._moved(start, (NOW, span), self._any(start), self.flow.ranges, [])
-        return self._closed(start, way, None)
+        return self._closed_body(start, way, None)
 
     # ------------------------------------------------------------ bodies
 
-    def _opened(self, body: StateSet) -> OpenedForm:
+    def _opened_rows(self, body: StateSet) -> OpenedForm:
         """The rows z of a step: states, old commands, the error of each new one's row, and 1."""
         count, any_before = self.depth * self.q, not body.memory
         known = len(body.rows[0])
@@ -153,7 +153,7 @@ class TubeChain(FlowChain):
         z.append([ONE, *[ZERO] * (known + extra - 1)])
         return OpenedForm([*body.box, *ranges], z, [])
 
-    def _closed(self, start: OpenedForm, way: StateRows, new: CommandRows | None) -> StateSet:
+    def _closed_body(self, start: OpenedForm, way: StateRows, new: CommandRows | None) -> StateSet:
         """The body after a step; `new`: the command that acts now, None where any may."""
         rows = product(way.rows, start.z)
         memory, ranges = [], []
@@ -161,12 +161,12 @@ class TubeChain(FlowChain):
             n, old = self.n, (self.depth - 1) * self.q
             memory = [*product(new.rows, start.z), *start.z[n : n + old]]
             ranges = [*new.ranges, *start.ranges[n : n + old]]
-        rows = [self._with_own(row, i, way) for i, row in enumerate(rows)]
+        rows = [self._with_own_rest(row, i, way) for i, row in enumerate(rows)]
         memory = [[*row, *[ZERO] * self.n] for row in memory]
         rows, memory = _with_fewer_unknowns(rows, memory)
         return StateSet(list(way.box), rows, memory, ranges)
 
-    def _with_own(self, row: list[Any], i: int, way: StateRows) -> list[Any]:
+    def _with_own_rest(self, row: list[Any], i: int, way: StateRows) -> list[Any]:
         """A state's row, its rest a new unknown; if its range is half as wide, that alone."""
         own = [ZERO] * self.n
         own[i] = way.rest[i]
@@ -239,17 +239,17 @@ class ConditionOnBoxes:
 
     def certain(self, box: Box) -> bool:
         """Whether the condition certainly holds, and is defined, in all of a box."""
-        return self._within(box) and all(t == CERTAIN for t in self._of(box))
+        return self._within(box) and all(t == CERTAIN for t in self._truths_on(box))
 
     def certainly_false(self, box: Box) -> bool:
         """Whether the condition certainly holds in no state of a box."""
-        return self._within(box) and self._of(box)[0] == NOWHERE
+        return self._within(box) and self._truths_on(box)[0] == NOWHERE
 
     def _within(self, box: Box) -> bool:
         pairs = zip(box, self._ends, strict=True)
         return all(low >= a and high <= b and low <= high for (low, high), (a, b) in pairs)
 
-    def _of(self, box: Box) -> Sequence[int]:
+    def _truths_on(self, box: Box) -> Sequence[int]:
         found: Sequence[int] = self._truths(form_of_box(box, symbols=False))
         return found
 
@@ -354,7 +354,7 @@ class ModuleTube:
             why = None
             if not self.stays(inside.box):
                 why = "any command may lead out of C before SC acts"
-            why = why or self._settles(inside, PIECES[cut])
+            why = why or self._why_not_settled(inside, PIECES[cut])
             if why is None or cut == CUTS:
                 return why
             if not span:
@@ -364,7 +364,7 @@ class ModuleTube:
         except NotCertainError:
             return "a tube has no end"
 
-    def _settles(self, body: StateSet, pieces: int) -> str | None:
+    def _why_not_settled(self, body: StateSet, pieces: int) -> str | None:
         """As `followed`, where an output of SC begins to act in the states of `body`."""
         if self.at_rest(body.box):
             return None
