@@ -212,7 +212,7 @@ def _finite(*numbers: float) -> list[float | None]:
     return [x if isfinite(x) else None for x in numbers]
 
 
-def _hours_of(c: Flown) -> str:
+def _hours_counted(c: Flown) -> str:
     return "all" if c.result.hours_aloft is None else "aloft"
 
 
@@ -295,7 +295,7 @@ FIGURES = (
     "digest=result.digest"
 )
 MADE = {
-    "hours_of": _hours_of,
+    "hours_of": _hours_counted,
     "violations_per_hour": _violations_per_hour,
     "violated_outside": _violated_outside,
     "excused": _excused,

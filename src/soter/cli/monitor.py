@@ -212,11 +212,11 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     what |= {"until": args.until, "estimates": args.estimates}
     by_seed = [program.monitor(args.log, args.module, seed=one, **what) for one in seeds]
     if len(seeds) > 1:
-        return _of_several(seeds, by_seed, args, console, program)
+        return _say_runs(seeds, by_seed, args, console, program)
     return _judged(by_seed[0], args, console, program)
 
 
-def _of_several(
+def _say_runs(
     seeds: Sequence[int],
     by_seed: Sequence[list[Judgement]],
     args: argparse.Namespace,
@@ -225,12 +225,12 @@ def _of_several(
 ) -> CommandOutcome:
     """Tells a line for each run and module, and one for each module over all runs."""
     rows = [(str(s), *_row(j)) for s, judged in zip(seeds, by_seed, strict=True) for j in judged]
-    together = [_together(of) for of in zip(*by_seed, strict=True)]
+    together = [_combined(of) for of in zip(*by_seed, strict=True)]
     rows += [("all", *_row(j)) for j in together]
     return _outcome(together, (("seed", *HEAD), rows), args, console, program)
 
 
-def _together(of: Sequence[Judgement]) -> Judgement:
+def _combined(of: Sequence[Judgement]) -> Judgement:
     """One judgement for a module in several runs: sums, first alarm, step with largest share."""
     states = Counter[str]()
     for j in of:
@@ -293,7 +293,7 @@ def _outcome(
         PageSection("How to read it", (MEANING,)),
         PageSection("Provenance", _provenance(program)),
     ]
-    fields |= _report(args, headline, _colour(code, part), told, console)
+    fields |= _report(args, headline, _headline_tone(code, part), told, console)
     return CommandOutcome(code, (), fields, found)
 
 
@@ -307,7 +307,7 @@ def _headline(code: int, part: float, damage: Damage | None, alarms: int) -> str
 
 def _foreign(args: argparse.Namespace, logs: list[str], console: Console) -> CommandOutcome:
     """Judges a log that `--map` describes; SoterError U001 for options that do not fit."""
-    problem = _misused(args)
+    problem = _option_conflict(args)
     if problem:
         raise mistake("U001", problem)
     program = loaded(args, console)
@@ -329,11 +329,11 @@ def _foreign(args: argparse.Namespace, logs: list[str], console: Console) -> Com
     headline = "; ".join(f"{m.module}: {verdict_of(m)}" for m in judged.modules)
     told = [*sections(judged), PageSection("Provenance", _provenance(program))]
     part = min((m.judged_share for m in judged.modules), default=0.0)
-    fields |= _report(args, headline, _colour(code, part), told, console)
+    fields |= _report(args, headline, _headline_tone(code, part), told, console)
     return CommandOutcome(code, items, fields, found)
 
 
-def _misused(args: argparse.Namespace) -> str:
+def _option_conflict(args: argparse.Namespace) -> str:
     """Why options do not go together, or ""."""
     if args.map is None and args.where:
         return "`--where` chooses rows of a log that `--map` describes"
@@ -368,7 +368,7 @@ def _report(
     return {"report": str(path)}
 
 
-def _colour(code: int, share: float) -> str:
+def _headline_tone(code: int, share: float) -> str:
     """The tone of a page's headline: `good` only if all of the record was judged."""
     return "bad" if code == VIOLATED else "good" if code == FINE and share == 1.0 else ""
 

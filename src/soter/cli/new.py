@@ -69,7 +69,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     folder = Path(args.name)
     name = _checked(folder, args.name)
     if args.logs:
-        texts, commands = _of_log(name, args), _commands_of_log(folder, name, args.logs)
+        texts, commands = _files_of_log(name, args), _commands_of_log(folder, name, args.logs)
     else:
         names = {"name": name, "prefix": program_prefix(name)}
         texts = {f.format(**names): _filled(t, names) for t, f in FILES.items()}
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     return CommandOutcome(fields=fields)
 
 
-def _of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
+def _files_of_log(name: str, args: argparse.Namespace) -> dict[str, str]:
     """File name -> text of a mapping and the head of a program; SoterError D016, D007."""
     require_utf8(*args.logs)
     survey = by_name("soter.monitor.log_survey")

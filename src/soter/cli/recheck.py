@@ -167,20 +167,20 @@ def _headline(report: Report, folder: str, console: Console) -> str:
 
 def _sections(report: Report) -> Iterator[PageSection]:
     """Yields the sections of the page: modules, program, flights, assumptions, gaps."""
-    yield from (_of_module(m, report) for m in report.modules)
+    yield from (_module_section(m, report) for m in report.modules)
     own = [f"Program {visible(report.program)}, SHA-256 {report.program_sha256}."]
     own += [f"Rechecked by soter {VERSION} in {report.seconds:.1f} s."]
     own += [visible(report.reason)] if report.reason else []
     yield PageSection("What was checked", tuple(own))
     for flight in report.flights:
-        yield PageSection(visible(f"Flight {flight.log}"), tuple(_of_flight(flight)))
+        yield PageSection(visible(f"Flight {flight.log}"), tuple(_flight_lines(flight)))
     texts = tuple(map(visible, report.assumptions))
     yield PageSection("Under these assumptions, derived from the program", texts)
     uncovered = tuple(visible(said.text) for said in report.not_covered)
     yield PageSection("Not covered", uncovered)
 
 
-def _of_module(m: RecheckedModule, report: Report) -> PageSection:
+def _module_section(m: RecheckedModule, report: Report) -> PageSection:
     """The section of a module: what it keeps, which claims are confirmed, and which are not."""
     title = visible(f"{m.name} of system {m.system}")
     if m.not_rechecked:
@@ -200,7 +200,7 @@ def _of_module(m: RecheckedModule, report: Report) -> PageSection:
     return PageSection(title, tuple(map(visible, says)))
 
 
-def _of_flight(flight: FlightReport) -> Iterator[str]:
+def _flight_lines(flight: FlightReport) -> Iterator[str]:
     """Lines about a flight: how many verdicts were confirmed, then each that was not."""
     each = f" ({flight.seconds / flight.asked:.2f} s of CPU each)" if flight.asked else ""
     asked = f"{flight.asked:,} that were asked of " if flight.interrupted else ""
@@ -222,7 +222,7 @@ def _of_flight(flight: FlightReport) -> Iterator[str]:
 def _say_flights(report: Report, console: Console) -> None:
     """Tells each flight in a line, and below it up to SHOWN verdicts that were not confirmed."""
     for flight in report.flights:
-        first, *others = _of_flight(flight)
+        first, *others = _flight_lines(flight)
         colour = {ACCEPTED: "green", REJECTED: "red"}.get(flight.verdict, "yellow")
         word = {ACCEPTED: "CONFIRMED", REJECTED: "CONTRADICTED"}.get(flight.verdict)
         word = word or ("INTERRUPTED" if flight.interrupted else "NOT CONFIRMED")
@@ -255,7 +255,7 @@ def _say(report: Report, folder: str, console: Console) -> None:
         where = f"{module.name} of system {module.system} in {report.program}{module.whilst}"
         confirmed = f"{' '.join(module.confirmed)}, {_size(module)}"
         console.say(f"  {visible(where)}: {confirmed}")
-        for colour, text in _told_of(module):
+        for colour, text in _remarks(module):
             console.say(console.paint(colour, f"    {visible(text)}"))
     console.say("\nunder these assumptions, derived from the program")
     for text in report.assumptions:
@@ -273,7 +273,7 @@ def _size(module: RecheckedModule) -> str:
     return ", ".join([*sizes, *[f"{module.half_spaces:,} half-spaces"] * bool(module.half_spaces)])
 
 
-def _told_of(module: RecheckedModule) -> Iterator[tuple[str, str]]:
+def _remarks(module: RecheckedModule) -> Iterator[tuple[str, str]]:
     """Yields (colour, line) for all that is to be said besides the confirmed claims."""
     values = ", ".join(_value(module, name) for name in module.parameters)
     if values:

@@ -80,7 +80,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         raise UsageError("`--misses` needs `--real-time`")
     program = opened(args, console)
     if program.externs:
-        in_child_process(console, lambda process: _rescued(args, process))
+        in_child_process(console, lambda process: _mend_logs(args, process))
     first_seed = args.seed
     if args.flight is not None:
         args.seed = (args.seed + args.flight) % 2**64
@@ -182,7 +182,7 @@ def _log(args: argparse.Namespace) -> RunLog | None:
     return RunLog(lambda system: Path(_path(args, system, "log", ".mcap")), __version__)
 
 
-def _rescued(args: argparse.Namespace, process: int) -> tuple[str, ...]:
+def _mend_logs(args: argparse.Namespace, process: int) -> tuple[str, ...]:
     """Mends the unfinished logs that the ended process `process` left; a sentence for each."""
     if args.log is None:
         return ()

@@ -232,7 +232,7 @@ def _lines(test: TestResult, console: Console) -> list[str]:
     if test.replayed is not None:
         lines += ["", *_trace(test, console)]
     for other in test.others:
-        lines += ["", *_other(other, console)]
+        lines += ["", *_other_violation(other, console)]
     if test.options.all_properties and test.replayed is not None:
         lines += ["", console.paint("muted", _rest(test))]
     lines += ["", "rests on"]
@@ -326,7 +326,7 @@ def _robustness(test: TestResult, console: Console) -> list[str]:
     return [f"{'' if i else 'nearest':<8} {line}" for i, line in enumerate(lines)]
 
 
-def _other(test: TestResult, console: Console) -> list[str]:
+def _other_violation(test: TestResult, console: Console) -> list[str]:
     """Lines about another property that can be violated, with its trace."""
     word, colour, said = _verdict(test)
     head = f"{console.paint('bold', 'also')}  {console.paint(colour, word)}  {said}"

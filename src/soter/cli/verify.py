@@ -213,7 +213,7 @@ def _say_files(report: VerifyReport, args: argparse.Namespace, console: Console)
         if getattr(args, kind):
             console.say(f"\n{kind:<7} {getattr(args, kind)}")
         if kind == "cert" and args.cert:
-            for line in _of_the_certificate(report):
+            for line in _certificate_lines(report):
                 console.say(f"        {console.paint('yellow', line)}")
     saved = [f.saved for m in report.modules for f in m.findings.values()]
     for path in dict.fromkeys(filter(None, saved)):
@@ -272,7 +272,7 @@ def _listed(texts: tuple[str, ...]) -> list[str]:
     return [f"  {text}" for text in texts]
 
 
-def _of_the_certificate(report: VerifyReport) -> list[str]:
+def _certificate_lines(report: VerifyReport) -> list[str]:
     """Lines for modules of which the certificate claims less than a whole proof."""
     from soter.verify.claims.results import UNCLAIMED  # noqa: PLC0415 - what is stored needs none
 

@@ -50,18 +50,18 @@ def replaced_in(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:
 
     What is replaced by its contract is told apart (`of_contracts`).
     """
-    said = [*_replaces(test.system), *((p, by) for p, by, _ in test.replaces)]
+    said = [*_replacements_in(test.system), *((p, by) for p, by, _ in test.replaces)]
     replacements = {p: by.name for p, by in said if not isinstance(by, typed.ByContract)}
     return tuple(replacements.items())
 
 
-def _replaces(
+def _replacements_in(
     system: typed.SystemSymbol, prefix: str = ""
 ) -> Iterator[tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract]]:
     """The replacements in a system, after those in systems inside it, which it overrides."""
     for name, instance in system.by_name.items():
         if isinstance(instance.what, typed.SystemSymbol):
-            yield from _replaces(instance.what, f"{prefix}{name}.")
+            yield from _replacements_in(instance.what, f"{prefix}{name}.")
     yield from ((prefix + path, by) for path, by, _ in system.replaces)
 
 
@@ -72,16 +72,16 @@ def of_contracts(system: System) -> Iterator[str]:
         if c.stands_for is not None:
             stand_ins.setdefault(c.stands_for.of, []).append(c.stands_for)
     for of, group in stand_ins.items():
-        yield from _said_of(system, of, group)
+        yield from _stand_in_notes(system, of, group)
 
 
-def _said_of(system: System, of: str, group: list[StandIn]) -> Iterator[str]:
+def _stand_in_notes(system: System, of: str, group: list[StandIn]) -> Iterator[str]:
     said = _each(t for s in group for t in s.clauses)
     said = said or "no clause, any value of the sets of its topics"
     left = _each(t for s in group for t in s.left)
     more = f"; not asked for, so that more is permitted: {left}" if left else ""
     yield f"{of} is replaced by its contract ({said}{more}): {_held_to_it(system, of)}"
-    asked = [name for name, how in _asked_of(system, of) if not how]
+    asked = [name for name, how in _guarantee_tests(system, of) if not how]
     held = f"that it publishes no other is asked by {listed(asked)}" if asked else NO_HARM
     for text in dict.fromkeys(t for s in group for t in s.tried):
         yield f"what stands for {of} was tried with {text} alone: {held}"
@@ -93,7 +93,7 @@ def _each(texts: Iterable[str]) -> str:
 
 def _held_to_it(system: System, of: str) -> str:
     tests_by_condition: dict[str, list[str]] = {}
-    for name, how in _asked_of(system, of):
+    for name, how in _guarantee_tests(system, of):
         tests_by_condition.setdefault(how, []).append(name)
     if "" in tests_by_condition:
         return (
@@ -109,10 +109,10 @@ def _held_to_it(system: System, of: str) -> str:
 def tests_by_contract(system: System) -> dict[str, list[str]]:
     """For each instance that a contract replaces the tests in which it runs as it is."""
     names = {c.stands_for.of for c in system.components if c.stands_for is not None}
-    return {of: [n for n, how in _asked_of(system, of) if not how] for of in sorted(names)}
+    return {of: [n for n, how in _guarantee_tests(system, of) if not how] for of in sorted(names)}
 
 
-def _asked_of(system: System, of: str) -> Iterator[tuple[str, str]]:
+def _guarantee_tests(system: System, of: str) -> Iterator[tuple[str, str]]:
     """Tests of the program that have it, and how; none of a test that is made up on the way."""
     tests = system.program.tests
     here = tests.get(plan_of(system).name)
@@ -278,11 +278,11 @@ def _all(
 ) -> Iterator[str]:
     plan = plan_of(system)
     yield _how_long(show_ns(plan.horizon_ns), search_result)
-    yield _orders(plan, times)
+    yield _step_order_note(plan, times)
     yield from told(system)
     for name in undriven(system):
         yield f"{name} keeps its default: the test has no `input {name} every ...;`"
-    yield from (f"{system.components[f.component].name} {_does(f)}" for f in plan.faults)
+    yield from (f"{system.components[f.component].name} {_fault_words(f)}" for f in plan.faults)
     for name, by in replaced:
         yield f"{name} is replaced by {by}: said of whatever does only what {by} may do"
     yield from of_contracts(system)
@@ -290,16 +290,16 @@ def _all(
     but = "unless it overruns" + (" or takes time" if lasts else "")
     yield f"steps are atomic: a step reads, computes and publishes at one time, {but}"
     yield "the compiled steps are those that `soter build` deploys: the same C, the same arithmetic"
-    yield from _calculated(times)
+    yield from _time_grid_gaps(times)
     if not search_result.closed_ns and any(p.kind in ("eventually", "leadsto") for p in plan.timed):
         yield "deadlines beyond the horizon are not judged"
     if not system.properties and not plan.timed:
         yield "the test states no property: only step faults of trusted components were looked for"
-    yield from _uncounted(system)
+    yield from _coverage_limit_note(system)
     yield from _sampled(system)
     yield from _held(system, options.seed)
     if options.storage == "fingerprint":
-        yield _missed(search_result.states)
+        yield _collision_note(search_result.states)
 
 
 def _how_long(horizon: str, search_result: Found) -> str:
@@ -314,7 +314,7 @@ def _how_long(horizon: str, search_result: Found) -> str:
     return f"nothing is said about times after the horizon, {horizon}{more}"
 
 
-def _does(f: TimingFault) -> str:
+def _fault_words(f: TimingFault) -> str:
     """Words on what a fault does to the steps of a component."""
     if f.kind == "skip":
         return f"loses at most {f.at_most} release{_s(f.at_most)} in a row"
@@ -324,7 +324,7 @@ def _does(f: TimingFault) -> str:
     return f"{'is late' if f.kind == 'late' else 'overruns'} by at most {show_ns(f.by_ns)}"
 
 
-def _orders(plan: TestPlan, times: TimeChoices | None) -> str:
+def _step_order_note(plan: TestPlan, times: TimeChoices | None) -> str:
     if plan.ordered:
         return (
             "steps happen at their release, within an instant in the deployed order, inputs first, "
@@ -346,7 +346,7 @@ def _orders(plan: TestPlan, times: TimeChoices | None) -> str:
     )
 
 
-def _calculated(times: TimeChoices | None) -> Iterator[str]:
+def _time_grid_gaps(times: TimeChoices | None) -> Iterator[str]:
     """Notes on places where the program calculates with times, passes on or compares too many."""
     if times is None:
         return
@@ -363,7 +363,7 @@ def _calculated(times: TimeChoices | None) -> Iterator[str]:
             )
 
 
-def _uncounted(system: System) -> Iterator[str]:
+def _coverage_limit_note(system: System) -> Iterator[str]:
     """A note on scalars of topics that coverage has no room for."""
     told = [t for t in system.topics if t.queue_of is None]
     scalars = sum("[]" not in path for t in told for path, _ in leaves(t.type))
@@ -413,7 +413,7 @@ def _held(system: System, seed: int) -> Iterator[str]:
         yield f"drawn by chance once, with seed {seed}: {', '.join(names)}"
 
 
-def _missed(states: int) -> str:
+def _collision_note(states: int) -> str:
     """The chance that two of n configurations share a fingerprint of 64 bits: n^2 / 2^65."""
     chance = min(states * states / 2.0 ** (FINGERPRINT_BITS + 1), 1.0)
     return (

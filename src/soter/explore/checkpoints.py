@@ -39,8 +39,8 @@ MAGIC = b"soter checkpoint\n"
 SCHEMA = 1
 HEAD = 2**16
 """Bytes of the head: MAGIC, the SHA-256 of what follows in it (hex, a line), JSON and spaces."""
-_SEAL = len(MAGIC) + 64 + 1
-_PIECE = 2**22
+_SEAL_BYTES = len(MAGIC) + 64 + 1
+_READ_BYTES = 2**22
 ABOUT = {
     "program_sha256": "the program",
     "system": "the system",
@@ -92,7 +92,7 @@ def seal(file: int, head: Mapping[str, object]) -> None:
     size = os.fstat(file).st_size - HEAD
     at = 0
     while at < size:
-        piece = os.pread(file, min(_PIECE, size - at), HEAD + at)
+        piece = os.pread(file, min(_READ_BYTES, size - at), HEAD + at)
         if not piece:
             raise OSError("it became shorter")
         told.update(piece)
@@ -106,8 +106,8 @@ def seal(file: int, head: Mapping[str, object]) -> None:
         "payload": payload,
     }
     text = json.dumps(document, allow_nan=False).encode()
-    rest = text.ljust(HEAD - _SEAL)
-    assert len(rest) == HEAD - _SEAL, len(text)
+    rest = text.ljust(HEAD - _SEAL_BYTES)
+    assert len(rest) == HEAD - _SEAL_BYTES, len(text)
     os.pwrite(file, MAGIC + hashlib.sha256(rest).hexdigest().encode() + b"\n" + rest, 0)
     os.fsync(file)
 
@@ -146,7 +146,7 @@ def _read(path: Path) -> SavedCheckpoint:
             raise DamagedCheckpointError("it does not begin as one")
         if len(block) < HEAD:
             raise DamagedCheckpointError("its end is missing")
-        seal_, rest = block[len(MAGIC) : _SEAL], block[_SEAL:]
+        seal_, rest = block[len(MAGIC) : _SEAL_BYTES], block[_SEAL_BYTES:]
         if seal_ != hashlib.sha256(rest).hexdigest().encode() + b"\n":
             raise DamagedCheckpointError("its head is not as it was written")
         head = json.loads(rest)
@@ -370,7 +370,7 @@ class Saver:
         """Asks for a checkpoint if it is time, and takes one that was written."""
         if self._asked >= 0:
             if progress.save_to == 0:
-                self._take(progress)
+                self._finish_save(progress)
         elif time.perf_counter() - self._last_s >= self._to.every_s and not progress.stop:
             try:
                 self._asked = self._to.open(".writing")
@@ -383,7 +383,7 @@ class Saver:
     def end(self, progress: Any, result: Any) -> None:  # noqa: ANN401 - cdata
         """Takes the last checkpoint and leaves no other files."""
         if self._asked >= 0 and progress.save_to == 0:
-            self._take(progress)
+            self._finish_save(progress)
         if result.saved:
             self._seal(self._end, ".ending", int(result.states))
         elif int(result.status) not in NOTHING_TO_WRITE:
@@ -400,7 +400,7 @@ class Saver:
         self._end = self._asked = -1
         self._payload = None
 
-    def _take(self, progress: Any) -> None:  # noqa: ANN401 - cdata
+    def _finish_save(self, progress: Any) -> None:  # noqa: ANN401 - cdata
         if progress.saved > self._written:
             self._seal(self._asked, ".writing", int(progress.saved_states))
         else:

@@ -235,9 +235,9 @@ def explore_test(
                 _explain(result, search, search_result, told)
                 shown = result.replayed is not None and not result.interrupted
                 if shown and options.all_properties:
-                    _go_on(result, search, search_result, told)
+                    _find_more(result, search, search_result, told)
             except KeyboardInterrupt:
-                _interrupted(result)
+                _note_interruption(result)
     return result
 
 
@@ -254,7 +254,7 @@ def _quiet(listener: Interruptions | None) -> Iterator[None]:
         listener.running = False
 
 
-def _interrupted(result: TestResult) -> None:
+def _note_interruption(result: TestResult) -> None:
     """Notes in the result that an interruption came after the violation was found."""
     if result.replayed is None:
         result.unshown = INTERRUPTED
@@ -262,7 +262,7 @@ def _interrupted(result: TestResult) -> None:
         result.others_bound = INTERRUPTED
 
 
-def _go_on(result: TestResult, search: Search, search_result: Found, told: TraceHeader) -> None:
+def _find_more(result: TestResult, search: Search, search_result: Found, told: TraceHeader) -> None:
     """Looks for other properties that can be violated, with a search for each."""
     assert search_result.broken is not None
     known, others = [search_result.broken], []
@@ -318,7 +318,7 @@ def _explain(result: TestResult, search: Search, search_result: Found, told: Tra
     what, index = search_result.broken
     result.broken = violation_id_of(result.system, VIOLATION_KINDS[what], index)
     assert result.broken is not None, search_result.broken
-    steps = _smallest(result, search, search_result)
+    steps = _minimised_steps(result, search, search_result)
     interrupted = INTERRUPTED in (search_result.stopped, result.least_bound)
     if not steps or (interrupted and len(steps) > LONG):
         result.unshown = _why_unshown(search_result, interrupted=interrupted)
@@ -341,7 +341,7 @@ def _why_unshown(search_result: Found, *, interrupted: bool) -> str:
     return LENGTH if search_result.depth >= STEPS_MAX else MEMORY
 
 
-def _smallest(result: TestResult, search: Search, search_result: Found) -> tuple[Step, ...]:
+def _minimised_steps(result: TestResult, search: Search, search_result: Found) -> tuple[Step, ...]:
     """The least trace to the violation, or the smallest that was found; the result says why.
 
     A sampled trace is long, so it is shrunk first. Otherwise the least one is searched first, and
@@ -358,7 +358,7 @@ def _smallest(result: TestResult, search: Search, search_result: Found) -> tuple
     smaller = search_result
     first = result.options.strategy in SAMPLING
     if first:
-        smaller = _shrunk(result, search, search_result, half)
+        smaller = _shrink(result, search, search_result, half)
     if result.least_bound is None:
         least = _least(
             result, search, search_result, until - time.perf_counter() if first else half
@@ -367,7 +367,7 @@ def _smallest(result: TestResult, search: Search, search_result: Found) -> tuple
             result.shrunk_from = 0
             return least
     if not first and result.least_bound != INTERRUPTED:
-        smaller = _shrunk(result, search, search_result, until - time.perf_counter())
+        smaller = _shrink(result, search, search_result, until - time.perf_counter())
     return smaller.steps
 
 
@@ -385,7 +385,7 @@ def _least(
     return least.steps
 
 
-def _shrunk(result: TestResult, search: Search, search_result: Found, patience_s: float) -> Found:
+def _shrink(result: TestResult, search: Search, search_result: Found, patience_s: float) -> Found:
     """What was found, or a smaller one."""
     made = search.shrunk(search_result, patience_s) if search_result.steps else None
     if made is None:

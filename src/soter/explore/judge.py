@@ -139,14 +139,14 @@ class ExecutionCalendar:
     @property
     def is_observable(self) -> bool:
         """Whether time may pass: no step that has not happened must happen by now."""
-        return all(hi > self.now for _, hi in self._pending())
+        return all(hi > self.now for _, hi in self._open_windows())
 
     @property
     def is_over(self) -> bool:
         """Whether every step has happened."""
-        return not self._pending()
+        return not self._open_windows()
 
-    def _pending(self) -> list[tuple[int, int]]:
+    def _open_windows(self) -> list[tuple[int, int]]:
         windows = (self.window(i) for i in range(len(self.actors)))
         return [w for w in windows if w is not None]
 

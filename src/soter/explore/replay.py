@@ -229,7 +229,7 @@ class _TraceRun:
             return self._input(actor)
         if step.kind == EFFECT:
             return self._effect(actor.component)
-        return self._fire(actor.component, held_back=step.kind == BEGIN)
+        return self._fire_component(actor.component, held_back=step.kind == BEGIN)
 
     def _input(self, actor: ScheduledActor) -> _Event:
         assert actor.drive is not None
@@ -237,11 +237,11 @@ class _TraceRun:
         value = self.interpreter.drawn_input(drive, self.c.ct)
         if drive.values:
             self.draws.tell(to_json(self.system.topics[drive.topic].type, value))
-        dropped = self._dropped(self.c, {drive.topic: value})
+        dropped = self._dropped_messages(self.c, {drive.topic: value})
         self.c = environment_input(self.machine, self.c, drive.topic, value)
         return _Event(published=self._named({drive.topic: value}), dropped=dropped)
 
-    def _fire(self, n: int, *, held_back: bool) -> _Event:
+    def _fire_component(self, n: int, *, held_back: bool) -> _Event:
         before = self.c
         after, event = self.interpreter.fire(replace(before, FN=(n,)), n)
         self.c = after
@@ -260,10 +260,10 @@ class _TraceRun:
         else:
             self.judge.note(event, after)
             told.published = self._named(event.published, event.bursts)
-            told.dropped = self._dropped(before, event.published, event.bursts)
+            told.dropped = self._dropped_messages(before, event.published, event.bursts)
         return told
 
-    def _dropped(
+    def _dropped_messages(
         self,
         c: Configuration,
         published: Mapping[int, Value],
@@ -338,7 +338,7 @@ class _TraceRun:
         waiting = self._waiting.pop(n)
         if not self.c.OE[n]:
             return _Event(gated=bool(waiting))
-        dropped = self._dropped(self.c, waiting)
+        dropped = self._dropped_messages(self.c, waiting)
         for topic, value in waiting.items():
             self.c = environment_input(self.machine, self.c, topic, value)
         if waiting:

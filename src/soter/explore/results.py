@@ -76,11 +76,11 @@ def wholes(results: Iterable[TestResult]) -> tuple[WholeByParts, ...]:
     for result in results:
         symbol = result.system.program.tests.get(result.name)
         if symbol is not None:
-            alike.setdefault(_circumstances(result, symbol), []).append(result)
+            alike.setdefault(_comparison_key(result, symbol), []).append(result)
     return tuple([_whole(group) for group in alike.values() if any(r.contracts for r in group)])
 
 
-def _circumstances(result: TestResult, symbol: TestSymbol) -> Hashable:
+def _comparison_key(result: TestResult, symbol: TestSymbol) -> Hashable:
     """The circumstances that must be equal in all parts, as executions are compared by steps."""
     plan, system = plan_of(result.system), result.system
     names = [c.name for c in system.components]

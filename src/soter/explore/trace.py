@@ -124,7 +124,7 @@ def to_document(trace: Trace, folder: Path | None = None) -> dict[str, object]:
     return {
         "schema": SCHEMA,
         "kind": KIND,
-        "program": _relative(trace.program, folder),
+        "program": _relative_path(trace.program, folder),
         "sha256": trace.sha256,
         "system": trace.system,
         "test": trace.test,
@@ -159,7 +159,7 @@ def _step_document(s: Step) -> dict[str, object]:
     return document if s.matters is None else document | {"matters": s.matters}
 
 
-def _relative(program: str, folder: Path | None) -> str:
+def _relative_path(program: str, folder: Path | None) -> str:
     if folder is None:
         return program
     try:

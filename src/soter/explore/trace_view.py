@@ -55,7 +55,7 @@ def view_of(
     """
     trace, system = replay.trace, replay.system
     words = ChoiceWords(system)
-    durations = _durations(replay)
+    durations = _overrun_durations(replay)
     steps = [_step(s, replay, words, durations) for s in replay.steps]
     if not steps or steps[0].kind != "start":
         steps.insert(0, _start(replay))
@@ -65,7 +65,7 @@ def view_of(
         test=trace.test,
         property_text=property_text(trace.broken.text),
         verdict=_sentence(replay),
-        remark=_remark(replay),
+        remark=_minimality_remark(replay),
         lanes=_lanes(system, replay.actors),
         steps=tuple(steps),
         topics=tuple(_topics(system)),
@@ -93,7 +93,7 @@ def _sentence(replay: Replayed) -> str:
     return f"Violated after {steps} step{many}, at {duration_text(max(last.time_ns, 0))}."
 
 
-def _remark(replay: Replayed) -> str:
+def _minimality_remark(replay: Replayed) -> str:
     """Whether the trace is the shortest one."""
     if not replay.reproduced:
         return ""
@@ -108,7 +108,7 @@ def _remark(replay: Replayed) -> str:
     return f"Shrunk from {before - born:,} steps to {after - born:,}; p{perhaps}"
 
 
-def _durations(replay: Replayed) -> dict[int, int]:
+def _overrun_durations(replay: Replayed) -> dict[int, int]:
     """The ns between an overrunning step and its effect, by the number of either step."""
     begun: dict[str, ReplayedStep] = {}
     durations: dict[int, int] = {}
@@ -122,10 +122,10 @@ def _durations(replay: Replayed) -> dict[int, int]:
 
 
 def _start(replay: Replayed) -> SequenceStep:
-    return SequenceStep(number=0, time_ns=0, kind="start", published=_at_start(replay))
+    return SequenceStep(number=0, time_ns=0, kind="start", published=_initial_values(replay))
 
 
-def _at_start(replay: Replayed) -> tuple[Published, ...]:
+def _initial_values(replay: Replayed) -> tuple[Published, ...]:
     """The first values of topics; queues, which are empty, aside."""
     queues = {t.name for t in replay.system.topics if t.queue_of is not None}
     return tuple([Published(n, shown(v)) for n, v in replay.start.items() if n not in queues])
@@ -146,7 +146,7 @@ def _step(
         kind=cast("Kind", KINDS.get(s.kind, s.kind)),
         release_ns=None if s.kind in (START, EFFECT) else s.release_ns,
         choices=tuple([_pick(c, words) for c in s.choices]),
-        published=_at_start(replay) if s.kind == START else published,
+        published=_initial_values(replay) if s.kind == START else published,
         gated=s.gated,
         switch=switch,
         fault=s.fault,
@@ -220,7 +220,7 @@ def _topics(system: System) -> Iterable[TopicFlow]:
     writers: dict[int, list[str]] = {t.index: [] for t in system.topics}
     readers: dict[int, list[str]] = {t.index: [] for t in system.topics}
     for c in system.components:
-        reads, writes = _flows(system, c)
+        reads, writes = _reads_and_writes(system, c)
         for t in reads:
             readers[t].append(c.name)
         for t in writes:
@@ -235,7 +235,7 @@ def _topics(system: System) -> Iterable[TopicFlow]:
             yield TopicFlow(topic.name, *flows)
 
 
-def _flows(system: System, c: Component) -> tuple[list[int], list[int]]:
+def _reads_and_writes(system: System, c: Component) -> tuple[list[int], list[int]]:
     """Topics that a component reads and writes."""
     if c.plant is not None or c.node is not None:
         return c.reads, c.writes

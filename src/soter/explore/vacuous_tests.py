@@ -195,7 +195,7 @@ def of_test(
     `unreached`: modes, as coverage names them. `replaced`: components and what stands in their
     place. `ended`: the search saw all executions, so what was not met cannot be met.
     """
-    vacuities = [*_all(system, met, ended=ended), *_unread(system, replaced)]
+    vacuities = [*_all(system, met, ended=ended), *_unread_parts(system, replaced)]
     for m in system.modules:
         if ended and f"{m.name} in AC" in unreached:
             why = "never gives AC control, in no execution: nothing is said of what AC does"
@@ -211,7 +211,7 @@ def _all(system: System, met: Sequence[tuple[bool, bool]], *, ended: bool) -> It
         if stepped:
             yield from _property(system, p, domains, met[p.index], ended=ended)
     for t in plan_of(system).timed:
-        yield from _timed(system, t, domains, met[len(system.properties) + t.index], ended=ended)
+        yield from _vacuity(system, t, domains, met[len(system.properties) + t.index], ended=ended)
     yield from _contracts(system, domains)
     yield from _faults(system)
 
@@ -240,7 +240,7 @@ def _property(
 
 def _why(condition: typed.TypedExpr, wanted: bool, p: Property, domains: Domains) -> str:
     """Why a property that cannot fail cannot, in words."""
-    reads = [n for n in nodes([condition]) if isinstance(n, _READS)]
+    reads = [n for n in nodes([condition]) if isinstance(n, _READ_KINDS)]
     if not reads:
         return "cannot fail: it reads nothing"
     premise = premise_of(condition) if wanted else None
@@ -250,7 +250,7 @@ def _why(condition: typed.TypedExpr, wanted: bool, p: Property, domains: Domains
     return f"cannot fail: {'it ' if wanted else ''}{holds} of what it reads"
 
 
-_READS = (
+_READ_KINDS = (
     typed.TopicRead,
     typed.TruthRead,
     typed.ModeRead,
@@ -260,7 +260,7 @@ _READS = (
 )
 
 
-def _timed(
+def _vacuity(
     system: System, t: TimedProperty, domains: Domains, met: tuple[bool, bool], *, ended: bool
 ) -> Iterator[VacuousPart]:
     judged, owed = met
@@ -294,12 +294,12 @@ def _holds_anyway(
         return ""
     if holds_always(premise, False, scope, domains.of):
         return f"`{_text(premise)}` holds for no value of what it reads"
-    if holds_always(_implies(premise, condition), True, scope, domains.of):
+    if holds_always(_implication(premise, condition), True, scope, domains.of):
         return f"where `{_text(premise)}` holds, `{_text(condition)}` holds at once"
     return ""
 
 
-def _implies(premise: typed.TypedExpr, condition: typed.TypedExpr) -> typed.TypedExpr:
+def _implication(premise: typed.TypedExpr, condition: typed.TypedExpr) -> typed.TypedExpr:
     """An expression: the condition holds wherever the premise does."""
     fails = typed.TypedUnary(BOOL, premise.span, "!", premise)
     return typed.TypedBinary(BOOL, condition.span, "||", fails, condition)
@@ -337,7 +337,7 @@ def _faults(system: System) -> Iterator[VacuousPart]:
             yield VacuousPart("fault", name, "changes nothing: it publishes nothing")
 
 
-def _unread(system: System, replaced: Sequence[tuple[str, str]]) -> Iterator[VacuousPart]:
+def _unread_parts(system: System, replaced: Sequence[tuple[str, str]]) -> Iterator[VacuousPart]:
     """Inputs that are drawn, and replacements that publish, though nobody reads them.
 
     Replacements by contracts are left out: they make a test smaller, and are not meant to be read.

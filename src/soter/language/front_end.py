@@ -59,13 +59,13 @@ def for_people(diagnostics: Diagnostics, sources: Sequence[Source]) -> Diagnosti
         return files.get(id(span.source), -1), span.start, d.severity is not Severity.ERROR
 
     ordered = Diagnostics()
-    for d in _merged(_once(sorted(diagnostics.items, key=place))):
+    for d in _merged(_deduplicated(sorted(diagnostics.items, key=place))):
         if d.severity is Severity.ERROR or not diagnostics.has_errors or d.code not in HUSHED:
             ordered.add(d)
     return ordered
 
 
-def _once(items: Sequence[Diagnostic]) -> list[Diagnostic]:
+def _deduplicated(items: Sequence[Diagnostic]) -> list[Diagnostic]:
     """For each mistake at one place only the diagnostic with the shortest names."""
     kept: dict[object, Diagnostic] = {}
     for number, d in enumerate(items):
@@ -87,10 +87,10 @@ def _merged(items: Sequence[Diagnostic]) -> list[Diagnostic]:
         if d.code in MERGED and d.primary is not None:
             key = d.code, d.message, id(d.primary.span.source)
         groups.setdefault(key, []).append(d)
-    return [_one_diagnostic(group) for group in groups.values()]
+    return [_merge_group(group) for group in groups.values()]
 
 
-def _one_diagnostic(group: list[Diagnostic]) -> Diagnostic:
+def _merge_group(group: list[Diagnostic]) -> Diagnostic:
     first, rest = group[0], group[1:]
     if not rest:
         return first
@@ -98,12 +98,12 @@ def _one_diagnostic(group: list[Diagnostic]) -> Diagnostic:
     notes = first.notes
     if len(places) > PLACES_MAX:
         notes = (*notes, f"and in {len(places) - PLACES_MAX} more places")
-    fixes = tuple(_together(fix, group) for fix in first.fixes)
+    fixes = tuple(_combined_fix(fix, group) for fix in first.fixes)
     secondary = (*first.secondary, *places[:PLACES_MAX])
     return replace(first, secondary=secondary, notes=notes, fixes=fixes)
 
 
-def _together(fix: Fix, group: list[Diagnostic]) -> Fix:
+def _combined_fix(fix: Fix, group: list[Diagnostic]) -> Fix:
     """A fix with the edits of all diagnostics of `group` that offer the same, each once."""
     edits = [e for d in group for f in d.fixes if f.title == fix.title for e in f.edits]
     return Fix(fix.title, tuple(dict.fromkeys(edits)))
@@ -196,12 +196,12 @@ def _check_file(
     if draft:
         everything = implicit_system(program)
         own = {everything.name: everything} if everything else {}
-    _one_default(own, diagnostics)
+    _check_one_default(own, diagnostics)
     controllers = {n for m in program.modules.values() for n in m.own}
     others = [n for n in program.nodes.values() if n not in controllers]
     for module in program.modules.values():
         check_declaration(module, diagnostics, program.damaged, others)
-    flat_by_name = _all_flat(program, own, overrides, diagnostics, draft=draft)
+    flat_by_name = _flatten_all(program, own, overrides, diagnostics, draft=draft)
     for test in program.tests.values():
         elaborate_test(program, test, overrides, diagnostics)
     _check_the_rest(program, own, diagnostics)
@@ -209,7 +209,7 @@ def _check_file(
     return CheckResult(program, ordered, own, loaded, {} if draft else flat_by_name)
 
 
-def _all_flat(
+def _flatten_all(
     program: TypedProgram,
     systems: Mapping[str, SystemSymbol],
     overrides: Mapping[str, Value],
@@ -324,7 +324,7 @@ def _unplaced(
     return (s for s in rest if s not in used)
 
 
-def _one_default(systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics) -> None:
+def _check_one_default(systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics) -> None:
     marked = [s for s in systems.values() if s.default]
     for other in marked[1:]:
         diagnostics.error(
@@ -355,11 +355,11 @@ def system_of(
     symbol = checked.systems.get(name) if name else checked.default_system()
     diagnostics = Diagnostics()
     if symbol is None:
-        _no_system(checked, name, diagnostics)
+        _report_no_system(checked, name, diagnostics)
         raise SoterError(diagnostics.items)
     flat = _flatten(checked.program, symbol, overrides or {}, diagnostics, lints=False)
     if exact:
-        _all_meant(checked.program, symbol, overrides or {}, diagnostics)
+        _check_overrides(checked.program, symbol, overrides or {}, diagnostics)
     if flat is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
     return flat
@@ -398,13 +398,13 @@ def system_of_test(
         raise SoterError(diagnostics.items)
     flat = elaborate_test(checked.program, test, overrides or {}, diagnostics)
     if exact:
-        _all_meant(checked.program, test.system, overrides or {}, diagnostics)
+        _check_overrides(checked.program, test.system, overrides or {}, diagnostics)
     if flat is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
     return flat
 
 
-def _all_meant(
+def _check_overrides(
     program: TypedProgram,
     system: SystemSymbol,
     overrides: Mapping[str, Value],
@@ -416,7 +416,7 @@ def _all_meant(
             diagnostics.error("U004", f"system `{system.name}` has no instance of `{name}`")
 
 
-def _no_system(checked: CheckResult, name: str | None, diagnostics: Diagnostics) -> None:
+def _report_no_system(checked: CheckResult, name: str | None, diagnostics: Diagnostics) -> None:
     known = ", ".join(f"`{n}`" for n in checked.systems) or "none"
     if name:
         diagnostics.error("U002", f"there is no system `{name}`", notes=(f"there are: {known}",))

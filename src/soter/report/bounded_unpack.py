@@ -32,13 +32,13 @@ class BoundedUnpacking:
 
     def bz2(self, packed: bytes) -> bytes:
         """Unpacks a chunk of bz2."""
-        return self._counted(_all_of(bz2.BZ2Decompressor(), packed))
+        return self._counted(_unpack_all(bz2.BZ2Decompressor(), packed))
 
     def lz4(self, packed: bytes) -> bytes:
         """Unpacks a frame of lz4."""
         from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415 - comes with an extra
 
-        return self._counted(_all_of(LZ4FrameDecompressor(), packed))
+        return self._counted(_unpack_all(LZ4FrameDecompressor(), packed))
 
     def zstd(self, packed: bytes) -> bytes:
         """Unpacks frames of zstd."""
@@ -58,7 +58,7 @@ class BoundedUnpacking:
         return data
 
 
-def _all_of(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - two packages, one shape
+def _unpack_all(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - two packages, one shape
     """The content of one packed stream; EOFError if its end is missing."""
     parts, rest, size = [], packed, 0
     while not unpacker.eof:

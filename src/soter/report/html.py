@@ -121,7 +121,7 @@ def html_document(page: ReportPage, drawing_library: str = "", beside: str = "")
     `drawing_library` is the JavaScript of plotly, `beside` the name of a file that has it.
     """
     main, figures = body(page)
-    drawings = script_json([_light(f.to_json()) for f in figures])
+    drawings = script_json([_packed_figure(f.to_json()) for f in figures])
     scripts = f"""<noscript><p>JavaScript draws the figures; it is switched off.</p></noscript>
 <script type="application/json" id="figures">{drawings}</script>
 {f'<script src="{escape(beside)}"></script>' if beside else f"<script>{drawing_library}</script>"}
@@ -131,7 +131,7 @@ def html_document(page: ReportPage, drawing_library: str = "", beside: str = "")
     return _document(page.title, main, scripts, policy=BESIDE if beside else POLICY)
 
 
-def _light(figure: Json) -> Json:
+def _packed_figure(figure: Json) -> Json:
     """The figure with its long lists of x and y packed (`templates.py`)."""
     traces = figure["data"]
     assert isinstance(traces, list)

@@ -236,7 +236,7 @@ class McapLog:
         self._file = ExitStack()
         with self.dropped_on_error():
             self._stream = self._file.enter_context(atomic_write(self.path))
-            self._writer, self._ids = _begun(self._stream, channels, header)
+            self._writer, self._ids = _open_writer(self._stream, channels, header)
             self._stream.flush()
 
     @contextmanager
@@ -289,11 +289,11 @@ def to_json(message: Mapping[str, object]) -> bytes:
         text = json.dumps(message, allow_nan=False, separators=(",", ":"), default=_plain)
     except ValueError:
         # Only now is the message walked through: nearly all hold finite numbers only.
-        text = json.dumps(_spelled(message), allow_nan=False, separators=(",", ":"))
+        text = json.dumps(_spell_numbers(message), allow_nan=False, separators=(",", ":"))
     return text.encode()
 
 
-def _begun(
+def _open_writer(
     stream: IO[bytes], channels: Sequence[tuple[str, JsonSchema]], header: LogHeader
 ) -> tuple[Any, list[int]]:
     """A writer that has written header, metadata, schemas and channels; the channels' ids."""
@@ -420,16 +420,16 @@ def _plain(value: object) -> object:
     raise TypeError(f"cannot log a value of type {type(value).__name__}")
 
 
-def _spelled(value: object) -> object:
+def _spell_numbers(value: object) -> object:
     """Return a copy of a message with NaN and infinities spelled out."""
     if isinstance(value, (np.generic, np.ndarray)):
-        return _spelled(_plain(value))
+        return _spell_numbers(_plain(value))
     if isinstance(value, float) and not math.isfinite(value):
         if math.isnan(value):
             return "NaN"
         return "Infinity" if value > 0 else "-Infinity"
     if isinstance(value, Mapping):
-        return {name: _spelled(item) for name, item in value.items()}
+        return {name: _spell_numbers(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_spelled(item) for item in value]
+        return [_spell_numbers(item) for item in value]
     return value

@@ -323,7 +323,7 @@ class McapRecords:
             _same_crc(footer.summary_crc, crc, "its summary")
 
 
-class _Whole(BytesIO):
+class _StrictBytes(BytesIO):
     """Bytes in memory of which reading more than there are is an error."""
 
     def read(self, size: int | None = -1) -> bytes:
@@ -338,7 +338,7 @@ def _read(name: str, body: bytes, at: int) -> Any:  # noqa: ANN401 - a record of
     from mcap import records  # noqa: PLC0415 - an extra
     from mcap.data_stream import ReadDataStream  # noqa: PLC0415 - the same
 
-    stream = ReadDataStream(_Whole(body))
+    stream = ReadDataStream(_StrictBytes(body))
     try:
         record = getattr(records, name).read(stream)
     except (DamagedMcapError, struct.error, UnicodeDecodeError) as error:

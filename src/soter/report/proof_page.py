@@ -344,12 +344,12 @@ def proof_body(page: ProofPage) -> str:
         regions=REGIONS,
         switched=SWITCHED,
         region_svg=region_svg,
-        of_one_region=_of_one_region,
+        of_one_region=_single_region,
         undrawn=_undrawn,
     )
 
 
-def _of_one_region(f: RegionFigure) -> int | None:
+def _single_region(f: RegionFigure) -> int | None:
     """The region that a figure with one axis consists of, so that it is not drawn; or None."""
     if f.y_name or f.slices or f.trajectory is not None:
         return None
@@ -363,7 +363,7 @@ def _undrawn(figures: tuple[RegionFigure, ...]) -> list[tuple[str, str, str]]:
     """For each region and note, the axes along which it reaches from end to end."""
     axes: dict[tuple[int, str], list[str]] = {}
     for f in figures:
-        region = _of_one_region(f)
+        region = _single_region(f)
         if region is not None:
             unit = f" {f.x_unit}" if f.x_unit else ""
             ends = f"{f.x_edges[0]:.4g}, {f.x_edges[-1]:.4g}".replace("-", "\N{MINUS SIGN}")

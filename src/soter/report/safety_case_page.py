@@ -165,12 +165,12 @@ def _svg(case: SafetyCase, root: _Spot) -> str:
         _move(root, short)
         width += 2 * short
     rows = _rows(root)
-    y = _stack(rows)
+    y = _place_rows(rows)
     spots = [s for row in rows for s in row]
     parts = [line for s in spots for below in s.below for line in _arrow(s, below)]
     parts += [line for s in spots for line in _shape(case, s)]
-    parts += [line for k, (kind, ids) in enumerate(beside) for line in _side(root, kind, ids, k)]
-    drawn = {part for s in spots for part in _parts_of(case, s.node)}
+    parts += [line for k, (kind, ids) in enumerate(beside) for line in _boxes(root, kind, ids, k)]
+    drawn = {part for s in spots for part in _legend_symbols(case, s.node)}
     lines = _legend([*drawn, *(kind for kind, _ in beside)])
     parts += [
         f'<g transform="translate({MARGIN} {y - 10 + LEGEND_LINE * k:.0f})">{line}</g>'
@@ -187,7 +187,7 @@ def _svg(case: SafetyCase, root: _Spot) -> str:
     )
 
 
-def _stack(rows: list[list[_Spot]]) -> float:
+def _place_rows(rows: list[list[_Spot]]) -> float:
     """Rows below one another, circles below what they support; where the last one ends."""
     above: dict[int, list[_Spot]] = {}
     for a in (a for row in rows for a in row):
@@ -279,7 +279,7 @@ def _arrow(above: _Spot, below: _Spot) -> Iterator[str]:
     yield f'<path class="head" d="M{x1:.1f} {y1:.1f}l-4 -8h8Z"/>'
 
 
-def _side(root: _Spot, kind: str, ids: Sequence[str], at: int) -> Iterator[str]:
+def _boxes(root: _Spot, kind: str, ids: Sequence[str], at: int) -> Iterator[str]:
     """The assumptions to the left, contexts to the right, each as one element."""
     side = -1 if at == 0 and kind == "assumption" else 1
     x, y = root.x + side * 1.05 * COLUMN, root.y + root.height / 2
@@ -295,7 +295,7 @@ def _side(root: _Spot, kind: str, ids: Sequence[str], at: int) -> Iterator[str]:
     yield "</g></a>"
 
 
-def _parts_of(case: SafetyCase, node: CaseNode) -> tuple[str, ...]:
+def _legend_symbols(case: SafetyCase, node: CaseNode) -> tuple[str, ...]:
     """The symbols of the notation that a node is drawn with: kind, status, a diamond."""
     undeveloped = node.kind == "goal" and not node.supported_by
     return node.kind, case.status(node), *(("diamond",) if undeveloped else ())
@@ -370,7 +370,7 @@ def body(case: SafetyCase) -> str:
         open_items=_open_items(case),
         names={p.name for p in case.traceability.properties},
         traced=_traced(case),
-        provided=lambda behind: _provided(case, behind),
+        provided=lambda behind: _open_conditions(case, behind),
         how=HOW,
         evidence=_evidence(case),
         meanings=MEANINGS,
@@ -416,7 +416,7 @@ def _traced(case: SafetyCase) -> list[tuple[str, list[tuple[TracedItem, list[Tra
     return sections
 
 
-def _provided(case: SafetyCase, behind: Sequence[TracedProperty]) -> str:
+def _open_conditions(case: SafetyCase, behind: Sequence[TracedProperty]) -> str:
     """What a supported row still depends on, as text: assumptions of proofs, flights."""
     count = sum(item.kind == "assumption" for item in case.traceability.open)
     said = [f"with {count} assumption{'s' if count > 1 else ''} open"] if count else []

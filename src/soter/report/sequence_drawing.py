@@ -124,7 +124,7 @@ def plan(view: SequenceView) -> DrawingPlan:
 
 def _below_first(step: SequenceStep, index: int) -> float:
     """The distance from the first line of a step to its line number `index`."""
-    return LINE_PX * index + UNDER_BOX_PX * bool(index and _word(step)[0])
+    return LINE_PX * index + UNDER_BOX_PX * bool(index and _box_word(step)[0])
 
 
 def body_svg(p: DrawingPlan) -> str:
@@ -134,7 +134,7 @@ def body_svg(p: DrawingPlan) -> str:
         _modes(p),
         _lifelines(p),
         _lateness(p),
-        _running(p),
+        _overruns(p),
         (_row(p, row) for row in p.rows),
     )
     inside = "\n".join(part for layer in layers for part in layer)
@@ -164,7 +164,7 @@ def gutter_svg(p: DrawingPlan) -> str:
         )
         cross = _cross(10, row.line, 5, "cross") if step.violates else ""
         parts.append(
-            f'<g class="mark{kind}" data-step="{step.number}">{_hit(row, GUTTER_PX)}'
+            f'<g class="mark{kind}" data-step="{step.number}">{_hit_area(row, GUTTER_PX)}'
             f'<text class="number" x="{GUTTER_PX - 10}" y="{row.line + 4:g}">{step.number}</text>'
             f"{tick}{cross}</g>"
         )
@@ -237,7 +237,7 @@ def _lateness(p: DrawingPlan) -> Iterator[str]:
         )
 
 
-def _running(p: DrawingPlan) -> Iterator[str]:
+def _overruns(p: DrawingPlan) -> Iterator[str]:
     """Draw a step that overruns from its start to where it takes effect."""
     started: dict[str, float] = {}
     for row in p.rows:
@@ -269,7 +269,7 @@ def _row(p: DrawingPlan, row: StepRow) -> str:
     return (
         f'<a class="row{kind}" id="row-{step.number}" href="#step-{step.number}" '
         f'data-step="{step.number}" data-x="{0 if x is None else x:g}" data-top="{row.top:g}" '
-        f'data-end="{row.end:g}"><title>{escape(_title(step))}</title>{_hit(row, p.width)}'
+        f'data-end="{row.end:g}"><title>{escape(_title(step))}</title>{_hit_area(row, p.width)}'
         f"{inside}</a>"
     )
 
@@ -288,7 +288,7 @@ def _title(step: SequenceStep) -> str:
     return "\n".join(lines)
 
 
-def _hit(row: StepRow, width: float) -> str:
+def _hit_area(row: StepRow, width: float) -> str:
     return f'<rect class="hit" y="{row.top:g}" width="{width:g}" height="{row.height:g}"/>'
 
 
@@ -404,21 +404,21 @@ def _publication(
         return shape + words
     left_end = min(readers[0], x)
     right_end = max(readers[-1], x)
-    heads = "".join(_head(place, y, rightwards=place > x) for place in readers)
+    heads = "".join(_arrow_head(place, y, rightwards=place > x) for place in readers)
     return (
         f'<path class="wire {role}" d="M{left_end:g} {y:g}H{right_end:g}"/>'
         f'<path class="head {role}" d="{heads}"/>{words}'
     )
 
 
-def _head(x: float, y: float, *, rightwards: bool) -> str:
+def _arrow_head(x: float, y: float, *, rightwards: bool) -> str:
     back = x - 8 if rightwards else x + 8
     return f"M{x:g} {y:g}L{back:g} {y - 4:g}V{y + 4:g}Z"
 
 
 def _box(p: DrawingPlan, step: SequenceStep, x: float, y: float, role: str) -> tuple[str, float]:
     """Draw the step itself, a box with a word or two or a dot; return half its width as well."""
-    text, kind = _word(step)
+    text, kind = _box_word(step)
     gated = " gated" if step.gated else ""
     if not text:
         ring = _ring(step, x, y, DOT_PX, DOT_PX)
@@ -433,7 +433,7 @@ def _box(p: DrawingPlan, step: SequenceStep, x: float, y: float, role: str) -> t
     return _ring(step, x, y, half, BOX_PX / 2) + shape, half
 
 
-def _word(step: SequenceStep) -> tuple[str, str]:
+def _box_word(step: SequenceStep) -> tuple[str, str]:
     """Return the word in the box, and its kind."""
     if step.fault is not None:
         return "fault", "fault"

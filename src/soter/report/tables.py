@@ -70,10 +70,10 @@ def table(
     right = [_is_numeric(column) for column in columns]
     widths = _widths(headers, columns, right, width)
     rule = _paint("  ".join("─" * width for width in widths), "muted", color=color)
-    lines = [_line(line, widths, right, color=color) for line in _broken(head, widths)]
+    lines = [_line(line, widths, right, color=color) for line in _row_lines(head, widths)]
     lines.append(rule)
     for row in cells:
-        lines += [_line(line, widths, right, color=color) for line in _broken(row, widths)]
+        lines += [_line(line, widths, right, color=color) for line in _row_lines(row, widths)]
     return "\n".join(lines)
 
 
@@ -105,7 +105,7 @@ def _words(text: str) -> list[str]:
     return [word for word in text.split(" ") if word]
 
 
-def _broken(row: Sequence[Styled], widths: Sequence[int]) -> list[list[Styled]]:
+def _row_lines(row: Sequence[Styled], widths: Sequence[int]) -> list[list[Styled]]:
     """Return the lines of a row."""
     parts = [_wrapped(cell.text, width) for cell, width in zip(row, widths, strict=True)]
     return [
@@ -158,7 +158,7 @@ def mode_timeline(
     ac = _columns(time_s, in_control, width)
     edges = [0, *(np.flatnonzero(np.diff(ac.astype(np.int8))) + 1).tolist(), width]
     return "".join(
-        _stretch(bool(ac[first]), last - first, ascii_only=ascii_only)
+        _mode_columns(bool(ac[first]), last - first, ascii_only=ascii_only)
         for first, last in pairwise(edges)
     )
 
@@ -185,7 +185,7 @@ def _columns(
     return held
 
 
-def _stretch(is_ac: bool, length: int, *, ascii_only: bool) -> str:
+def _mode_columns(is_ac: bool, length: int, *, ascii_only: bool) -> str:
     """Return the columns of one stretch."""
     name = "AC" if is_ac else "SC"
     if is_ac:

@@ -208,7 +208,7 @@ class _PredicateReader:
         if not self._evaluator.unbound:  # an extern function is asked once, by the run
             ttf = tuple(part(env) for part in self._ttf)
             safer = tuple(part(env) for part in self._safer)
-        known = bool(facts["ttf"]) == _any(ttf) and bool(facts["safer"]) == _all(safer)
+        known = bool(facts["ttf"]) == _any_part(ttf) and bool(facts["safer"]) == _all_parts(safer)
         stale = tuple(self._stale(env)) if facts["stale"] else ()
         return DecisionReason(
             known=known,
@@ -277,8 +277,8 @@ class _PredicateReader:
             return self.system.modules[i].margin_ns(looks, ct - stamp(looked))
 
         return Environment(
-            topics=_Lazy(value, len(topics)),
-            stamps=_Lazy(stamp, len(topics)),
+            topics=_LazySequence(value, len(topics)),
+            stamps=_LazySequence(stamp, len(topics)),
             time_ns=ct,
             period_ns=self.module.period_ns,
             mode=mode,
@@ -413,7 +413,7 @@ class _PredicateReader:
 # ---------------------------------------------------------------- reading two states
 
 
-class _Lazy(Sequence[T]):
+class _LazySequence(Sequence[T]):
     """A sequence whose values are computed when they are asked for."""
 
     def __init__(self, of: Callable[[int], T], size: int) -> None:
@@ -452,12 +452,12 @@ def published_before(system: System, dm: int) -> frozenset[int]:
     return frozenset({t.index for t in system.topics} - late - looks - shields)
 
 
-def _any(parts: tuple[PredicatePart, ...]) -> bool:
+def _any_part(parts: tuple[PredicatePart, ...]) -> bool:
     """The value of `ttf` by its parts, as a DM takes it: a fault is true; no part: true."""
     return next((True for p in parts if p.value or p.value is None), not parts)
 
 
-def _all(parts: tuple[PredicatePart, ...]) -> bool:
+def _all_parts(parts: tuple[PredicatePart, ...]) -> bool:
     return bool(parts) and all(p.value for p in parts)
 
 

@@ -121,7 +121,7 @@ class TubeLooks:
     def __init__(self, system: System, modules: Sequence[Module]) -> None:
         self.modules = modules
         asked = {m.index: calls_in(m.symbol.safer)[0].arguments for m in self.modules}
-        read = {m: [a for a in of if not _of_map(a)] for m, of in asked.items()}
+        read = {m: [a for a in of if not _is_map_number(a)] for m, of in asked.items()}
         self.names = {m: tuple([path_of(a) for a in every]) for m, every in read.items()}
         """The names of what a module's check reads, one for each state that it follows."""
         self.units = {m: tuple([getattr(a.type, "unit", "") for a in of]) for m, of in read.items()}
@@ -184,7 +184,7 @@ def looks_of(system: System) -> TubeLooks | None:
     return None
 
 
-def _of_map(e: typed.TypedExpr) -> bool:
+def _is_map_number(e: typed.TypedExpr) -> bool:
     """Whether an expression is a number of a map, which no tube moves."""
     while isinstance(e, (typed.TypedField, typed.Index)):
         e = e.target

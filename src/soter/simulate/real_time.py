@@ -110,7 +110,7 @@ class FlightRecording:
                 observer.see(rows)
             except (ValueError, LookupError) as error:
                 why = f"up to {self.last_ns} ns a state is none: {error}"
-                raise self._unreadable(f"it is damaged: {why}") from error
+                raise self._cannot_read(f"it is damaged: {why}") from error
 
     # ------------------------------------------------------------ the file
 
@@ -120,7 +120,7 @@ class FlightRecording:
             with opened(self.path) as file:
                 yield file
         except OSError as error:
-            raise self._unreadable(reason(error)) from error
+            raise self._cannot_read(reason(error)) from error
 
     def _head(self, file: BinaryIO) -> int:
         """Reads and compares which system flew; returns the seed."""
@@ -128,7 +128,7 @@ class FlightRecording:
         file.seek(len(head) + 2)
         first, *lines = head.decode("utf-8", "replace").split("\n")
         if first != FIRST_LINE:
-            raise self._unreadable("it does not begin as a recording does")
+            raise self._cannot_read("it does not begin as a recording does")
         said = dict(line.partition("=")[::2] for line in lines)
         seed, own = said.pop("seed", ""), head_of(self.system, self._layout)
         for name in sorted(own.keys() | said.keys()):
@@ -137,7 +137,7 @@ class FlightRecording:
                 what = visible(name.removeprefix("param "))
                 raise self._of_another(f"{what} was {visible(was)[:80]} in it, and is {here} here")
         if not seed.isdecimal():
-            raise self._unreadable("it does not say its seed")
+            raise self._cannot_read("it does not say its seed")
         return int(seed)
 
     def _blocks(self) -> Iterator[npt.NDArray[np.uint8]]:
@@ -160,7 +160,7 @@ class FlightRecording:
         if said is None:
             self.cut = CUT
         elif said < number:
-            raise self._unreadable("it is damaged: it has more instants than its end says")
+            raise self._cannot_read("it is damaged: it has more instants than its end says")
         elif said > number:
             self.cut = self._missing(said - number)
 
@@ -178,7 +178,7 @@ class FlightRecording:
             digest.update(data)
             left -= len(data)
         if digest.hexdigest().encode() != end[2]:
-            raise self._unreadable("it is damaged: its end has the hash of something else")
+            raise self._cannot_read("it is damaged: its end has the hash of something else")
         return int(end[1])
 
     def _in_order(self, records: npt.NDArray[Any], number: int) -> npt.NDArray[Any]:
@@ -191,7 +191,7 @@ class FlightRecording:
         times = np.concatenate(([self.last_ns if number else -1], whole["ct"]))
         backwards = len(whole) < len(records) and numbers[len(whole)] < due[len(whole)]
         if backwards or (np.diff(times) <= 0).any() or (cts != whole["ct"]).any():
-            raise self._unreadable(f"it is damaged: instants behind {times[-1]} ns in no order")
+            raise self._cannot_read(f"it is damaged: instants behind {times[-1]} ns in no order")
         return whole
 
     def _told(self, records: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
@@ -213,7 +213,7 @@ class FlightRecording:
             "had no room for more"
         )
 
-    def _unreadable(self, why: str) -> SoterError:
+    def _cannot_read(self, why: str) -> SoterError:
         helps = ("`--record FILE` of a program of `soter build --target posix` writes one",)
         text = f"cannot read the recording `{visible(str(self.path))}`: {why}"
         return mistake("D006", text, *helps)
@@ -318,7 +318,7 @@ def run_real_time(
             recording = FlightRecording(work / "states", system)
             recording.observed_by(observer, also)
             cut = recording.cut
-    run = _run_of(system, observer, keep_trace, seed, wall_s=wall, duration_s=until_ns / 1e9)
+    run = _finished_run(system, observer, keep_trace, seed, wall_s=wall, duration_s=until_ns / 1e9)
     run.interrupted, run.timing, run.cut = bool(timing["stopped"]), timing, cut
     run.lag_s_max = max(float(timing["wake"]["max_ns"]), 0.0) / 1e9
     return run
@@ -336,7 +336,7 @@ def run_recorded(
     observer = _observer(system, keep_trace, hash_trace=hash_trace)
     recording.observed_by(observer, also)
     wall, flown = time.perf_counter() - began, recording.last_ns / 1e9
-    run = _run_of(system, observer, keep_trace, recording.seed, wall_s=wall, duration_s=flown)
+    run = _finished_run(system, observer, keep_trace, recording.seed, wall_s=wall, duration_s=flown)
     run.cut, run.misses_recorded, run.engine = recording.cut, recording.misses, RECORDED
     return run
 
@@ -355,7 +355,7 @@ def _observer(system: System, keep_trace: Kept, *, hash_trace: bool) -> Observer
     )
 
 
-def _run_of(
+def _finished_run(
     system: System,
     observer: Observer,
     keep_trace: Kept,
@@ -393,7 +393,7 @@ def _driven(
     quiet: bool,
 ) -> dict[str, Any]:
     """Runs the driver and returns its report; `SoterError` X011 where there is none."""
-    program = _runnable(built, work)
+    program = _executable_copy(built, work)
     command = [str(program), "--json", "--seed", str(seed), "--until", f"{until_ns / 1e9!r}"]
     command += ["--record", str(work / "states"), "--wait", str(WAIT_S)]
     command += ["--worker-memory", str(MEMORY_MIB), "--quiet", *([] if quiet else ["--live"])]
@@ -425,7 +425,7 @@ def _driven(
     return document
 
 
-def _runnable(built: BuiltPackage, work: Path) -> Path:
+def _executable_copy(built: BuiltPackage, work: Path) -> Path:
     """The path of an executable copy of the program: files in the cache may not be executed."""
     for path in built.folder.iterdir():
         if path.name != "seals":

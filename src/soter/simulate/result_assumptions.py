@@ -48,7 +48,7 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
     `proofs`: by module, where exactly this system was verified.
     """
     free = [m for m in system.modules if m.forced is None]
-    assumptions = _of_proofs(system, free, proofs or {})
+    assumptions = _proof_sentences(system, free, proofs or {})
     assumptions += [_at_once(m) for m in free if _acts_ns(m) > m.period_ns]
     assumptions += [
         f"{m.name}: not shown, and taken for true: {m.unshown}" for m in free if m.unshown
@@ -61,10 +61,10 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
     return [*assumptions, *(text for m in free for text in _computed(m))]
 
 
-def _of_proofs(system: System, free: list[Module], proofs: Mapping[str, Proof]) -> list[str]:
+def _proof_sentences(system: System, free: list[Module], proofs: Mapping[str, Proof]) -> list[str]:
     """Sentences on what is proved of modules, not claimed, or assumed."""
     assumptions = [
-        _proved(m.name, proofs[m.name], _whilst(system, m)) + _outside(system)
+        _proved(m.name, proofs[m.name], _modes_above(system, m)) + _outside(system)
         for m in free
         if m.name in proofs
     ]
@@ -74,8 +74,8 @@ def _of_proofs(system: System, free: list[Module], proofs: Mapping[str, Proof]) 
             assumptions.append(f"{m.name}: nothing is claimed of it; {above} is above it")
     rest = [m for m in free if m.name not in proofs and not claims_nothing(system, m)]
     if rest:
-        which = ", ".join(m.name + _whilst(system, m) for m in rest)
-        said = f"{which}: {' '.join(ASSUMED)} assumed, not checked {_who_checks(system)}"
+        which = ", ".join(m.name + _modes_above(system, m) for m in rest)
+        said = f"{which}: {' '.join(ASSUMED)} assumed, not checked {_checker_of_runs(system)}"
         assumptions.append(said)
     return assumptions
 
@@ -103,7 +103,7 @@ def _at_once(m: Module) -> str:
     return f"{m.name}: commands act at once in a run; {late} of `acts within` count in its proof"
 
 
-def _whilst(system: System, m: Module) -> str:
+def _modes_above(system: System, m: Module) -> str:
     """Words on when a claim about a module below others holds; "": always."""
     names = " and ".join(x.name for x in modules_above(system, m.index))
     return f" (while {names} is in AC)" if names else ""
@@ -133,7 +133,7 @@ def _outside(system: System) -> str:
     return f"; the code of {', '.join(names)} (extern) is in no proof, and may have changed since"
 
 
-def _who_checks(system: System) -> str:
+def _checker_of_runs(system: System) -> str:
     if system.proved is None:
         return "(`soter verify` does)"
     return f"(`soter build --cert` carries what was proved of {system.proved.name})"

@@ -107,7 +107,7 @@ def state_bytes(
         COMPONENT.pack_into(
             out,
             at,
-            next=_following(x, c.ct)
+            next=_next_release(x, c.ct)
             if x.index not in late
             else next_release(system, late[x.index], x, seed, c.ct),
             faults=r.faults,
@@ -149,7 +149,7 @@ def state_bytes(
     return bytes(out)
 
 
-def _following(x: Component, ct: int) -> int:
+def _next_release(x: Component, ct: int) -> int:
     """The first release of a component after `ct`, in ns."""
     if ct < x.phase_ns:
         return x.phase_ns
@@ -324,7 +324,7 @@ class _Drive:
         """Runs to `limit_ns`, a full trace, or an extern, which is answered; True at the limit."""
         part = self.buffer[self.filled :] if self.buffer is not None else None
         status, written, due = self.library.run(self.state, limit_ns, part)
-        _undisturbed(self.process)
+        _check_process(self.process)
         self.filled += written
         if status is RunStatus.EXTERN:
             self.answers.answer(self.state, due)
@@ -369,7 +369,7 @@ def run_interpreted(
             waiting.clear()
 
     def observe(c: Configuration, record: Record) -> None:
-        _undisturbed(process)
+        _check_process(process)
         waiting.append(state_bytes(system, layout, c, record, seed))
         if len(waiting) == BATCH:
             flush()
@@ -441,7 +441,7 @@ def _interpret(
     return True
 
 
-def _undisturbed(process: int) -> None:
+def _check_process(process: int) -> None:
     """Ends this process if an extern forked it; `SoterError` X012 if floats changed in it."""
     end_copy(process)
     require_plain()

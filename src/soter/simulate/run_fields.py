@@ -64,7 +64,7 @@ def _mode_changes_total(run: Run) -> int:
     return len(run.changes)
 
 
-def _silences(run: Run) -> dict[str, Tally]:
+def _silent_externs(run: Run) -> dict[str, Tally]:
     return {name: tally for name, tally in run.extern_tallies.items() if tally.silent}
 
 
@@ -175,7 +175,7 @@ DOCUMENT = JsonObject(
         "mode_changes": _mode_changes,
         "mode_changes_total": _mode_changes_total,
         "faults": component_faults,
-        "extern_silences": _silences,
+        "extern_silences": _silent_externs,
         "final": final_values,
     },
     beside={"file": str, "log?": str, "report?": str},

@@ -304,11 +304,11 @@ def recorded(run: Run) -> RecordedRun:
         record.truths.append({c.name: truth_value(run.layout, c, raw) for c in plants})
         stamps, now = row["stamps"], record.times_ns[-1]
         record.published.append({t.name for t in run.system.topics if stamps[t.index] == now})
-    _begin(record, run.system)
+    _drop_unpublished(record, run.system)
     return record
 
 
-def _begin(record: RecordedRun, system: System) -> None:
+def _drop_unpublished(record: RecordedRun, system: System) -> None:
     """Removes first values from `published` that nobody published.
 
     A log has a first value of every topic, which may be its default.
@@ -357,7 +357,7 @@ def read_log(path: Path, system: System) -> RecordedRun:
     if not record.times_ns or len(states) < len(truths):
         raise unreadable(path, f"it holds no true states of `{system.name}`")
     _keep(record, topics, states, since)
-    _begin(record, system)
+    _drop_unpublished(record, system)
     return record
 
 

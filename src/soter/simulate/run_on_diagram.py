@@ -179,7 +179,7 @@ def write_log_page(log: str | Path, system: System, path: str | Path) -> Path:
     require_log_package()
     source = Path(log)
     said = metadata(source)
-    live = _live(source, system, int(said.get("seed") or 0))
+    live = _live_diagram(source, system, int(said.get("seed") or 0))
     facts = [f"log {source.name}", *(f"{k} {said[k]}" for k in ("system", "seed") if k in said)]
     told = ", ".join(facts)
     if said.get("program_sha256") != system.program.sha256:
@@ -223,7 +223,7 @@ def _read(
     return end_s
 
 
-def _live(path: Path, system: System, seed: int) -> Live:
+def _live_diagram(path: Path, system: System, seed: int) -> Live:
     known = {t.name: _LoggedValues(t.type) for t in system.topics}
     plants = {x.name: x.plant for x in system.components if x.plant is not None}
     known |= {f"{name}.truth": _LoggedValues(plant.truth) for name, plant in plants.items()}

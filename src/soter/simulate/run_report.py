@@ -116,11 +116,11 @@ def led_of_run(run: Run) -> tuple[LedPicture, ...]:
     looks = None if run.system.shuffled else looks_of(run.system)
     if looks is None:
         return ()
-    pictures = (_picture(run, looks, m) for m in looks.modules)
+    pictures = (_led_picture(run, looks, m) for m in looks.modules)
     return tuple(p for p in pictures if p.looks)
 
 
-def _picture(run: Run, looks: TubeLooks, m: Module) -> LedPicture:
+def _led_picture(run: Run, looks: TubeLooks, m: Module) -> LedPicture:
     trace = run.require_trace()
     mode, stale = (trace["modules"][name][:, m.index] for name in ("mode", "stale"))
     rows = np.flatnonzero(decided_at(run.system, trace)[:, m.index] & (stale == 0))
@@ -190,13 +190,13 @@ def inline_report(run: Run, title: str, provenance: Mapping[str, str]) -> str:
 def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPage:
     """The page of one run."""
     chart = run_chart(run)
-    live = live_of_run(run, _thinned(run))
+    live = live_of_run(run, _thin_trace(run))
     picture = Picture(draw(run.system, live=True), live, led_of_run(run))
     return ReportPage(
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}, {run.reached_s:g} s",
         charts=(chart,),
-        notes=(*run.failures, *run.notes, *told(run), *_of_signals(run)),
+        notes=(*run.failures, *run.notes, *told(run), *_signal_notes(run)),
         assumptions=tuple(of_run(run.system, run.proofs)),
         provenance=dict(provenance),
         picture=picture,
@@ -219,7 +219,7 @@ def _headline(run: Run) -> str:
     return f"{names} never answered: nothing of it was tried. {told}"
 
 
-def _thinned(run: Run) -> npt.NDArray[np.void]:
+def _thin_trace(run: Run) -> npt.NDArray[np.void]:
     """The trace; for long runs every n-th state of it."""
     whole = run.require_trace()
     return whole[:: max(1, len(whole) // SAMPLES_MAX)]
@@ -227,7 +227,7 @@ def _thinned(run: Run) -> npt.NDArray[np.void]:
 
 def run_chart(run: Run) -> Chart:
     """All signals of a run, thinned to what can be seen."""
-    trace = _thinned(run)
+    trace = _thin_trace(run)
     thin = max(1, len(run.require_trace()) // SAMPLES_MAX)
     time_s = trace["header"]["ct"] / 1e9
     bands = tuple(
@@ -260,7 +260,7 @@ def _all_series(run: Run, trace: npt.NDArray[np.void], thin: int) -> tuple[Serie
     )
 
 
-def _of_signals(run: Run) -> Iterator[str]:
+def _signal_notes(run: Run) -> Iterator[str]:
     """Notes on what a margin is, if one is drawn, and on signals that are left out."""
     for m in run.system.modules:
         if m.looks > 1:
@@ -325,7 +325,7 @@ def _latches(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
 
 def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
     """All signals; plants' true states come first, as the properties are about them."""
-    demanded = _demanded(run.system)
+    demanded = _limits_by_signal(run.system)
     measured = _measured(run.system)
     compared = frozenset(measured.values())
     for group in run.layout.groups:
@@ -336,7 +336,7 @@ def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
         for v in x.plant.states:
             for each in _signals(f"{x.name}.{v.name}", v.type, states[v.name], ()):
                 own = replace(each, panel=each.name) if each.name in compared else each
-                yield _limited(own, demanded)
+                yield _with_limits(own, demanded)
     for topic in run.system.topics:
         if topic.held:
             continue
@@ -351,10 +351,10 @@ def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
         for each in _signals(topic.name, topic.type, trace["topics"][topic.name], marks):
             truth = measured.get(each.name)
             held = replace(each, held=True, panel=each.panel if truth is None else truth)
-            yield _limited(held, demanded)
+            yield _with_limits(held, demanded)
 
 
-def _demanded(system: System) -> dict[str, list[Threshold]]:
+def _limits_by_signal(system: System) -> dict[str, list[Threshold]]:
     """The limits of each signal; a level that several properties demand is drawn once."""
     thresholds_by_signal: dict[str, list[Threshold]] = {}
     for limit in limits(system):
@@ -368,9 +368,9 @@ def _demanded(system: System) -> dict[str, list[Threshold]]:
     return thresholds_by_signal
 
 
-def _limited(series: Series, demanded: Mapping[str, list[Threshold]]) -> Series:
+def _with_limits(series: Series, demanded: Mapping[str, list[Threshold]]) -> Series:
     """A signal with its limits that are in sight, beside its declared set."""
-    marks = _in_sight(series.values, tuple(demanded.get(series.name, ())))
+    marks = _visible_levels(series.values, tuple(demanded.get(series.name, ())))
     return replace(series, thresholds=(*series.thresholds, *marks)) if marks else series
 
 
@@ -403,7 +403,7 @@ def _states_in(
             yield from _states_in(f"{name}[{i}]", part, own)
 
 
-def _in_sight(
+def _visible_levels(
     numbers: npt.NDArray[np.float64], marks: tuple[Threshold, ...]
 ) -> tuple[Threshold, ...]:
     """The levels to draw; none where with them the signal would look like a flat line."""
@@ -422,7 +422,7 @@ def _signals(
     if isinstance(t, (FloatType, IntType, BoolType)):
         unit = "" if isinstance(t, BoolType) else t.unit
         numbers = np.ascontiguousarray(values, dtype=np.float64)
-        limits_in_sight, held = _in_sight(numbers, marks), not isinstance(t, FloatType)
+        limits_in_sight, held = _visible_levels(numbers, marks), not isinstance(t, FloatType)
         yield Series(name, unit, numbers, panel=name, thresholds=limits_in_sight, held=held)
     elif isinstance(t, RecordType):
         together = {n for n, _ in t.fields} <= AXES

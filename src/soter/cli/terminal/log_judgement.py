@@ -61,22 +61,22 @@ def undecided(m: ModuleOfLog) -> Diagnostic:
 
 def lines(j: LogJudgement, console: Console) -> Iterator[str]:
     """Yields the judgement as text for the terminal."""
-    yield f"{_judged_on(j)}\n"
+    yield f"{_judged_span(j)}\n"
     for m in j.modules:
         yield f"{m.module}: {verdict_of(m)}\n"
     yield console.table(HEAD, _rows(j))
     for m in j.modules:
         yield f"\n{m.module}"
-        yield from _of_module(m)
-    yield from _of_log(j)
+        yield from _module_lines(m)
+    yield from _log_lines(j)
     yield "\nassumptions"
     for text in j.assumptions:
-        yield from _item(text)
+        yield from _list_item(text)
 
 
 def sections(j: LogJudgement) -> Iterator[PageSection]:
     """Yields the judgement as sections of a page."""
-    yield PageSection("What was judged", (_judged_on(j), DISTANCES), PAGE_HEAD, tuple(_rows(j)))
+    yield PageSection("What was judged", (_judged_span(j), DISTANCES), PAGE_HEAD, tuple(_rows(j)))
     for m in j.modules:
         yield from _module_sections(m)
     lost = tuple(text.strip() for text in lost_of(j))
@@ -102,7 +102,7 @@ def _module_sections(m: ModuleOfLog) -> Iterator[PageSection]:
         yield PageSection(f"{m.module}: comparisons of `ttf`", (), BOUNDS_HEAD, rows)
 
 
-def _judged_on(j: LogJudgement) -> str:
+def _judged_span(j: LogJudgement) -> str:
     samples = ", ".join(f"{name} ({n:,})" if n else name for name, n in j.samples.items())
     return f"{j.log}  judged on reads from {j.from_s:.3f} s to {j.to_s:.3f} s: {samples}"
 
@@ -174,7 +174,7 @@ def _outcome(m: ModuleOfLog) -> Iterator[str]:
     if not m.decided:
         yield "  undecided; the log does not give"
         for name in m.missing:
-            yield from _item(name)
+            yield from _list_item(name)
         return
     outside = f"{m.outside:,} ({m.outside / max(1, m.asked):.1%})"
     yield (
@@ -190,14 +190,14 @@ def _outcome(m: ModuleOfLog) -> Iterator[str]:
     if m.outside_late:
         yield f"  samples {NOT_READ} lay outside of safe {m.outside_late:,} times"
     for text in unheard(m):
-        yield from _item(text)
+        yield from _list_item(text)
     if m.faults:
         yield f"  a predicate faulted {m.faults:,} times: the DM takes that for unsafe"
     if m.blind:
         yield f"  `safe` is not judged; it reads {', '.join(m.blind)}"
 
 
-def _of_module(m: ModuleOfLog) -> Iterator[str]:
+def _module_lines(m: ModuleOfLog) -> Iterator[str]:
     yield from _outcome(m)
     if not m.decided:
         return
@@ -227,12 +227,12 @@ def lost_of(j: LogJudgement) -> Iterator[str]:
         yield f"\nof the file: {told}"
 
 
-def _of_log(j: LogJudgement) -> Iterator[str]:
+def _log_lines(j: LogJudgement) -> Iterator[str]:
     yield from lost_of(j)
     if j.derived:
         yield "\nderived (error: half, 95 %, all of it below)"
     for how in dict.fromkeys(d.how for d in j.derived):
-        yield from _item(how)
+        yield from _list_item(how)
         for d in j.derived:
             if d.how == how:
                 yield f"      {d.name}  {', '.join(_errors(d))}"
@@ -243,7 +243,7 @@ def _errors(d: DerivedValue) -> tuple[str, ...]:
     return ("none",) * len(ERRORS_SHARES) if d.error is None else tuple(f"{e:.2g}" for e in d.error)
 
 
-def _item(text: str) -> Iterator[str]:
+def _list_item(text: str) -> Iterator[str]:
     yield textwrap.fill(text, WIDTH, initial_indent="  - ", subsequent_indent="    ")
 
 
@@ -278,7 +278,7 @@ def _left_out(j: LogJudgement) -> dict[str, LeftOutSamples]:
     }
 
 
-def _refused(j: LogJudgement) -> dict[str, LostSamples]:
+def _refused_samples(j: LogJudgement) -> dict[str, LostSamples]:
     return {name: LostSamples(*x) for name, x in j.refused.items()}
 
 
@@ -315,7 +315,7 @@ FOREIGN_LOG = JsonObject(
     f"{RESULT}.LogJudgement",
     "path=log from_s to_s samples nodes derived constants left_out refused far_stamps faulted "
     "notes assumptions modules",
-    {"left_out": _left_out, "refused": _refused, "modules": _modules},
+    {"left_out": _left_out, "refused": _refused_samples, "modules": _modules},
     named="foreign_log",
     derived=JsonObject("soter.monitor.typed_samples.DerivedValue", "name how error"),
     left_out=LEFT_OUT,

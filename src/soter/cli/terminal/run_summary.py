@@ -37,7 +37,7 @@ WIDTH = 34
 def timing_lines(timing: Timing) -> list[str]:
     """Lines on a run in real time, from the driver's report (docs/json.md)."""
     return [
-        *_head(timing),
+        *_timing_head(timing),
         *_histograms(timing),
         *_workers(timing),
         *_takeovers(timing),
@@ -45,7 +45,7 @@ def timing_lines(timing: Timing) -> list[str]:
     ]
 
 
-def _head(timing: Timing) -> Iterator[str]:
+def _timing_head(timing: Timing) -> Iterator[str]:
     memory = "memory locked" if timing["locked"] else "memory not locked"
     core = f"processor {timing['core']}" if timing["core"] >= 0 else "not pinned"
     yield f"real time  policy {timing['policy']}, {memory}, {core}"
@@ -130,7 +130,7 @@ def summary(run: Run, path: str, console: Console, *, why: bool = False) -> str:
         _modules(run, console),
         list(_timelines(run, console)),
         list(_decisions(run, console)) if why else [],
-        list(_grounds(run, console)),
+        list(_proof_lines(run, console)),
     ]
     return "\n\n".join("\n".join(lines) for lines in sections if lines)
 
@@ -301,7 +301,7 @@ def _modes(run: Run, module: int) -> tuple[np.ndarray, np.ndarray]:
     return np.array([t for t, _ in points]), np.array([ac for _, ac in points])
 
 
-def _grounds(run: Run, console: Console) -> Iterator[str]:
+def _proof_lines(run: Run, console: Console) -> Iterator[str]:
     lines = of_run(run.system, run.proofs)
     if lines:
         yield "rests on"

@@ -97,7 +97,7 @@ class StoredOutcome:
 def stored_outcome(file: str, words: Sequence[str]) -> StoredOutcome | None:
     """The outcome stored for the program in `file` and these words; None if anything differs."""
     try:
-        contents = {path: _sha256(path) for path in _listed(file)}
+        contents = {path: _sha256(path) for path in _stored_files(file)}
         entry = find_cached(NAME, _content(file, words, contents), (FILE,)) if contents else None
         if entry is None:
             return None
@@ -166,7 +166,7 @@ def _list_of(file: str) -> Path:
     return cache_dir() / "verdicts" / f"{digest([_absolute(file)])[:32]}.files"
 
 
-def _listed(file: str) -> list[str]:
+def _stored_files(file: str) -> list[str]:
     """The files that the program was made of when its last outcome was stored; [] if unknown."""
     path = _list_of(file)
     status = path.stat()

@@ -115,7 +115,7 @@ def classes_of(leaf: CoveredLeaf) -> list[tuple[int, str]]:
     if isinstance(leaf.type, IntType) and leaf.high - leaf.low < EACH_VALUE_MAX:
         count = int(leaf.high - leaf.low) + 1
         return [(EACH + i, f"{leaf.name} = {int(leaf.low) + i}") for i in range(count)]
-    return [(i, _class_name(leaf, i)) for i in _possible(leaf)]
+    return [(i, _class_name(leaf, i)) for i in _possible_classes(leaf)]
 
 
 def class_of(leaf: CoveredLeaf, value: float) -> int:
@@ -146,7 +146,7 @@ def leaf_value(t: Type, value: object, path: Sequence[str]) -> object:
     return value
 
 
-def _possible(leaf: CoveredLeaf) -> list[int]:
+def _possible_classes(leaf: CoveredLeaf) -> list[int]:
     """The numbers of the classes in which a leaf's values may be."""
     low, high = leaf.low, leaf.high
     bounded_below, bounded_above = low > -float("inf"), high < float("inf")

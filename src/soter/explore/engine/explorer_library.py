@@ -295,12 +295,12 @@ class Engine:
                 done.set()
 
         threading.Thread(target=work, name="soter explorer").start()
-        stopped = self._watch(done, progress, look, patience_s, saver)
+        stopped = self._await_end(done, progress, look, patience_s, saver)
         if failures:
             raise failures[0]
         return stopped
 
-    def _watch(
+    def _await_end(
         self,
         done: threading.Event,
         progress: Any,  # noqa: ANN401 - cdata

@@ -81,7 +81,7 @@ class ComposedSearch:
             for part in self._loose.parts:
                 left = max(until - time.perf_counter(), 0.0)
                 searches.append(
-                    self._explore(part, Observations(self._mask(part), self._share), left)
+                    self._run_part(part, Observations(self._mask(part), self._share), left)
                 )
                 kept.append(engine.take_stored())
                 if (
@@ -101,13 +101,13 @@ class ComposedSearch:
                         replace(searches[-1], status=status, stopped=stopped, states=0),
                     ]
                 if status == "violated":
-                    return [*searches, self._execution(joint, goals, until)]
+                    return [*searches, self._joint_violation(joint, goals, until)]
         finally:
             for one in kept:
                 engine.lib.soter_explore_free(one)
         return searches
 
-    def _explore(self, part: IndependentPart, noted: Observations, patience_s: float) -> Searched:
+    def _run_part(self, part: IndependentPart, noted: Observations, patience_s: float) -> Searched:
         once = replace(self._settings, part=part, noted=noted)
         return self._engine.explore(once, self._look, patience_s)
 
@@ -163,7 +163,7 @@ class ComposedSearch:
         stopped = engine.run_in_thread(combine, progress, self._look, patience_s)
         return STATUSES[ended[0]], goals, stopped
 
-    def _execution(self, joint: SharedProperty, goals: Words, until: float) -> Searched:
+    def _joint_violation(self, joint: SharedProperty, goals: Words, until: float) -> Searched:
         """An execution of the system to what violates the property, as far as there is one."""
         broken, steps = (0, joint.property), []
         actors = 0
@@ -173,17 +173,17 @@ class ComposedSearch:
             actors |= part.actors
             left = max(until - time.perf_counter(), 0.0)
             noted = Observations(self._mask(part), self._share, goal, joint.property)
-            last = self._explore(IndependentPart(part.actors, 0, part.timeds), noted, left)
+            last = self._run_part(IndependentPart(part.actors, 0, part.timeds), noted, left)
             if last.broken != broken or not last.steps:
                 return replace(last, status="violated", broken=broken, steps=(), states=0)
             steps.append(last.steps)
         assert last is not None
         last = replace(last, broken=broken, states=0)
         part = IndependentPart(actors, 1 << joint.property, 0)
-        return self._whole(part, last, _interleaved(steps))
+        return self._whole(part, last, _merge_executions(steps))
 
 
-def _interleaved(steps: list[tuple[RawStep, ...]]) -> tuple[RawStep, ...]:
+def _merge_executions(steps: list[tuple[RawStep, ...]]) -> tuple[RawStep, ...]:
     """One execution of executions of parts that share nothing: one start, then by time."""
     initial = steps[0][0]
     assert all(s[0].kind == BIRTH for s in steps)
@@ -241,7 +241,7 @@ def explored(
 def _chosen(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:
     """The settings to go on with, or the result if a beginning came to its end."""
     if _has_instants(engine):
-        return _quicker(engine, s, left_s)
+        return _pick_reduction(engine, s, left_s)
     return replace(s, between=True) if engine.model.brief else s
 
 
@@ -251,7 +251,7 @@ def _has_instants(engine: Engine) -> bool:
     return not engine.plan.timely and not late
 
 
-def _quicker(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:
+def _pick_reduction(engine: Engine, s: EngineSettings, left_s: float) -> EngineSettings | Searched:
     """The settings of the search that goes on; or what it found, where that took few steps."""
     ends = engine.explore(replace(s, max_ran=RUN, threads=1), None, left_s)
     if ends.status != "states" or ends.stopped:

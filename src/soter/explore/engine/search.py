@@ -87,7 +87,7 @@ class Search:
         self._checkpoint = checkpoint
         self._engine = Engine(system)
         self._engine.wanted = wanted or self._engine.wanted
-        self._streams = {fnv(name): name for name in _streams(system)}
+        self._streams = {fnv(name): name for name in _choice_streams(system)}
         self.bits = self._engine.bits
         self.words = self._engine.words
         self.sampled = self._engine.plan.sampled
@@ -114,15 +114,15 @@ class Search:
         settings, self.equal = replace(self._settings, known=known), ()
         until = time.perf_counter() + self._time_s
         if self._checkpoint is not None and not known:
-            return self._named(_sum(self._kept(settings, until, self._checkpoint)))
+            return self._named(_sum_of_searches(self._kept(settings, until, self._checkpoint)))
         parts: tuple[IndependentPart | None, ...] = (None,)
         if settings.reduction in PARTS and settings.strategy in EXHAUSTIVE and not known:
             apart = self._may_be_apart(settings)
             searches = self._joined(settings, until) if apart else None
             if searches is not None:
-                return self._named(_sum(searches))
+                return self._named(_sum_of_searches(searches))
             parts = self._engine.parts if apart else (None,)
-        return self._named(_sum(self._in_parts(settings, parts, until)))
+        return self._named(_sum_of_searches(self._in_parts(settings, parts, until)))
 
     def _kept(self, settings: EngineSettings, until: float, kept: Checkpoint) -> list[Searched]:
         """A search with a checkpoint, for which parts that only properties join are one part."""
@@ -172,7 +172,7 @@ class Search:
                 searches.append(_ended(kept.ended[number]))
             else:
                 saver = None if kept is None else kept.saver(number, len(parts), searches)
-                searches.append(self._explored(once, left_s, saver))
+                searches.append(self._run_engine(once, left_s, saver))
             if searches[-1].status == "violated" and part is not None:
                 searches[-1] = self._with_other_parts(once, searches[-1])
             if searches[-1].status != "exhausted" or (
@@ -192,7 +192,7 @@ class Search:
             return replace(violated, steps=(), apart=bool(violated.steps))
         return replace(violated, steps=whole.steps, broken=whole.broken)
 
-    def _explored(self, once: EngineSettings, left_s: float, saver: Saver | None) -> Searched:
+    def _run_engine(self, once: EngineSettings, left_s: float, saver: Saver | None) -> Searched:
         """The search of one part, or of all; `SoterError` D012 for a checkpoint without sense."""
         before_s = 0.0 if saver is None else saver.seconds
         look = self._look(minimising=False, saver=saver)
@@ -251,7 +251,7 @@ class Search:
         return slicer.matters(raw, replayed.steps, search_result.broken, self._settings.seed)
 
     def _raw(self, s: Step) -> RawStep:
-        numbers = {self._actor(i): i for i in range(len(self._engine.actors))}
+        numbers = {self._actor_name(i): i for i in range(len(self._engine.actors))}
         choices = tuple([RawChoice(fnv(c.stream), c.of, c.pick) for c in s.choices])
         kind = STEP_KINDS.index(s.kind)
         return RawStep(numbers.get(s.actor, -1), kind, s.release_ns, s.time_ns, choices)
@@ -313,18 +313,18 @@ class Search:
 
     def _step(self, raw: RawStep) -> Step:
         choices = tuple([Choice(self._streams[c.stream], c.pick, c.count) for c in raw.choices])
-        name = self._actor(raw.actor) if raw.actor >= 0 else ""
+        name = self._actor_name(raw.actor) if raw.actor >= 0 else ""
         return Step(name, STEP_KINDS[raw.kind], raw.release_ns, raw.time_ns, choices)
 
     def chooser(self, search_result: Found) -> str:
         """The name of the actor that asks for too many choices in a step."""
         return (
-            f"a step of {self._actor(search_result.chooser)}"
+            f"a step of {self._actor_name(search_result.chooser)}"
             if search_result.chooser >= 0
             else "the start"
         )
 
-    def _actor(self, number: int) -> str:
+    def _actor_name(self, number: int) -> str:
         actor = self._engine.actors[number]
         if actor.input is None:
             return actor.name
@@ -345,12 +345,12 @@ class Search:
         return Coverage(
             properties=part_of(self._judged()),
             actors=part_of(
-                (self._actor(i), bool(fired)) for i, fired in enumerate(seen.fired.tolist())
+                (self._actor_name(i), bool(fired)) for i, fired in enumerate(seen.fired.tolist())
             ),
             modes=modes,
             switches=switches,
             branches=branches_part([branch_name(b) for b in branches], seen.branches.tolist()),
-            values=values_part(list(self._leaves()), self._classes()),
+            values=values_part(list(self._leaves()), self._published_classes()),
         )
 
     def robustness(self) -> tuple[Robustness, ...]:
@@ -402,7 +402,7 @@ class Search:
         put = [bool(x & MET) for x in self._engine.seen.judged.tolist()]
         return [(once, to_it) for (_, once), to_it in zip(self._judged(), put, strict=False)]
 
-    def _classes(self) -> list[list[int]]:
+    def _published_classes(self) -> list[list[int]]:
         """By leaf and class whether such a value was published, or is the topic's default."""
         rows = [list(row) for row in self._engine.seen.classes.tolist()]
         given = [(self._system.topics[i], path) for i, path in self._engine.generated.leaves]
@@ -431,7 +431,7 @@ def _ended(counts: Mapping[str, Any]) -> Searched:
     return SearchResult(status="exhausted", broken=None, steps=(), seconds=seconds, **numbers)
 
 
-def _sum(searches: list[Searched]) -> Searched:
+def _sum_of_searches(searches: list[Searched]) -> Searched:
     """The sum of the searches of parts; status, violation and trace are those of the last one."""
     return replace(
         searches[-1],
@@ -454,7 +454,7 @@ def branch_name(b: StepBranch) -> str:
     return f"{b.component}, {Path(b.span.source.name).name}:{b.span.line}:{b.span.column}, {side}"
 
 
-def _streams(system: System) -> Iterator[str]:
+def _choice_streams(system: System) -> Iterator[str]:
     """The names of all streams that a step may ask a choice from."""
     for c in system.components:
         yield c.name + ENDING

@@ -217,7 +217,7 @@ class Shrinker:
         return ShrinkResult(self.best.steps, self.tried, stopped)
 
     def _until_nothing_helps(self) -> None:
-        passes = (self._leave_out, self._larger, self._order, self._defaults, self._in_time)
+        passes = (self._leave_out, self._try_pushes, self._order, self._try_defaults, self._on_time)
         before: Cost | None = None
         while before != self.cost:
             before = self.cost
@@ -242,7 +242,7 @@ class Shrinker:
         self.best, self.cost = made, cost
         return True
 
-    def _in_blocks(self, change: Change, finest: int = 1) -> None:
+    def _try_in_blocks(self, change: Change, finest: int = 1) -> None:
         """Tries a change of all of the trace, of its halves, ..., at last of `finest` steps.
 
         `change` returns the changed part, of the same length.
@@ -297,25 +297,25 @@ class Shrinker:
         changed = np.flatnonzero(~kept | (shift > 0))
         return wish[kept], int(changed[0]) if len(changed) else len(steps)
 
-    def _larger(self) -> None:
+    def _try_pushes(self) -> None:
         """Tries choices, losses and lateness that may lead sooner to the violation."""
         finest = max(len(self.best.steps) // self._parts, 1)
-        for change in self._pushes():
-            self._in_blocks(change, finest)
+        for change in self._push_changes():
+            self._try_in_blocks(change, finest)
 
-    def _pushes(self) -> Iterator[Change]:
+    def _push_changes(self) -> Iterator[Change]:
         """Changes: each question with each answer; each actor lost, late, long, first, last."""
-        asked = self.best.steps["choice"][_asked(self.best.steps)]
+        asked = self.best.steps["choice"][_choice_mask(self.best.steps)]
         kinds = zip(asked["stream"].tolist(), asked["count"].tolist(), strict=True)
         for stream, count in sorted(set(kinds)):
             for pick in range(min(count, PICKS)):
-                yield _always(stream, count, pick)
+                yield _answer_always(stream, count, pick)
         for i in np.flatnonzero(self._skips).tolist():
-            yield _lost(i)
+            yield _lose(i)
         for i in np.flatnonzero((self._window > 0) | (self._overrun > 0)).tolist():
             yield self._late(i)
         for i in range(len(self._period)):
-            yield _first(i)
+            yield _put_first(i)
             yield _last(i)
 
     def _late(self, actor: int) -> Change:
@@ -334,9 +334,9 @@ class Shrinker:
 
     def _order(self) -> None:
         """Tries the deployed order, and fewer changes of actor from one instant to the next."""
-        self._in_blocks(_deployed)
-        self._in_blocks(_by_release)
-        self._in_blocks(_going_on, 2)
+        self._try_in_blocks(_sort_deployed)
+        self._try_in_blocks(_sort_by_release)
+        self._try_in_blocks(_sort_continuing, 2)
         i = 0
         while i < len(self.best.steps) - 2:
             self._together(i)
@@ -355,9 +355,9 @@ class Shrinker:
 
     # ------------------------------------------------------------ fewer choices
 
-    def _defaults(self) -> None:
+    def _try_defaults(self) -> None:
         """Tries to set choices back to the default, in parts, then one by one."""
-        self._in_blocks(_plain)
+        self._try_in_blocks(_set_defaults)
         i = 0
         while i < len(self.best.steps):
             picks = self.best.steps["choice"]["pick"][i]
@@ -369,13 +369,13 @@ class Shrinker:
                     self._try(wish, i)
             i += 1
 
-    def _in_time(self) -> None:
+    def _on_time(self) -> None:
         """Tries steps of which none is lost, late or long."""
-        self._in_blocks(_kept)
-        self._in_blocks(_early)
+        self._try_in_blocks(_keep_releases)
+        self._try_in_blocks(_step_at_release)
 
 
-def _asked(steps: Steps) -> npt.NDArray[np.bool_]:
+def _choice_mask(steps: Steps) -> npt.NDArray[np.bool_]:
     """Which choices each step has: (n,) -> (n, CHOICES_MAX)."""
     room = steps["choice"].shape[1]
     mask: npt.NDArray[np.bool_] = np.arange(room)[None, :] < steps["choices"][:, None]
@@ -385,19 +385,19 @@ def _asked(steps: Steps) -> npt.NDArray[np.bool_]:
 # ---------------------------------------------------------------- changes of a part
 
 
-def _always(stream: int, count: int, pick: int) -> Change:
+def _answer_always(stream: int, count: int, pick: int) -> Change:
     """The change that gives a question this answer wherever it is asked."""
 
     def change(steps: Steps) -> Steps:
         choice = steps["choice"]
-        own = (choice["stream"] == stream) & (choice["count"] == count) & _asked(steps)
+        own = (choice["stream"] == stream) & (choice["count"] == count) & _choice_mask(steps)
         choice["pick"][own] = pick
         return steps
 
     return change
 
 
-def _lost(actor: int) -> Change:
+def _lose(actor: int) -> Change:
     def change(steps: Steps) -> Steps:
         steps["kind"][(steps["actor"] == actor) & (steps["kind"] != EFFECT)] = SKIPPED
         return steps
@@ -405,22 +405,22 @@ def _lost(actor: int) -> Change:
     return change
 
 
-def _plain(steps: Steps) -> Steps:
+def _set_defaults(steps: Steps) -> Steps:
     steps["choice"]["pick"] = 0
     return steps
 
 
-def _kept(steps: Steps) -> Steps:
+def _keep_releases(steps: Steps) -> Steps:
     steps["kind"][steps["kind"] == SKIPPED] = STEPS
     return steps
 
 
-def _early(steps: Steps) -> Steps:
+def _step_at_release(steps: Steps) -> Steps:
     steps["time"] = steps["release"]
     return steps[np.argsort(steps["time"], kind="stable")]
 
 
-def _first(actor: int) -> Change:
+def _put_first(actor: int) -> Change:
     """The change that makes an actor the first of every instant."""
     return lambda steps: steps[np.lexsort((steps["actor"] != actor, steps["time"]))]
 
@@ -429,15 +429,15 @@ def _last(actor: int) -> Change:
     return lambda steps: steps[np.lexsort((steps["actor"] == actor, steps["time"]))]
 
 
-def _deployed(steps: Steps) -> Steps:
+def _sort_deployed(steps: Steps) -> Steps:
     return steps[np.lexsort((steps["actor"], steps["time"]))]
 
 
-def _by_release(steps: Steps) -> Steps:
+def _sort_by_release(steps: Steps) -> Steps:
     return steps[np.lexsort((steps["actor"], steps["release"]))]
 
 
-def _going_on(steps: Steps) -> Steps:
+def _sort_continuing(steps: Steps) -> Steps:
     """The steps of each instant sorted so that an actor goes on from one instant to the next."""
     groups = np.split(np.arange(len(steps)), np.flatnonzero(np.diff(steps["time"])) + 1)
     actor = steps["actor"]

@@ -128,7 +128,7 @@ def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
     actors = tuple(
         PlannedActor(
             **vars(x),
-            dependent=_dependent(i, effects),
+            dependent=_dependent_mask(i, effects),
             visible=bool(own.writes & seen),
             outputs=footprints.outputs(x.component, x.input),
             reads=frozenset(own.reads | (own.writes if own.keeps else set()) | _clock(i, own)),
@@ -145,7 +145,7 @@ def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
         actors=actors,
         timely=timely,
         sampled=is_sampled(system, lowered),
-        repeats=_repeats(system, footprints),
+        repeats=_ignores_time(system, footprints),
         tick_ns=tick,
         quantum_ns=quantum,
         times=_times(system.test, quantum, times) if timely else None,
@@ -160,7 +160,7 @@ def plan_of(system: System, lowered: core.CoreSystem) -> ExplorationPlan:
     )
 
 
-def _dependent(actor: int, effects: Sequence[Effects]) -> int:
+def _dependent_mask(actor: int, effects: Sequence[Effects]) -> int:
     own = effects[actor]
     return sum(1 << j for j, e in enumerate(effects) if j == actor or own.conflicts(e))
 
@@ -170,7 +170,7 @@ def _topics_read(system: System, read: Iterable[Label]) -> frozenset[int]:
     return frozenset(queues | {r[1] for r in read if r[0] == "topic"})
 
 
-def _repeats(system: System, footprints: Footprints) -> bool:
+def _ignores_time(system: System, footprints: Footprints) -> bool:
     return not any(f.fact == "time" for f in footprints.facts) and not any(
         d.hold_ns for c in system.components for d in c.disturbances
     )
@@ -260,9 +260,9 @@ def loose_parts_of(
     properties = _reads_of_properties(system, lowered, plan)
     if properties is None or any(a.window_ns or a.overrun_ns for a in plan.actors):
         return None
-    groups = _depending(plan)
+    groups = _dependency_groups(plan)
     roots = groups.roots()
-    homes = [sorted({groups.of(i) for i in _movers(plan, reads)}) for reads in properties]
+    homes = [sorted({groups.of(i) for i in _writers_of(plan, reads)}) for reads in properties]
     joined = {p: home for p, home in enumerate(homes) if len(home) > 1}
     if not joined or any(system.properties[p].component is not None for p in joined):
         return None
@@ -281,8 +281,8 @@ def parts_of(
         and any(t % plan.quantum_ns for a in plan.actors for t in (a.period_ns, a.phase_ns))
     ):
         return (IndependentPart(0, 0, 0),)
-    groups = _depending(plan)
-    movers = [_movers(plan, reads) for reads in properties]
+    groups = _dependency_groups(plan)
+    movers = [_writers_of(plan, reads) for reads in properties]
     for some in movers:
         groups.join(some)
     return groups.parts({p: groups.of(some[0] if some else 0) for p, some in enumerate(movers)})
@@ -300,7 +300,7 @@ def _reads_of_properties(
     return None if max(len(plan.actors), len(properties)) > WIDTH else properties
 
 
-def _depending(plan: ExplorationPlan) -> _Groups:
+def _dependency_groups(plan: ExplorationPlan) -> _Groups:
     """The groups of actors that depend on each other, directly or through others."""
     groups = _Groups(len(plan.actors))
     for i, actor in enumerate(plan.actors):
@@ -308,7 +308,7 @@ def _depending(plan: ExplorationPlan) -> _Groups:
     return groups
 
 
-def _movers(plan: ExplorationPlan, reads: set[Label]) -> list[int]:
+def _writers_of(plan: ExplorationPlan, reads: set[Label]) -> list[int]:
     """The actors whose steps may change what is read."""
     return [i for i, actor in enumerate(plan.actors) if actor.writes & reads]
 

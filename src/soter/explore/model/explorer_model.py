@@ -135,7 +135,7 @@ class _ModelBuilder(UnitBuilder):
         margins, rows = guides.emit()
         guide = self._table("soter_aim", "guides", rows, [], "how far from a violation")
         self.aims, self.scales = tuple(guides.aims), guides.sites
-        ageing = self._ageing(configurations.ageing)
+        ageing = self._ageing_table(configurations.ageing)
         parts = [self._actors(packing), timed, leaf, ageing, *self._masks(packing), guide, premises]
         return [
             c.Section("model of the explorer"),
@@ -324,7 +324,7 @@ class _ModelBuilder(UnitBuilder):
             )
         return self._table("soter_leaf", "leaves", rows, [], "scalars of topics")
 
-    def _ageing(self, fields: list[AgeingField]) -> tuple[list[c.CTop], c.CExpr]:
+    def _ageing_table(self, fields: list[AgeingField]) -> tuple[list[c.CTop], c.CExpr]:
         rows: list[c.CExpr] = [
             c.Initializer(
                 (

@@ -94,7 +94,7 @@ class Footprints:
                 effects.writes |= {("topic", q), ("stamp", q)}
         return effects
 
-    def _controlled(self, role: str, module: int, effects: Effects) -> None:
+    def _add_control_effects(self, role: str, module: int, effects: Effects) -> None:
         above = [m.index for m in modules_above(self.system, module)]
         effects.reads |= {("mode", m) for m in (module, *above)}
         if role == "ac":
@@ -108,7 +108,7 @@ class Footprints:
         step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
         if step is not None:
             self._read(step.footprint, effects)
-            effects.writes |= set(map(_resource, step.footprint.writes))
+            effects.writes |= set(map(_cell_label, step.footprint.writes))
             effects.timed |= _reads_time(_body(step))
             effects.reads |= {("latched", x.index), ("control", x.index)}
             effects.writes |= {("latched", x.index), ("control", x.index)}
@@ -118,7 +118,7 @@ class Footprints:
         if x.plant is not None:
             effects.reads |= {("topic", x.scope.topics[t]) for t in x.plant.reads}
         if x.role in {"ac", "sc"} and x.module is not None:
-            self._controlled(x.role, x.module, effects)
+            self._add_control_effects(x.role, x.module, effects)
         for t in self.system.topics:
             if t.queue_of is not None and _takes(x, t.name):
                 effects.reads |= {("topic", t.index), ("stamp", t.index)}
@@ -132,7 +132,7 @@ class Footprints:
         effects.timed |= _reads_time((*predicate.body, predicate.value))
 
     def _read(self, footprint: core.Footprint, effects: Effects) -> None:
-        effects.reads |= {_resource(c) for c in footprint.reads}
+        effects.reads |= {_cell_label(c) for c in footprint.reads}
         effects.reads |= {("mode", m) for m in footprint.modes}
         effects.reads |= {("stamp", t) for t in footprint.stamps}
 
@@ -246,7 +246,7 @@ def _holds_draws(step: core.PlantStep) -> bool:
     return any(d.hold_ns > 0 for _, _, some in step.disturbances for d in some)
 
 
-def _resource(cell: core.Cell) -> Label:
+def _cell_label(cell: core.Cell) -> Label:
     return ("topic", cell.owner) if cell.kind == "topic" else ("cell", cell.owner, cell.name)
 
 

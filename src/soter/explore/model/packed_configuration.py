@@ -83,7 +83,7 @@ class ConfigurationEmitter:
     def _ticks(self, ns: int) -> int:
         return ns // self.plan.tick_ns
 
-    def _aging(self, p: Packing, value: c.CExpr, width: int, kind: str, most: int = 0) -> c.CExpr:
+    def _add_age(self, p: Packing, value: c.CExpr, width: int, kind: str, most: int = 0) -> c.CExpr:
         """Packs a field that time alone changes."""
         self.ageing.append(AgeingField(p.bits, width, kind, most))
         return p.field(value, width)
@@ -158,7 +158,7 @@ class ConfigurationEmitter:
         for i, a in enumerate(self.plan.actors):
             key = (self._ticks(a.window_ns), self._ticks(a.phase_ns), self._ticks(a.period_ns))
             if key not in shared:
-                shared[key] = self._must(p, key)
+                shared[key] = self._required_releases(p, key)
             bias = a.overrun_ns // a.period_ns + 1 if a.overrun_ns else 0
             most = a.window_ns // a.period_ns + 1 + bias
             p.label = ("done", i)
@@ -177,7 +177,7 @@ class ConfigurationEmitter:
             got = p.field(unsigned(lost), a.skips.bit_length()) if a.skips else word(0)
             p.unpack.append(c.Assign(lost, c.Cast("uint32_t", got)))
 
-    def _must(self, p: Packing, key: tuple[int, int, int]) -> c.CExpr:
+    def _required_releases(self, p: Packing, key: tuple[int, int, int]) -> c.CExpr:
         """The releases that must have been made by now; `key`: window, phase, period in ticks."""
         name = p.name("must")
         times = *(int_number(t) for t in key), int_number(self._ticks(self.plan.horizon_ns))
@@ -197,7 +197,7 @@ class ConfigurationEmitter:
                 continue
             width = (self._ticks(t.within_ns) + 2).bit_length()
             packed = c.CallExpr("soter_pack_due", (due, SINCE_START, tick))
-            got = self._aging(p, packed, width, "SOTER_DUE")
+            got = self._add_age(p, packed, width, "SOTER_DUE")
             p.unpack.append(c.Assign(due, c.CallExpr("soter_unpack_due", (got, SINCE_START, tick))))
         for m in range(len(self.system.modules)):
             p.label = ("verdict", m)
@@ -209,7 +209,7 @@ class ConfigurationEmitter:
                 continue
             most = self._ticks(self.judged[m]) + 1
             since = c.CallExpr("soter_pack_since", (verdict, SINCE_START, tick, word(most)))
-            got = self._aging(p, since, most.bit_length(), "SOTER_SINCE", most)
+            got = self._add_age(p, since, most.bit_length(), "SOTER_SINCE", most)
             ago = c.Binary("*", c.Cast("int64_t", got), tick)
             p.unpack.append(c.Assign(verdict, c.Binary("-", SINCE_START, ago)))
             got = p.field(unsigned(acted), 1)
@@ -275,12 +275,12 @@ class ConfigurationEmitter:
                 )
             elif t.index in self.plan.aged:
                 packed = c.CallExpr("soter_pack_stamp", (stamp, SINCE_START, tick))
-                got = self._aging(p, packed, (self.last_now + 1).bit_length(), "SOTER_STAMP")
+                got = self._add_age(p, packed, (self.last_now + 1).bit_length(), "SOTER_STAMP")
                 back = c.CallExpr("soter_unpack_stamp", (got, SINCE_START, tick))
             elif t.index in self.plan.limited and t.max_age_ns is not None:
                 most = self._ticks(t.max_age_ns) + 1
                 packed = c.CallExpr("soter_pack_since", (stamp, SINCE_START, tick, word(most)))
-                got = self._aging(p, packed, most.bit_length(), "SOTER_SINCE", most)
+                got = self._add_age(p, packed, most.bit_length(), "SOTER_SINCE", most)
                 back = c.CallExpr("soter_unpack_fresh", (got, SINCE_START, tick, word(most)))
             else:
                 back = c.Name("SOTER_NEVER")
@@ -291,9 +291,9 @@ class ConfigurationEmitter:
         for t in self.system.topics:
             if t.index in self.plan.read:
                 p.label = ("topic", t.index)
-                p.value(self.frame.topic(t.index), t.type, self._hulls(t))
+                p.value(self.frame.topic(t.index), t.type, self._int_ranges(t))
 
-    def _hulls(self, t: Topic) -> list[tuple[int, int] | None]:
+    def _int_ranges(self, t: Topic) -> list[tuple[int, int] | None]:
         """The ranges of a topic's ints: its set, and whatever it may start with."""
         source = t.index if t.queue_of is None else t.queue_of
         given = [v for d in self.system.inputs if d.topic == source for v in d.values]
@@ -345,7 +345,7 @@ class ConfigurationEmitter:
             keep = p.name("keep")
             p.pack.append(c.Declare("uint64_t", keep, c.CallExpr("soter_if", (bit,)), const=True))
             place = c.Arrow(X, f"held_{i}_{k}")
-            p.value(place, topic.type, self._hulls(topic), c.Name(keep))
+            p.value(place, topic.type, self._int_ranges(topic), c.Name(keep))
 
     def pack(self, name: str) -> c.FunctionDef:
         """The C function that packs a configuration into words."""

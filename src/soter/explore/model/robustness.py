@@ -196,7 +196,7 @@ class Guides:
         self._frame = frame
         self._types: TypeTable = frame.types
         self._margins = RobustnessTable(lowered.functions)
-        self._body = _Body(frame.types, dict(frame.body.functions), frame.cell)
+        self._body = _MarginBody(frame.types, dict(frame.body.functions), frame.cell)
         self.aims: list[Aim] = []
 
     def emit(self) -> tuple[list[c.CTop], list[c.CExpr]]:
@@ -209,15 +209,15 @@ class Guides:
                 name, never = f"margin_{p.index}", p.kind == "never"
                 for value in _apart(predicate.value, "||" if never else "&&"):
                     part, before = replace(predicate, value=value), self.sites
-                    of = self._guide(own, part, name, f"{p.kind} {p.text}", negate=never)
+                    of = self._guide_function(own, part, name, f"{p.kind} {p.text}", negate=never)
                     aim = Aim(0, p.index, flat=self.sites == before)
                     rows.append(self._row(aim, c.Name("NULL"), of))
         for t, lowered in zip(self._system.test.timed, self._core.timed, strict=True):
             premise: c.CExpr = c.Name("NULL")
             if lowered.premise is not None:
                 name = f"margin_timed_{t.index}_premise"
-                premise = self._guide(own, lowered.premise, name, f"premise of {t.text}")
-            of = self._guide(own, lowered.condition, f"margin_timed_{t.index}", t.text)
+                premise = self._guide_function(own, lowered.premise, name, f"premise of {t.text}")
+            of = self._guide_function(own, lowered.condition, f"margin_timed_{t.index}", t.text)
             rows.append(self._row(Aim(3, t.index, flat=False), premise, of))
         return [*(self._function(f) for f in self._margins.functions), *own], rows
 
@@ -228,12 +228,12 @@ class Guides:
 
     # ------------------------------------------------------------ C
 
-    def _guide(
+    def _guide_function(
         self, own: list[c.CTop], p: core.Predicate, name: str, text: str, *, negate: bool = False
     ) -> c.CExpr:
         """The margin of a predicate as a function of the state; after a fault the worst."""
         made = self._margins.of(p)
-        self._learn()
+        self._register_functions()
         name = self._types.unique(name)
         body: list[c.CStmt] = [self._frame.state_pointer(const=True), c.Unused("s")]
         body += [c.Unused(SCALE.text), *self._frame.fault_pointer(), c.Unused("fault")]
@@ -260,7 +260,7 @@ class Guides:
             )
         )
 
-    def _learn(self) -> None:
+    def _register_functions(self) -> None:
         """Names the functions that were made since the last call."""
         for f in self._margins.functions:
             if f.name not in self._body.functions:
@@ -284,7 +284,7 @@ class Guides:
         )
 
 
-class _Body(Body):
+class _MarginBody(Body):
     """Bodies in which margins stand; `scaled`: functions that take the scales too."""
 
     def __init__(self, *args: object) -> None:

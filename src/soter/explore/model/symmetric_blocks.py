@@ -88,14 +88,14 @@ def families_of(
             if r is not None and judge.accepts(r):
                 tried |= set(r.components.items())
                 swaps.append((y, r))
-        for family in _families(system, places, x, swaps):
-            if not any(_includes(f, family) for f in families):
+        for family in _group_swaps(system, places, x, swaps):
+            if not any(_contains_swap(f, family) for f in families):
                 families.append(family)
                 tried |= _pairs(family)
     return tuple(sorted(families, key=lambda f: len(f.blocks[0])))
 
 
-def _includes(family: Family, pair: Family) -> bool:
+def _contains_swap(family: Family, pair: Family) -> bool:
     """Whether two blocks of a family are those that the pair swaps."""
     moved = {s for b in pair.blocks for s in b}
     return any({*a, *b} == moved for a, b in combinations(family.blocks, 2))
@@ -171,7 +171,7 @@ class _Swap:
 
     def _topic(self, a: int, b: int) -> None:
         """Swaps the components that name one of two topics; a component that names both stays."""
-        there, here = self._who(a), self._who(b)
+        there, here = self._components_naming(a), self._components_naming(b)
         stay = [i for i in there if i in here]
         left = [i for i in there if i not in stay and i not in self.made.components]
         right = [i for i in here if i not in stay and i not in self.made.components]
@@ -184,9 +184,9 @@ class _Swap:
                 return
             right.remove(j)
             self.add("component", i, j)
-        self._queues(a, b)
+        self._swap_queues(a, b)
 
-    def _queues(self, a: int, b: int) -> None:
+    def _swap_queues(self, a: int, b: int) -> None:
         """Swaps queues behind two topics, of one subscriber or of two that are swapped."""
         topics = self.system.topics
         of_a, of_b = topics[a].queue_of, topics[b].queue_of
@@ -195,12 +195,12 @@ class _Swap:
         for q in topics[a].queues:
             if q in self.made.topics:
                 continue
-            of = {self.made.component(i) for i in self._who(q)}
-            same = [p for p in topics[b].queues if of & set(self._who(p))]
+            of = {self.made.component(i) for i in self._components_naming(q)}
+            same = [p for p in topics[b].queues if of & set(self._components_naming(p))]
             if same:
                 self.add("topic", q, same[0])
 
-    def _who(self, topic: int) -> list[int]:
+    def _components_naming(self, topic: int) -> list[int]:
         """The components whose code names a topic, or a queue behind it."""
         some = {("topic", t) for t in (topic, *self.system.topics[topic].queues)}
         return [x.index for x in self.system.components if some & set(self.judge.reads(x))]
@@ -217,7 +217,7 @@ def _proposed(judge: RenamingCheck, x: Component, y: Component) -> Renaming | No
 # ---------------------------------------------------------------- families
 
 
-def _families(
+def _group_swaps(
     system: System,
     places: dict[Label, list[Span]],
     first: Component,
@@ -227,17 +227,17 @@ def _families(
     moved = [_moved(places, r) for _, r in swaps]
     left, made = list(range(len(swaps))), []
     while left:
-        some = max((_together(moved, left[0], j, left) for j in left), key=len)
+        some = max((_compatible_swaps(moved, left[0], j, left) for j in left), key=len)
         row = sorted(set.intersection(*[set(moved[i]) for i in some]))
         if len(some) == 1:
             row = [x for x in row if x < moved[some[0]][x]]  # one of each two
         blocks = [row, *([moved[i][x] for x in row] for i in some)]
-        made.append(_family(system, places, first, [swaps[i] for i in some], blocks))
+        made.append(_swap_family(system, places, first, [swaps[i] for i in some], blocks))
         left = [i for i in left if i not in some]
     return [f for f in made if f is not None]
 
 
-def _together(
+def _compatible_swaps(
     moved: list[dict[Label, Label]], first: int, second: int, others: list[int]
 ) -> list[int]:
     """The swaps, at least the first, that exchange one block, common to two, with others."""
@@ -256,7 +256,7 @@ def _moved(places: dict[Label, list[Span]], r: Renaming) -> dict[Label, Label]:
     return {x: r.label(x) for x in places if r.label(x) != x}
 
 
-def _family(
+def _swap_family(
     system: System,
     places: dict[Label, list[Span]],
     first: Component,

@@ -125,7 +125,7 @@ class RenamingCheck:
                 all(self._topic(t, r) == self._topic(self.system.topics[r.topic(t.index)])
                     for t in self.system.topics)
                 and all(self._fits(x, r) for x in self.system.components)
-                and all(self._module(m, r) == self._module(self._stands_for(m, r))
+                and all(self._module(m, r) == self._module(self._renamed_module(m, r))
                         for m in self.system.modules)
                 and self._plan(r)
                 and self._calendars(r)
@@ -135,7 +135,7 @@ class RenamingCheck:
         except TooManyStatementsError:
             return False
 
-    def _stands_for(self, m: Module, r: Renaming) -> Module:
+    def _renamed_module(self, m: Module, r: Renaming) -> Module:
         return self.system.modules[r.modules.get(m.index, m.index)]
 
     # ------------------------------------------------------------ topics and components
@@ -158,11 +158,11 @@ class RenamingCheck:
             return False
         if self._numbers(x, r) != self._numbers(y):
             return False
-        if x is y and self._untouched(x, r):
+        if x is y and self._names_nothing_renamed(x, r):
             return True
         if self._computed(x, r) == self._of(y):
             return True
-        return x is y and any(self._with_locals(x, r, some) for some in _swaps(x))
+        return x is y and any(self._with_locals(x, r, some) for some in _own_swaps(x))
 
     def _with_locals(self, x: Component, r: Renaming, some: dict[str, str]) -> bool:
         """Whether a component computes the same with some locals swapped; if so it keeps these."""
@@ -175,7 +175,7 @@ class RenamingCheck:
         return False
 
     def _numbers(self, x: Component, r: Renaming = IDENTITY) -> tuple[Hashable, ...]:
-        """All numbers of a component that must be equal, without its code; locals: `_swaps`."""
+        """All numbers of a component that must be equal, without its code; locals: `_own_swaps`."""
         return (
             x.role,
             x.period_ns,
@@ -309,7 +309,7 @@ class RenamingCheck:
         resources = [("topic", t) for t in topics]
         return (*resources, *_resources_read(texts))
 
-    def _untouched(self, x: Component, r: Renaming) -> bool:
+    def _names_nothing_renamed(self, x: Component, r: Renaming) -> bool:
         """Whether a component's code names nothing that is renamed."""
         of = {"topic": r.topics, "module": r.modules}
         return all(of[kind].get(i, i) == i for kind, i in self._reads[x.index])
@@ -326,7 +326,7 @@ def _is_apart(x: Component) -> bool:
     return x.extern or any(d.hold_ns for d in x.disturbances)
 
 
-def _swaps(x: Component) -> Iterator[dict[str, str]]:
+def _own_swaps(x: Component) -> Iterator[dict[str, str]]:
     """Ways to swap a component's locals or states in pairs, with equal types and first values."""
     variables = x.node.locals if x.node else x.plant.states if x.plant else ()
     if len(x.initial) != len(variables):

@@ -80,10 +80,10 @@ class CallChecker(FieldChecker):
             if context.find_local(first) is not None or first in context.scope.entries:
                 return self._no_function("a field", name, expr, context)
             if first not in context.scope.imports and first in unknown_names.LIBRARIES:
-                return self._of_a_library(expr, context, expected)
+                return self._library_call(expr, context, expected)
             entry = self.names.find_in_import(context.scope, callee.target.name, callee.field)
             if entry is None:
-                return self._failed(expr, context)
+                return self._error_result(expr, context)
         else:
             return self._no_name_called(expr, context, expected)
         return self._declared_called(entry, name, expr, context)
@@ -98,7 +98,7 @@ class CallChecker(FieldChecker):
             return self._no_function(f"a {entry.kind}", name, expr, context)
         fun = self.shared.resolve(entry, expr.callee.span)
         if not isinstance(fun, typed.FunSymbol):
-            return self._failed(expr, context)
+            return self._error_result(expr, context)
         return self._call_fun(fun, expr, context)
 
     def _no_name_called(
@@ -110,7 +110,7 @@ class CallChecker(FieldChecker):
         if isinstance(callee, tree.ErrorExpr):
             self.names.losses += 1
         elif names and names[0].text in unknown_names.LIBRARIES:
-            return self._of_a_library(expr, context, expected)
+            return self._library_call(expr, context, expected)
         elif isinstance(callee, tree.FieldExpr):
             return self._no_function("a field", callee.span.text, expr, context)
         else:
@@ -120,15 +120,15 @@ class CallChecker(FieldChecker):
                 callee.span,
                 notes=("a call is the name of a function and its arguments",),
             )
-        return self._failed(expr, context)
+        return self._error_result(expr, context)
 
-    def _failed(self, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
+    def _error_result(self, expr: tree.CallExpr, context: Context) -> typed.TypedExpr:
         """An ERROR expression, after checking the arguments for errors of their own."""
         for argument in expr.arguments:
             self.check(argument, context)
         return error_expr(expr.span)
 
-    def _of_a_library(
+    def _library_call(
         self, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         """Reports N006 for `np.clip(...)`, `random.uniform(...)` and the like."""
@@ -142,7 +142,7 @@ class CallChecker(FieldChecker):
             notes=("the functions and types of the prelude need no import",),
             helps=helps,
         )
-        return error_expr(expr.span) if helps else self._failed(expr, context)
+        return error_expr(expr.span) if helps else self._error_result(expr, context)
 
     def _meant(
         self, name: str, span: Span, expr: tree.CallExpr, context: Context, expected: Type | None
@@ -200,7 +200,7 @@ class CallChecker(FieldChecker):
         self.diagnostics.error(
             "T004", f"`{name}` is {what}, not a function", callee.span, helps=helps
         )
-        return self._failed(expr, context)
+        return self._error_result(expr, context)
 
     def _type_called(self, entry: Entry, expr: tree.CallExpr) -> typed.TypedExpr:
         """Reports T004 for `Vec2(1.0, 2.0)`, with the literal as help."""
@@ -225,7 +225,7 @@ class CallChecker(FieldChecker):
         self.shared.calls.call(fun, expr.span)
         if len(expr.arguments) != len(fun.parameters) and fun in self.shared.damaged:
             self.names.losses += 1
-            return self._failed(expr, context)
+            return self._error_result(expr, context)
         if len(expr.arguments) != len(fun.parameters):
             signature = ", ".join(f"{p.name}: {p.type}" for p in fun.parameters)
             self.diagnostics.error(
@@ -235,7 +235,7 @@ class CallChecker(FieldChecker):
                 also=((fun.span, "declared here"),),
                 notes=(f"it is declared as `{fun.name}({signature}): {fun.result}`",),
             )
-            return self._failed(expr, context)
+            return self._error_result(expr, context)
         arguments = [
             self.check(a, context, p.type, (p.span, f"`{p.name}` is `{p.type}`"))
             for a, p in zip(expr.arguments, fun.parameters, strict=True)
@@ -258,10 +258,10 @@ class CallChecker(FieldChecker):
         if name not in TAKES:
             assert isinstance(expr.callee, tree.NameExpr)
             self._unknown_function(expr.callee.name, expr, context, expected)
-            return self._failed(expr, context)
+            return self._error_result(expr, context)
         arity = ARITY.get(name, 1)
         if not self._counted(name, expr, arity, context):
-            return self._failed(expr, context)
+            return self._error_result(expr, context)
         hint = _hint(name, expected)
         arguments = [self.dispatch(a, context, hint) for a in expr.arguments]
         if is_error(*arguments):
@@ -453,10 +453,10 @@ def _result(name: str, arguments: list[typed.TypedExpr]) -> Type | None:
         return FLOAT if kinds == {FloatType} else INT if kinds == {IntType} else None
     if name in {"dot", "norm"}:
         return FLOAT if is_vector(first) and first == arguments[-1].type else None
-    return _saturated(arguments)
+    return _saturate_type(arguments)
 
 
-def _saturated(arguments: list[typed.TypedExpr]) -> Type | None:
+def _saturate_type(arguments: list[typed.TypedExpr]) -> Type | None:
     """The result type of `saturate`, None if it does not apply; may convert its bound in place."""
     first = arguments[0].type
     bound = float_literal(arguments[1]) or arguments[1]

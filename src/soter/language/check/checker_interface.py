@@ -65,7 +65,7 @@ def in_order_of_need(entries: list[Entry], names: Names) -> tuple[list[Entry], l
             continue
         seen.add(id(root))
         open_ = {id(root)}
-        path = [(root, _needs(root, names))]
+        path = [(root, _chained_entries(root, names))]
         while path:
             entry, needs = path[-1]
             need = next(needs, None)
@@ -78,7 +78,7 @@ def in_order_of_need(entries: list[Entry], names: Names) -> tuple[list[Entry], l
             if id(needed) not in seen:
                 seen.add(id(needed))
                 open_.add(id(needed))
-                path.append((needed, _needs(needed, names)))
+                path.append((needed, _chained_entries(needed, names)))
             elif id(needed) in open_:
                 stack = [e for e, _ in path]
                 circle = stack[next(i for i, e in enumerate(stack) if e is needed) :]
@@ -87,7 +87,7 @@ def in_order_of_need(entries: list[Entry], names: Names) -> tuple[list[Entry], l
     return ordered, circles
 
 
-def _needs(entry: Entry, names: Names) -> Iterator[tuple[Entry, Span]]:
+def _chained_entries(entry: Entry, names: Names) -> Iterator[tuple[Entry, Span]]:
     """Yields entries that a declaration mentions and that may lead to a long chain, with place."""
     if entry.kind not in CHAINING:
         return
@@ -282,7 +282,7 @@ class UnusedDeclarations:
         """Warns W001 of locals that are never read; a leading `_` says that this is meant."""
         for v in variables:
             if not v.used and not v.name.startswith("_"):
-                meant = _meant(v.name) if v.kind == "var" else _renamed(v.name, v.span)
+                meant = _unused_help(v.name) if v.kind == "var" else _renamed(v.name, v.span)
                 self.add("W001", f"`{v.name}` is never used", v.span, "declared here", meant)
 
     def declarations(self, main: FileScope) -> None:
@@ -313,10 +313,10 @@ class UnusedDeclarations:
 
 def _renamed(name: str, span: Span) -> Help:
     """The edit that puts `_` before the name of an unused declaration, its only mention."""
-    return insert(span, "_", _meant(name))
+    return insert(span, "_", _unused_help(name))
 
 
-def _meant(name: str) -> str:
+def _unused_help(name: str) -> str:
     return f"remove it, or call it `_{name}` to say that this is meant"
 
 

@@ -178,20 +178,20 @@ class ConstantChecker:
         assert decl.value is not None
         context = Context(scope, what, constant="T008")
         checked = self.shared.check_expr(decl.value, context, expected)
-        if not self._computable(checked, what):
+        if not self._is_computable(checked, what):
             return None
         known = self._loaded.reading.constants(scope.loaded)
         return self.calculator.value_of(decl.name.text, checked, what, known)
 
     def value(self, checked: typed.TypedExpr, what: str) -> Value | None:
         """The value of a checked expression that reads no locals, topics or parameters; or None."""
-        return self.calculator.value(checked, what) if self._computable(checked, what) else None
+        return self.calculator.value(checked, what) if self._is_computable(checked, what) else None
 
-    def _computable(self, checked: typed.TypedExpr, what: str) -> bool:
+    def _is_computable(self, checked: typed.TypedExpr, what: str) -> bool:
         if isinstance(checked.type, ErrorType):
             self.shared.names.losses += 1
             return False
-        return self._callable(checked, what)
+        return self._is_callable(checked, what)
 
     def number(
         self,
@@ -208,13 +208,13 @@ class ConstantChecker:
         checked = self.shared.check_expr(expr, context, expected, because)
         if isinstance(checked.type, ErrorType):
             return checked
-        sound = [self._sound(call, what) for call in calls_in(checked)]
+        sound = [self._is_sound(call, what) for call in calls_in(checked)]
         return checked if all(sound) else error_expr(expr.span)
 
-    def _callable(self, checked: typed.TypedExpr, what: str) -> bool:
+    def _is_callable(self, checked: typed.TypedExpr, what: str) -> bool:
         """Whether every function that an expression calls can be run now; reports it if not."""
         for call in calls_in(checked):
-            if not self._sound(call, what):
+            if not self._is_sound(call, what):
                 return False
             param = self.shared.calls.param_below(call.fun)
             if param is not None:
@@ -230,7 +230,7 @@ class ConstantChecker:
                 return False
         return True
 
-    def _sound(self, call: typed.TypedCall, what: str) -> bool:
+    def _is_sound(self, call: typed.TypedCall, what: str) -> bool:
         """Whether a function and all that it calls have no errors and are no externs."""
         calls = self.shared.calls
         if not calls.complete(call.fun):
@@ -330,7 +330,7 @@ class TypeChecker:
         if isinstance(expr, tree.BuiltinType):
             return BUILTIN_TYPES[expr.name]
         if isinstance(expr, tree.RangedIntType):
-            return self._ranged(expr, scope)
+            return self._ranged_int(expr, scope)
         if isinstance(expr, tree.NamedType):
             return self._named(expr, scope)
         if isinstance(expr, tree.RecordTypeExpr):
@@ -382,7 +382,7 @@ class TypeChecker:
         value = self.shared.constant(expr, scope, INT, what, self._around)
         return value if isinstance(value, int) else None
 
-    def _ranged(self, expr: tree.RangedIntType, scope: FileScope) -> Type:
+    def _ranged_int(self, expr: tree.RangedIntType, scope: FileScope) -> Type:
         what = "the bound of a type"
         low = self._constant(expr.interval.low, scope, what)
         high = self._constant(expr.interval.high, scope, what)

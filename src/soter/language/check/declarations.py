@@ -160,7 +160,7 @@ class DeclChecker:
             )
             return None
         default = self._constant_expr(decl.default, scope, t, what)
-        low, high = self._ends_of(decl.interval, scope, t, what) or (None, None)
+        low, high = self._interval_ends(decl.interval, scope, t, what) or (None, None)
         if default is None or isinstance(t, ErrorType):
             return None
         if isinstance(t, FloatType) and not math.isfinite(default.value):
@@ -179,7 +179,7 @@ class DeclChecker:
             )
         return typed.ParamSymbol(full, decl.name.span, t, default, low, high)
 
-    def _ends_of(
+    def _interval_ends(
         self, interval: tree.IntervalExpr | None, scope: FileScope, t: Type, what: str
     ) -> tuple[typed.Literal, typed.Literal] | None:
         """The ends of an interval of type `t`; None without one, or after a report."""
@@ -191,11 +191,11 @@ class DeclChecker:
             return None
         low = self._constant_expr(interval.low, scope, t, what)
         high = self._constant_expr(interval.high, scope, t, what)
-        if low is None or high is None or not self._ordered(low, high, interval):
+        if low is None or high is None or not self._check_order(low, high, interval):
             return None
         return low, high
 
-    def _ordered(self, low: typed.Literal, high: typed.Literal, at: tree.IntervalExpr) -> bool:
+    def _check_order(self, low: typed.Literal, high: typed.Literal, at: tree.IntervalExpr) -> bool:
         """Whether an interval contains a value; reports V001 if not."""
         if low.value <= high.value:
             return True

@@ -134,13 +134,13 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                 self._not_constant(f"`{name}`", span, hidden.span, context)
                 return error_expr(span)
         if name in context.private:
-            self._private(context.private[name], span, context)
+            self._report_local(context.private[name], span, context)
             return error_expr(span)
         entry = self.names.find(context.scope, name)
         if entry is not None:
             return self.entry(entry, span, context)
         if name in SPECIALS:
-            return self._special(name, span, context)
+            return self._special_name(name, span, context)
         if name in context.lost:
             self.names.losses += 1
             return error_expr(span)
@@ -169,7 +169,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return ()
         return (replace(span, f"{owners[0]}.truth.{name}"),)
 
-    def _special(self, name: str, span: Span, context: Context) -> typed.TypedExpr:
+    def _special_name(self, name: str, span: Span, context: Context) -> typed.TypedExpr:
         if context.constant:
             self._not_constant(f"`{name}`", span, None, context)
         elif name == "in_control" and context.node is not None:
@@ -188,7 +188,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             )
         return error_expr(span)
 
-    def _private(self, local: typed.Variable, span: Span, context: Context) -> None:
+    def _report_local(self, local: typed.Variable, span: Span, context: Context) -> None:
         local.used = True
         self.diagnostics.error(
             "T013",

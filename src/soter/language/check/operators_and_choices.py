@@ -71,10 +71,10 @@ class ChooseChecker(ExprBase):
         elif expr.type is not None:
             choice = self._of_type(expr, expr.type, context)
         else:
-            choice = self._among(expr, context, expected)
+            choice = self._choice_of_values(expr, context, expected)
         if not isinstance(choice, typed.TypedChoose) or context.choices is None:
             return error_expr(expr.span)
-        if not self._countable(expr, choice.count):
+        if not self._check_count(expr, choice.count):
             return error_expr(expr.span)
         if expr.fair and isinstance(context.owner, typed.PlantSymbol):
             self._fair_in_a_plant(expr.span, context)
@@ -148,7 +148,7 @@ class ChooseChecker(ExprBase):
             return error_expr(expr.span)
         return typed.TypedChoose(t, expr.span, count, low, (), None)
 
-    def _among(
+    def _choice_of_values(
         self, expr: tree.ChooseExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
         """Checks `choose { e1, e2 }`, a choice between values of one type."""
@@ -190,7 +190,7 @@ class ChooseChecker(ExprBase):
             helps=("list the values that matter: `choose { a, b, c }`",),
         )
 
-    def _countable(self, expr: tree.ChooseExpr, count: int) -> bool:
+    def _check_count(self, expr: tree.ChooseExpr, count: int) -> bool:
         most = MAX_FAIR if expr.fair else MAX_CHOICES
         if count <= most:
             return True
@@ -330,7 +330,7 @@ class OperatorChecker(ExprBase):
             also=((expr.left.span, f"`{lt}`"), (expr.right.span, f"`{rt}`")),
             helps=of_a_list(left, rt)
             or of_a_list(right, lt)
-            or _of_a_case(left, right, expected)
+            or _enum_case_help(left, right, expected)
             or _operator_help(expr, lt, rt, expected),
         )
 
@@ -365,7 +365,7 @@ def _number_hint(expected: Type | None) -> Type | None:
     return None
 
 
-_RESULTS: Mapping[tuple[type[Type], str, type[Type]], Type] = {
+_ARITHMETIC_TYPES: Mapping[tuple[type[Type], str, type[Type]], Type] = {
     **{(IntType, op, IntType): INT for op in "+-*/%"},
     **{(FloatType, op, FloatType): FLOAT for op in "+-*/"},
     **{(DurationType, op, DurationType): DURATION for op in "+-"},
@@ -379,7 +379,7 @@ def _arithmetic(
     expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
 ) -> typed.TypedExpr | None:
     op, lt, rt, span = expr.op, left.type, right.type, expr.span
-    result = _RESULTS.get((type(lt), op, type(rt)))
+    result = _ARITHMETIC_TYPES.get((type(lt), op, type(rt)))
     if result is not None:
         return typed.TypedBinary(result, span, op, left, right)
     if is_vector(lt) and lt == rt and op in {"+", "-"}:
@@ -396,7 +396,7 @@ def _scalar(factor: typed.TypedExpr) -> typed.TypedExpr | None:
     return factor if isinstance(factor.type, FloatType) else float_literal(factor)
 
 
-def _of_a_case(
+def _enum_case_help(
     left: typed.TypedExpr, right: typed.TypedExpr, expected: Type | None
 ) -> tuple[Help, ...]:
     """Helps with `Gear.Drive` for an enum compared with 1, `b ? 1.0 : 0.0` for a bool as number."""

@@ -103,7 +103,7 @@ def _missing_declaration(decls: list[tree.Decl], kind: str, name: str) -> tuple[
     return (f"declare it: `{example.format(name)}`",) if example else ()
 
 
-def _of_kind(scope: FileScope, kind: str, *, value: bool) -> Iterator[str]:
+def _names_of_kind(scope: FileScope, kind: str, *, value: bool) -> Iterator[str]:
     """Yields names of a file that are correct where `kind` is wanted."""
     for name, entry in scope.entries.items():
         if entry.kind == kind or (kind == "name" and not (value and entry.kind in NO_VALUES)):
@@ -361,7 +361,7 @@ class Names:
             if meant is not None:
                 also, helps = ((meant.span, meant.what),), helps or (meant.help,)
             if not helps:
-                near = among or chain(more, _of_kind(scope, kind, value=bool(where)))
+                near = among or chain(more, _names_of_kind(scope, kind, value=bool(where)))
                 guesses = self._guesses(scope, name, span, kind, near, anything=among is None)
                 helps = next(filter(None, guesses), otherwise)
             if not helps and elsewhere:

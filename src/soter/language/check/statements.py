@@ -66,10 +66,10 @@ class StmtChecker:
         variable = typed.Variable(name.text, t, kind, name.span)
         frame[name.text] = variable
         if kind in ("let", "var"):
-            self._hides(name, context.node, context)
+            self._shadowing(name, context.node, context)
         return variable
 
-    def _hides(self, name: tree.Name, node: typed.NodeSymbol | None, context: Context) -> None:
+    def _shadowing(self, name: tree.Name, node: typed.NodeSymbol | None, context: Context) -> None:
         """Warns W017 of a local named like a constant, or like a topic that the node reads."""
         entry = context.scope.entries.get(name.text)
         if entry is not None and entry.kind in ("constant", "parameter"):

@@ -220,7 +220,7 @@ def meanings(decls: Iterable[tree.Decl], name: str) -> Iterator[Meaning]:
             yield from _in_a_loop(decl, name)
         if isinstance(decl, tree.SystemDecl):
             for item in decl.instances:
-                if _is_called(item, name) and item.what.text != name:
+                if _is_instance_named(item, name) and item.what.text != name:
                     what = f"an instance of `{item.what.text}` in system `{decl.name.text}`"
                     yield Meaning(what, item.name.span, _instead_of_instance(declared, item))
 
@@ -334,7 +334,7 @@ def _plant_called(declared: dict[str, tree.Decl], name: str) -> tree.PlantDecl |
     found = declared.get(name)
     for system in declared.values():
         if found is None and isinstance(system, tree.SystemDecl):
-            of = (i.what.text for i in system.instances if _is_called(i, name))
+            of = (i.what.text for i in system.instances if _is_instance_named(i, name))
             found = declared.get(next(of, ""))
     return found if isinstance(found, tree.PlantDecl) else None
 
@@ -349,7 +349,7 @@ def _mentions(value: object, name: str) -> bool:
     return any(_mentions(getattr(value, f.name), name) for f in inner)
 
 
-def _is_called(item: object, name: str) -> TypeGuard[tree.Instance]:
+def _is_instance_named(item: object, name: str) -> TypeGuard[tree.Instance]:
     return isinstance(item, tree.Instance) and item.name.text == name
 
 

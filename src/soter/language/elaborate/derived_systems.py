@@ -225,9 +225,9 @@ def with_topic(
     No queue collects it: those of `like` only collect what is published on `like`.
     """
     taken = {t.name for t in system.topics} | {t.symbol.name for t in system.topics}
-    symbol = replace(symbol, name=_fresh(symbol.name, taken))
+    symbol = replace(symbol, name=_unused_name(symbol.name, taken))
     index = len(system.topics)
-    name = _fresh(name, taken)
+    name = _unused_name(name, taken)
     new = {"queues": (), **changes}
     made = replace(like, index=index, name=name, symbol=symbol, **new)  # type: ignore[arg-type]
     return replace(system, topics=(*system.topics, made)), made
@@ -281,7 +281,7 @@ def unlatched(system: System) -> System:
 # ---------------------------------------------------------------- what goes wrong
 
 
-def _hidden(components: Sequence[Component], modules: Sequence[Module]) -> set[int | None]:
+def _hidden_topics(components: Sequence[Component], modules: Sequence[Module]) -> set[int | None]:
     """Indices of hidden topics, which no program declares: of steps, modules and shields."""
     own = {c.held for c in components} | {i for m in modules for i in (m.looked, m.latch)}
     shields = [m.shield for m in modules if m.shield is not None]
@@ -298,7 +298,7 @@ def faultless(system: System) -> System:
     if not system.faults and not system.shuffled:
         return system
     components = tuple(replace(c, held=c.held if c.takes_ns else None) for c in system.components)
-    kept = _hidden(components, system.modules)
+    kept = _hidden_topics(components, system.modules)
     left = [t for t in system.topics if not t.held or t.index in kept]
     place: dict[int | None, int] = {t.index: k for k, t in enumerate(left)}
     # held topics are the last ones, so only they get new indices
@@ -386,7 +386,7 @@ def _can_be_judged(p: Property, at: Mapping[int, int], placed: Mapping[int, int]
     return all(i in at for i in seen) and read.keys() <= there
 
 
-def _fresh(name: str, taken: Collection[str]) -> str:
+def _unused_name(name: str, taken: Collection[str]) -> str:
     while name in taken:
         name += "_"
     return name

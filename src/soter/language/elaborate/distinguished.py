@@ -221,7 +221,7 @@ def representatives(
     if isinstance(t, IntType):
         low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
     elif bound is None:
-        low, high = _below(constants), _above(constants)
+        low, high = _value_below(constants), _value_above(constants)
     else:
         low, high = bound.low, bound.high
     cuts = sorted({low, high, *(c for c in constants if low <= c <= high)})
@@ -240,12 +240,12 @@ def _between(a: float, b: float, t: IntType | FloatType) -> float:
     return float((Fraction(a) + Fraction(b)) / 2)
 
 
-def _below(constants: set[int | float]) -> float:
+def _value_below(constants: set[int | float]) -> float:
     least = float(min(constants))
     return max(least - max(1.0, abs(least)), -sys.float_info.max)
 
 
-def _above(constants: set[int | float]) -> float:
+def _value_above(constants: set[int | float]) -> float:
     greatest = float(max(constants))
     return min(greatest + max(1.0, abs(greatest)), sys.float_info.max)
 

@@ -41,8 +41,8 @@ def _aliases(system: System, c: Component) -> set[str]:
     if c.module is not None:
         module = system.modules[c.module]
         symbols.append(module.symbol.ac if c.role == "ac" else module.symbol.sc)
-        aliases |= {f"{module.name}.{_short(s.name)}" for s in symbols}
-    return aliases | {s.name for s in symbols} | {_short(s.name) for s in symbols}
+        aliases |= {f"{module.name}.{_last_part(s.name)}" for s in symbols}
+    return aliases | {s.name for s in symbols} | {_last_part(s.name) for s in symbols}
 
 
 def not_found(
@@ -67,7 +67,7 @@ def not_found(
     )
 
 
-def _short(name: str) -> str:
+def _last_part(name: str) -> str:
     return name.rpartition(".")[2]
 
 
@@ -105,8 +105,8 @@ class _FaultPlacer:
         """Yields the faults of one item, one for each component; none after a report."""
         if item.kind == "order":
             return
-        lasts = self._lasts(item)
-        amount = self._amount(item, lasts)
+        lasts = self._duration_ns(item)
+        amount = self._amount_values(item, lasts)
         rate = self._rate(item)
         if amount is None or rate is None:
             return
@@ -155,7 +155,7 @@ class _FaultPlacer:
 
     # ------------------------------------------------------------ numbers
 
-    def _lasts(self, item: typed.SystemFaultSymbol) -> int:
+    def _duration_ns(self, item: typed.SystemFaultSymbol) -> int:
         if item.lasts is None:
             return 0
         return self.elaborator.duration(item.lasts, f"how long `{item.kind}` lasts") or 0
@@ -173,7 +173,7 @@ class _FaultPlacer:
             return None
         return float(rate) / (per / 1e9)
 
-    def _amount(self, item: typed.SystemFaultSymbol, lasts: int) -> tuple[float, ...] | None:
+    def _amount_values(self, item: typed.SystemFaultSymbol, lasts: int) -> tuple[float, ...] | None:
         numbers = [self.elaborator.number(e, f"`{item.kind}`") for e in item.by]
         values = [v for v in numbers if v is not None]
         if len(values) != len(numbers):

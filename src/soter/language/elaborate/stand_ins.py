@@ -204,7 +204,7 @@ def _step(published: Mapping[typed.TopicSymbol, _Values], by: StandIn) -> Iterat
             read = typed.VarRead(BOOL, by.span, is_put)
             value = typed.Conditional(symbol.type, by.span, read, value, _first(value))
         inner.append(typed.TypedDeclare(by.span, chosen, value))
-    inner += _published_if(put, by.span, [_with(e, put) for e in by.asked])
+    inner += _published_if(put, by.span, [_with_values(e, put) for e in by.asked])
     if single:
         arm = (_published(next(iter(published))), tuple(inner))
         yield typed.TypedIf(by.span, (arm,), ())
@@ -230,7 +230,7 @@ def _published_if(put: Put, span: Span, holds: Sequence[typed.TypedExpr]) -> lis
     return [typed.TypedIf(span, ((condition, tuple(out)),), ())]
 
 
-def _with(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
+def _with_values(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
     """A guarantee in which reads of own topics are replaced by the values to be published."""
 
     def value(read: typed.TypedExpr) -> typed.TypedExpr:
@@ -270,7 +270,7 @@ class _Values:
     ) -> tuple[typed.TypedExpr, int]:
         """As `any`, for a part with the value `first`; `path` is None inside an array."""
         if path is not None and path in self.stated:
-            return _one_of(t, self.stated[path], name)
+            return _choose_value(t, self.stated[path], name)
         if isinstance(t, RecordType) or (isinstance(t, ArrayType) and self._told(path)):
             return self._parts(t, bounds, first, name, path)
         where = None
@@ -281,7 +281,7 @@ class _Values:
                 if compared is None:
                     return typed.Literal(t, _span(name), first), 1
                 assert isinstance(t, (IntType, FloatType))
-                return _one_of(t, representatives(compared, bounds[0], t, first), name)
+                return _choose_value(t, representatives(compared, bounds[0], t, first), name)
         return _each(t, bounds, name, where)
 
     def _told(self, path: Path | None) -> bool:
@@ -334,7 +334,7 @@ def _each(
     return typed.TypedChoose(t, _span(f"any {name}"), count, low, (), None), count
 
 
-def _one_of(t: Type, values: Sequence[Value], name: str) -> tuple[typed.TypedExpr, int]:
+def _choose_value(t: Type, values: Sequence[Value], name: str) -> tuple[typed.TypedExpr, int]:
     span = _span(f"any {name}")
     options = tuple(typed.Literal(t, span, v) for v in values)
     if len(options) == 1:
@@ -413,7 +413,7 @@ def with_part(value: Value, path: Path, part: Value) -> Value:
 
 def is_one_of(read: typed.TypedExpr, values: Sequence[Value]) -> typed.TypedExpr:
     """The condition that `read` equals one of the values, leaf by leaf (0.0 equals -0.0)."""
-    each = [_all([*_equal(read, v)], read.span) for v in values]
+    each = [_all([*_equalities(read, v)], read.span) for v in values]
     condition = each[0]
     for other in each[1:]:
         condition = typed.TypedBinary(BOOL, read.span, "||", condition, other)
@@ -427,17 +427,17 @@ def _all(conditions: list[typed.TypedExpr], span: Span) -> typed.TypedExpr:
     return condition
 
 
-def _equal(read: typed.TypedExpr, value: Value) -> Iterator[typed.TypedExpr]:
+def _equalities(read: typed.TypedExpr, value: Value) -> Iterator[typed.TypedExpr]:
     t, span = read.type, read.span
     if isinstance(t, RecordType):
         for index, ((_, part), v) in enumerate(zip(t.fields, value, strict=True)):
-            yield from _equal(typed.TypedField(part, span, read, index), v)
+            yield from _equalities(typed.TypedField(part, span, read, index), v)
     elif isinstance(t, (ArrayType, ListType)):
         if isinstance(t, ListType):
             yield _same(typed.TypedLength(INT, span, read), len(value))
         for index, v in enumerate(value):
             at = typed.Literal(INT, span, index)
-            yield from _equal(typed.Index(t.element, span, read, at), v)
+            yield from _equalities(typed.Index(t.element, span, read, at), v)
     else:
         yield _same(read, value)
 

@@ -202,10 +202,10 @@ def waiting(
 ) -> tuple[Fault, ...]:
     """These faults, and those "wait" faults of SCs that follow if the order is deployed."""
     said = [f for f in faults if f.kind != WAIT]
-    return (*said, *(() if shuffled else _waits(modules, said)))
+    return (*said, *(() if shuffled else _wait_faults(modules, said)))
 
 
-def _waits(modules: Sequence[Module], faults: Sequence[Fault]) -> Iterator[Fault]:
+def _wait_faults(modules: Sequence[Module], faults: Sequence[Fault]) -> Iterator[Fault]:
     late = {f.component: f.inside for f in faults if f.kind == "late"}
     for m in modules:
         if m.dm in late:

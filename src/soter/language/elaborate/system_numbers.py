@@ -129,10 +129,10 @@ def has_param(
     if param is None or name == param.name:
         return param is not None
     path = name[: -len(param.name) - 1].split(".")
-    return any(_has(system, path) for system in systems)
+    return any(_has_instance(system, path) for system in systems)
 
 
-def _has(system: typed.SystemSymbol, path: list[str]) -> bool:
+def _has_instance(system: typed.SystemSymbol, path: list[str]) -> bool:
     what: object = system
     for part in path:
         instance = what.by_name.get(part) if isinstance(what, typed.SystemSymbol) else None

@@ -179,7 +179,7 @@ class _TestElaborator(Elaborator):
         """The value of a closed expression; None if it has none."""
         return Calculator(Diagnostics(), scope.params).value(e, "a constant")
 
-    def _stated_in(self, test: typed.TestSymbol) -> list[StatedValues]:
+    def _stated_values(self, test: typed.TestSymbol) -> list[StatedValues]:
         """The values that a test of this system states; V005 for one outside its set."""
         known: list[StatedValues] = []
         for item in test.stated:
@@ -205,13 +205,13 @@ class _TestElaborator(Elaborator):
         sets = _sets_of(self.test)
         for test in self.program.tests.values():
             alike = test.system is self.test.system and _sets_of(test) == sets
-            self.stated[test] = self._stated_in(test) if alike or test is self.test else []
-        self._stand_there(components)
+            self.stated[test] = self._stated_values(test) if alike or test is self.test else []
+        self._check_stated(components)
         for test, known in self.stated.items():
             for s in known:
                 for c in components:
                     if test is not self.test and self._as_it_is(c, s.topic):
-                        result.append(self._held_to(c, s, test, len(result)))
+                        result.append(self._stated_property(c, s, test, len(result)))
 
     def _as_it_is(self, c: Component, topic: int) -> bool:
         """Whether `c` publishes `topic` and is the system's own, not put there by the test.
@@ -223,7 +223,7 @@ class _TestElaborator(Elaborator):
             return False
         return topic in c.writes
 
-    def _held_to(
+    def _stated_property(
         self, c: Component, s: StatedValues, test: typed.TestSymbol, index: int
     ) -> Property:
         assert c.node is not None
@@ -237,7 +237,7 @@ class _TestElaborator(Elaborator):
         text = f"{s.text}, as {test.name} {says} it, in {c.name}"
         return Property(index, "guarantees", condition, c.scope, text, s.span, c.index)
 
-    def _stand_there(self, components: list[Component]) -> None:
+    def _check_stated(self, components: list[Component]) -> None:
         """Reports E020 for values stated of no stand-in's topic, N002 for values stated twice."""
         published = {
             c.scope.topics[t]
@@ -370,7 +370,7 @@ class _TestElaborator(Elaborator):
         for item in self.test.faults:
             by = self.duration(item.by, f"`by` of `{item.path}`") if item.by is not None else 0
             at_most = self.count(item.at_most, "`at most`", 1, MAX_SKIPS)
-            components = self._disturbed(system, item)
+            components = self._fault_components(system, item)
             for component in components:
                 first = seen.setdefault((item.kind, component.index), item)
                 if first is not item:
@@ -386,7 +386,7 @@ class _TestElaborator(Elaborator):
                 skips = (at_most or 1) if item.kind == "skip" else 0
                 yield TimingFault(item.kind, component.index, by or 0, skips, item.span)
 
-    def _disturbed(self, system: System, item: typed.FaultSymbol) -> list[Component]:
+    def _fault_components(self, system: System, item: typed.FaultSymbol) -> list[Component]:
         """The components that a path names; reports E009 if none, or one without such faults."""
         components = named(system, item.path)
         if not components:

@@ -331,15 +331,15 @@ class _TimeReader:
         if e.op in COMPARISONS:
             self.watched.compared.append(e.span)
             for a, b in itertools.product(left, right):
-                self._threshold(b - a)
+                self._add_threshold(b - a)
             if any(map(_is_sum, self._sums(e.left, e.right, -1))):
                 self.open.append(e.span)
             return False
         for constant in left | right:
-            self._threshold(constant)
+            self._add_threshold(constant)
         return True
 
-    def _threshold(self, seconds: float) -> None:
+    def _add_threshold(self, seconds: float) -> None:
         if math.isfinite(seconds):
             self.thresholds.add(round(abs(seconds) * 1e9))
 

@@ -121,7 +121,7 @@ def make_shield_topics(
             continue
         why = _why_not(module, topics, components)
         if why:
-            _refused(module, clause, why, diagnostics)
+            _no_shield(module, clause, why, diagnostics)
             continue
         numbers = len(_numbers(module, topics))
         first = len(topics) + len(made)
@@ -158,10 +158,10 @@ def refuse_overrun(
     if module is None or module.shield is None or module.symbol.shield is None:
         return
     why = f"`{fault}`: what a step publishes later is judged when it begins"
-    _refused(module, module.symbol.shield, why, diagnostics)
+    _no_shield(module, module.symbol.shield, why, diagnostics)
 
 
-def _refused(module: Module, clause: TypedExpr, why: str, diagnostics: Diagnostics) -> None:
+def _no_shield(module: Module, clause: TypedExpr, why: str, diagnostics: Diagnostics) -> None:
     diagnostics.error(
         "M027",
         f"module `{module.symbol.name}` can have no shield",
@@ -406,10 +406,10 @@ class _Bounder:
         outer = self.sets.get(path, outer)
         if isinstance(t, (RecordType, ArrayType, ListType)):
             if any(len(p) > len(path) and p[: len(path)] == path for p in self.sets):
-                return self._of_parts(t, path, outer)
+                return self._part_bounds(t, path, outer)
             key = id(t), outer  # one type may occur inside another many times
             if key not in self._known:
-                self._known[key] = self._of_parts(t, path, outer)
+                self._known[key] = self._part_bounds(t, path, outer)
             return self._known[key]
         if not isinstance(t, (FloatType, IntType)):
             return (None,), True
@@ -417,7 +417,7 @@ class _Bounder:
             outer = _inside_type(outer, t)
         return (outer,), outer is not None
 
-    def _of_parts(
+    def _part_bounds(
         self, t: RecordType | ArrayType | ListType, path: tuple[str, ...], outer: Bound | None
     ) -> tuple[tuple[Bound | None, ...], bool]:
         if isinstance(t, RecordType):

@@ -207,7 +207,7 @@ def _moved_by_any(
     if not topics:
         return c, ()
     assert c.plant is not None
-    plant, variables = _opened(c.plant, tuple(topics))
+    plant, variables = _open_plant(c.plant, tuple(topics))
     drawn, influences = [], []
     for topic in topics:
         index = c.scope.topics[topic]
@@ -225,7 +225,7 @@ Variables = dict[typed.TopicSymbol, tuple[typed.Variable, ...]]
 
 
 @lru_cache(maxsize=256)
-def _opened(
+def _open_plant(
     plant: typed.PlantSymbol, topics: tuple[typed.TopicSymbol, ...]
 ) -> tuple[typed.PlantSymbol, Variables]:
     """The plant with disturbances for `topics`; cached, as symbols are compared by identity."""
@@ -236,7 +236,7 @@ def _opened(
     whole = {t: _value(t.type, iter(made[t]), t) for t in topics}
 
     def value(e: typed.TypedExpr) -> typed.TypedExpr:
-        return _of_topics(e, whole)
+        return _replace_topics(e, whole)
 
     opened = replace(
         plant,
@@ -260,11 +260,11 @@ def _declared(made: Variables) -> Iterator[typed.DisturbanceSymbol]:
 
 def _value(t: Type, left: Iterator[typed.Variable], topic: typed.TopicSymbol) -> typed.TypedExpr:
     if isinstance(t, (RecordType, ArrayType)):
-        return typed.Aggregate(t, topic.span, tuple(_value(p, left, topic) for p in _below(t)))
+        return typed.Aggregate(t, topic.span, tuple(_value(p, left, topic) for p in _part_types(t)))
     return typed.VarRead(t, topic.span, next(left))
 
 
-def _below(t: RecordType | ArrayType) -> list[Type]:
+def _part_types(t: RecordType | ArrayType) -> list[Type]:
     return [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
 
 
@@ -272,7 +272,7 @@ def _equations(plant: typed.PlantSymbol) -> list[typed.TypedExpr]:
     return [*(e for _, e in plant.lets), *plant.der.values(), *plant.next.values()]
 
 
-def _of_topics(
+def _replace_topics(
     e: typed.TypedExpr, by: Mapping[typed.TopicSymbol, typed.TypedExpr]
 ) -> typed.TypedExpr:
     """Replaces a read of a topic, or of a field of one, by the value that stands for it."""

@@ -94,8 +94,8 @@ def _different_outputs(
         "P1b",
         f"AC and SC of module `{module.name}` publish different topics",
         at_sc,
-        f"publishes {_listed(sc)}",
-        also=((at_ac, f"publishes {_listed(ac)}"),),
+        f"publishes {_published_names(sc)}",
+        also=((at_ac, f"publishes {_published_names(ac)}"),),
         notes=(rule, "; ".join(parts)),
         helps=tuple(helps) if len(helps) <= HELPS_MAX else ("let both publish the same topics",),
     )
@@ -167,7 +167,7 @@ def check_messages(
         )
 
 
-def _listed(node: NodeSymbol) -> str:
+def _published_names(node: NodeSymbol) -> str:
     return ", ".join(f"`{t.name}`" for t in node.publishes) or "nothing"
 
 
@@ -185,7 +185,7 @@ def check_periods(system: System, diagnostics: Diagnostics, unknown: Collection[
         for role, index in own if module.over is None else own[1:]:
             node = system.components[index]
             if node.period_ns > module.period_ns and node.name not in unknown:
-                _slower(module, role, node, diagnostics)
+                _report_slower(module, role, node, diagnostics)
 
 
 def _slower_below(
@@ -210,7 +210,7 @@ def _slower_below(
         )
 
 
-def _slower(module: Module, role: str, node: Component, diagnostics: Diagnostics) -> None:
+def _report_slower(module: Module, role: str, node: Component, diagnostics: Diagnostics) -> None:
     assert node.node is not None
     symbol = module.symbol
     replaced = node.node not in (symbol.ac, symbol.sc)
@@ -249,7 +249,7 @@ def check_external(system: System, read: set[int], diagnostics: Diagnostics) -> 
     for e in system.externals:
         topic = system.topics[e.topic]
         if topic.driver not in {"", "input"}:
-            _goes_out(system, e, diagnostics)
+            _check_outgoing(system, e, diagnostics)
             continue
         if e.topic in read:
             continue
@@ -263,7 +263,7 @@ def check_external(system: System, read: set[int], diagnostics: Diagnostics) -> 
         )
 
 
-def _goes_out(system: System, e: External, diagnostics: Diagnostics) -> None:
+def _check_outgoing(system: System, e: External, diagnostics: Diagnostics) -> None:
     """Reports M024 if a topic that goes out has an `every`, a delay or errors of incoming ones."""
     said = [
         word
@@ -322,7 +322,7 @@ def check_deployed(here: System, symbol: typed.SystemSymbol, diagnostics: Diagno
     there = here.proved
     if there is None or symbol.deploys is None:
         return
-    differences = list(_differences(here, there))
+    differences = list(_all_differences(here, there))
     if not differences:
         return
     more = len(differences) - DIFFERENCES_SHOWN
@@ -340,7 +340,7 @@ def check_deployed(here: System, symbol: typed.SystemSymbol, diagnostics: Diagno
     )
 
 
-def _differences(here: System, there: System) -> Iterator[str]:
+def _all_differences(here: System, there: System) -> Iterator[str]:
     yield from _plants(here)
     yield from _components(here, there)
     theirs = {m.name: m for m in there.modules}

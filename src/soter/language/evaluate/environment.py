@@ -28,7 +28,7 @@ class BudgetExceeded(Exception):  # noqa: N818  not an error: the limit was aske
     """A constant took more operations than the evaluator was allowed."""
 
 
-def _nobody(count: int) -> int:
+def _no_chooser(count: int) -> int:
     """The default for `choose`: it fails, as only steps of nodes and plants have choices."""
     msg = f"nobody chooses between {count} alternatives here"
     raise RuntimeError(msg)
@@ -82,7 +82,7 @@ class Environment:
         self.mode = mode
         self.margin_ns = margin_ns
         self.truth = truth
-        self.choose = _nobody if choose is None else choose
+        self.choose = _no_chooser if choose is None else choose
         self.published: dict[int, Value] = {}
 
 

@@ -109,7 +109,7 @@ class Slopes:
             return self._builtin(e)
         if isinstance(e, typed.TypedCall):
             return self._call(e)
-        return unknown(e.type, self._touched(e))
+        return unknown(e.type, self._touched_states(e))
 
     def _call(self, e: typed.TypedCall) -> Tree:
         inner = returned(e)
@@ -119,7 +119,7 @@ class Slopes:
         x = self.of(e.arguments[0]) if e.arguments else None
         if bound is not None and isinstance(x, Slope):
             return Slope(-2.0, 2.0, {k: product(bound, d) for k, d in x.by.items()})
-        return unknown(e.type, self._touched(e))
+        return unknown(e.type, self._touched_states(e))
 
     def _vector(self, e: typed.Vector) -> Tree:
         a, b = self.of(e.left), self.of(e.right)
@@ -133,7 +133,7 @@ class Slopes:
         elements = []
         for x, y in pairs:
             if not (isinstance(x, Slope) and isinstance(y, Slope)):
-                return unknown(e.type, self._touched(e))
+                return unknown(e.type, self._touched_states(e))
             elements.append(arithmetic(e.op, x, y))
         return tuple(elements)
 
@@ -145,9 +145,9 @@ class Slopes:
             return union(parts[0], times(parts[0], Slope(-1.0, -1.0)))
         if e.name == "float" and isinstance(parts[0], Slope):
             return parts[0]
-        return unknown(e.type, self._touched(e))
+        return unknown(e.type, self._touched_states(e))
 
-    def _touched(self, e: typed.TypedExpr) -> dict[int, Range]:
+    def _touched_states(self, e: typed.TypedExpr) -> dict[int, Range]:
         """Every state that an expression may depend on -> any derivative."""
         read = [n.variable for n in nodes([e]) if isinstance(n, typed.VarRead)]
         trees = (self.variables[v] for v in read if v in self.variables)

@@ -224,7 +224,7 @@ class _NanFinder(RangeEvaluator):
             return anything(e.type)
         if e.fun.name in TOTAL or e.fun.name == "pow":
             arguments = [self._scalar(g, a.type) for g, a in zip(given, e.arguments, strict=True)]
-            return _of_prelude(e.fun.name, arguments)
+            return _prelude_range(e.fun.name, arguments)
         outside, self.variables = self.variables, dict(zip(e.fun.parameters, given, strict=True))
         compared, found, self.compared, self.found = self.compared, self.found, set(), set()
         try:
@@ -351,7 +351,7 @@ def _read(system: System, place: ReadPlace) -> Range:
     return known
 
 
-def _of_prelude(name: str, arguments: list[Range]) -> Range:
+def _prelude_range(name: str, arguments: list[Range]) -> Range:
     """The result's range of a function of TOTAL or `pow`: perhaps NaN outside its domain."""
     from soter.language.prelude.function_error_bounds import BOUNDS  # noqa: PLC0415 - rarely asked
 

@@ -229,7 +229,7 @@ class RangeEvaluator:
     def _builtin(self, e: t.Builtin) -> Known:
         name, of = e.name, e.arguments[0].type
         if name in {"dot", "norm", "saturate"}:
-            return self._of_vector(e)
+            return self._vector_builtin(e)
         a = self.number(e.arguments[0])
         if name in {"min", "max"}:
             b = self.number(e.arguments[1])
@@ -249,7 +249,7 @@ class RangeEvaluator:
         scale = 1e9 if name == "seconds" else 1.0
         return Range(float(a.low) / scale, float(a.high) / scale)
 
-    def _of_vector(self, e: t.Builtin) -> Known:
+    def _vector_builtin(self, e: t.Builtin) -> Known:
         first = self.evaluate(e.arguments[0])
         if e.name == "saturate":
             limit = self.number(e.arguments[1])

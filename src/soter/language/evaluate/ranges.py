@@ -96,7 +96,7 @@ def compared(op: str, a: Range, b: Range, *, same: bool = False) -> Range:
 # ---------------------------------------------------------------- floats
 
 
-def _of_ends(of: Callable[[float, float], float], a: Range, b: Range) -> Range:
+def _monotone_range(of: Callable[[float, float], float], a: Range, b: Range) -> Range:
     """The range of a monotone operation's results on two ranges."""
     ends = [of(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
     if a.nan or b.nan or any(math.isnan(x) for x in ends):
@@ -106,12 +106,12 @@ def _of_ends(of: Callable[[float, float], float], a: Range, b: Range) -> Range:
 
 def float_add(a: Range, b: Range) -> Range:
     """`a + b`."""
-    return _of_ends(lambda x, y: x + y, a, b)
+    return _monotone_range(lambda x, y: x + y, a, b)
 
 
 def float_subtract(a: Range, b: Range) -> Range:
     """`a - b`."""
-    return _of_ends(lambda x, y: x - y, a, b)
+    return _monotone_range(lambda x, y: x - y, a, b)
 
 
 def float_multiply(a: Range, b: Range, *, same: bool = False) -> Range:
@@ -119,7 +119,7 @@ def float_multiply(a: Range, b: Range, *, same: bool = False) -> Range:
     endless = any(math.isinf(x) for x in (a.low, a.high, b.low, b.high))
     if endless and (a.has(0.0) or b.has(0.0)):
         return ANY_FLOAT if not (same and not a.nan) else Range(0.0, INF)
-    product = _of_ends(lambda x, y: x * y, a, b)
+    product = _monotone_range(lambda x, y: x * y, a, b)
     return (
         Range(max(product.low, 0.0), product.high, product.nan)
         if same and not product.nan
@@ -133,7 +133,7 @@ def float_divide(a: Range, b: Range, faults: Faults) -> Range:
     endless = [math.isinf(x.low) or math.isinf(x.high) for x in (a, b)]
     if b.has(0.0) or all(endless) or a.nan or b.nan:
         return Range(-INF, INF, nan=all(endless) or a.nan or b.nan)
-    return _of_ends(lambda x, y: x / y, a, b)
+    return _monotone_range(lambda x, y: x / y, a, b)
 
 
 def square_root(a: Range) -> Range:

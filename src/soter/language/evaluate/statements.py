@@ -118,7 +118,7 @@ class Evaluator(ExpressionEvaluator):
             new = value(env)
             env.variables[variable] = replaced(env.variables[variable], path, new)
 
-        return self._counted(_rebuilt(place), assign)
+        return self._counted(_moved_most(place), assign)
 
     def _push(self, stmt: t.TypedPush) -> Executed:
         place, value, span = stmt.place, self._expr(stmt.value), stmt.span
@@ -135,7 +135,7 @@ class Evaluator(ExpressionEvaluator):
                 raise StepFault(FaultKind.CAPACITY, span)
             env.variables[variable] = replaced(whole, path, (*current, new))
 
-        return self._counted(_rebuilt(place) + capacity, push)
+        return self._counted(_moved_most(place) + capacity, push)
 
     def _keys(self, place: t.Place) -> Callable[[Environment], list[int]]:
         """The positions along a place's path; every index is checked when it is evaluated."""
@@ -249,6 +249,6 @@ def replaced(whole: Value, path: Sequence[int], new: Value) -> Value:
     return (*whole[:at], replaced(whole[at], rest, new), *whole[at + 1 :])
 
 
-def _rebuilt(place: t.Place) -> int:
+def _moved_most(place: t.Place) -> int:
     """An upper bound on the components that an assignment to the place moves."""
     return leaf_count(place.variable.type)

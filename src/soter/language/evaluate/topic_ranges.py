@@ -258,8 +258,8 @@ class _LimitReader:
 
     def limits(self, predicate: typed.TypedExpr, by: str) -> Iterator[Limit]:
         """Yields the limits that conjuncts of a predicate set to single signals."""
-        for part in conjuncts(_opened(predicate)):
-            opened = _opened(part)
+        for part in conjuncts(_inline_call(predicate)):
+            opened = _inline_call(part)
             parts = conjuncts(opened) if opened is not part else [part]
             for each in parts:
                 if isinstance(each, typed.TypedBinary) and each.op in BELOW | ABOVE:
@@ -282,7 +282,7 @@ class _LimitReader:
 
     def _line(self, e: typed.TypedExpr) -> _ScaledSignal | None:
         """A side of a comparison as a line over one signal, or over none; None: it is no line."""
-        e = _opened(e)
+        e = _inline_call(e)
         constant = self._constant(e)
         if constant is not None:
             return _ScaledSignal("", 0.0, constant)
@@ -356,7 +356,7 @@ def _scaled(line: _ScaledSignal | None, by: float) -> _ScaledSignal | None:
     return _ScaledSignal(line.signal, line.scale * by, line.offset * by, line.folded)
 
 
-def _opened(e: typed.TypedExpr) -> typed.TypedExpr:
+def _inline_call(e: typed.TypedExpr) -> typed.TypedExpr:
     """The expression that a call of a function which only returns something stands for."""
     for _ in range(OPENED_MAX):
         inner = returned(e) if isinstance(e, typed.TypedCall) else None

@@ -76,10 +76,10 @@ def opened(
     A pipe is read at once, up to `limit` bytes and one.
     """
     try:
-        _require(path.stat().st_mode, pipes=pipes, devices=devices)
+        _require_kind(path.stat().st_mode, pipes=pipes, devices=devices)
         handle = os.open(path, os.O_RDONLY | NONBLOCK | getattr(os, "O_CLOEXEC", 0))
         if stat.S_ISFIFO(os.fstat(handle).st_mode):
-            return io.BytesIO(_piped(handle, limit + 1))
+            return io.BytesIO(_read_pipe(handle, limit + 1))
     except ReadError:
         raise
     except (FileNotFoundError, NotADirectoryError):
@@ -92,7 +92,7 @@ def opened(
     return os.fdopen(handle, "rb")
 
 
-def _require(mode: int, *, pipes: bool, devices: bool) -> None:
+def _require_kind(mode: int, *, pipes: bool, devices: bool) -> None:
     if stat.S_ISDIR(mode):
         raise ReadError("it is a folder")
     allowed = stat.S_ISREG(mode) or (stat.S_ISFIFO(mode) and pipes)
@@ -100,7 +100,7 @@ def _require(mode: int, *, pipes: bool, devices: bool) -> None:
         raise ReadError("it is no ordinary file")
 
 
-def _piped(handle: int, most: int) -> bytes:
+def _read_pipe(handle: int, most: int) -> bytes:
     """Reads at most `most` bytes from a pipe, and closes its handle."""
     with os.fdopen(handle, "rb", buffering=0) as pipe:
         first = pipe.read(most)  # None: there is a writer, but nothing yet
@@ -148,10 +148,10 @@ def _leads_to_a_file(entry: os.DirEntry[str]) -> bool:
 
 def parse_json(text: str | bytes) -> Any:  # noqa: ANN401  any JSON document
     """The JSON document; ValueError if it is none or repeats a name, RecursionError if too deep."""
-    return json.loads(text, object_pairs_hook=_named_once)
+    return json.loads(text, object_pairs_hook=_unique_keys)
 
 
-def _named_once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+def _unique_keys(pairs: list[tuple[str, object]]) -> dict[str, object]:
     value_by_name: dict[str, object] = {}
     for name, value in pairs:
         if name in value_by_name:

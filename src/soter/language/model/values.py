@@ -318,7 +318,7 @@ def _record(t: RecordType, given: object, path: str) -> Value:
             raise _wrong(path, f"`{t}`", given, parts=True)
         parts = [getattr(given, n) for n in names]
     pairs = zip(t.fields, parts, strict=True)
-    return tuple([from_python(f, v, _below(path, n)) for (n, f), v in pairs])
+    return tuple([from_python(f, v, _field_path(path, n)) for (n, f), v in pairs])
 
 
 def _is_sequence(given: object) -> bool:
@@ -390,7 +390,7 @@ def from_json(t: Type, given: object, path: str = "") -> Value:
         if not isinstance(given, dict):
             raise _wrong(path, f"an object for `{t}`", given)
         _check_keys([n for n, _ in t.fields], given, path)
-        return tuple([from_json(f, given[n], _below(path, n)) for n, f in t.fields])
+        return tuple([from_json(f, given[n], _field_path(path, n)) for n, f in t.fields])
     if isinstance(t, (ArrayType, ListType)):
         if not isinstance(given, list):
             raise _wrong(path, f"an array for `{t}`", given)
@@ -412,7 +412,7 @@ def _float_from_json(given: object, path: str) -> float:
 # ---------------------------------------------------------------- reasons
 
 
-def _below(path: str, name: str) -> str:
+def _field_path(path: str, name: str) -> str:
     return f"{path}.{name}" if path else name
 
 
@@ -420,10 +420,10 @@ def _wrong(path: str, expected: str, given: object, *, parts: bool = False) -> V
     """The error for `given`; `parts`: a value of several parts was expected."""
     structure = parts or isinstance(given, Mapping) or _is_sequence(given)
     error = ValueStructureError if structure else ValueShapeError
-    return error(path, f"expected {expected}, found {_described(given)}{_meant(given)}")
+    return error(path, f"expected {expected}, found {_described(given)}{_shape_hint(given)}")
 
 
-def _meant(given: object) -> str:
+def _shape_hint(given: object) -> str:
     """A hint at what to write instead; "" if nothing is close."""
     if isinstance(given, (list, tuple)) and len(given) == 1:
         return ": give its one element, `float(y[0])`"
@@ -472,10 +472,10 @@ def widened(t: Type) -> Type:
 
 def singles(bound: Bound) -> tuple[float, float]:
     """For each end of a bound the nearest float32 if that lies outside, else the end itself."""
-    return min(bound.low, _single(bound.low)), max(bound.high, _single(bound.high))
+    return min(bound.low, _to_float32(bound.low)), max(bound.high, _to_float32(bound.high))
 
 
-def _single(number: float) -> float:
+def _to_float32(number: float) -> float:
     """The nearest float32; the number itself if it is too large for one."""
     try:
         nearest: float = struct.unpack("<f", struct.pack("<f", number))[0]

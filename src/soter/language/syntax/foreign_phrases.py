@@ -40,7 +40,7 @@ _BETWEEN = frozenset(
     ["in", "as", "to", "and", "or", "if", "else", "at", "by", "for", "per", "mod", "is", "not",
      "open", "init", "with", "implies", "between"]
 )  # fmt: skip
-_NAMED = r"\b(\w+)\s*=(?!=)\s*"
+_NAMED_ARGUMENT = r"\b(\w+)\s*=(?!=)\s*"
 _PARAMETER = re.compile(
     r"\s*(?:const\s+)?([A-Za-z_]\w*)\s*[&*]?\s*\b([A-Za-z_]\w*)\s*(\[\s*\w+\s*\])?\s*"
 )
@@ -330,8 +330,8 @@ CHANGES: Mapping[str, Callable[[str], str | None]] = {
     "names": lambda text: ", ".join(re.findall(r"[A-Za-z_]\w*", text)),
     "separated": lambda text: ", ".join(re.split(r"\s*(?:,|\||\bor\b)\s*", text)),
     "unnumbered": lambda text: re.sub(r"\s*=\s*\w+", "", text),
-    "colons": lambda text: re.sub(_NAMED, r"\1: ", text).strip(),
-    "unnamed": lambda text: re.sub(_NAMED, "", text),
+    "colons": lambda text: re.sub(_NAMED_ARGUMENT, r"\1: ", text).strip(),
+    "unnamed": lambda text: re.sub(_NAMED_ARGUMENT, "", text),
 }
 """Changes of a group's text: `A = 0` loses its number, `x=1.0` gets a colon or no name."""
 WRITERS: Mapping[str, Callable[[re.Match[str]], str | None]] = {
@@ -361,10 +361,10 @@ FRAGMENTS = {
     "TYPE": TYPE,
     "TYPED": r"(?P<name>[A-Za-z_]\w*)\s*:\s*(?P<type>(?:float|int|bool|duration)(?:\[\w+\])?)",
 }
-_SHORT = re.compile(r"(?<!P)<(\w+)>")
+_SHORT_GAP = re.compile(r"(?<!P)<(\w+)>")
 _GAP = re.compile(r"<([\w,]+)(?:\|(\w+))?>")
 _DIVISION = re.compile(r"[ \t]*(//)[ \t]*[\w.(-][\w.()+* -]*[])};][^\n]*")
-_FAR = 400
+_PHRASE_MAX = 400
 """Most characters that are searched for a phrase over several lines."""
 _SHOWN_MAX = 200
 """Most characters of an edit that a message shows; an editor inserts all of them."""
@@ -387,7 +387,7 @@ class Form:
     def pattern(self) -> re.Pattern[str]:
         """The row's pattern with its fragments filled in."""
         text = "".join(line.lstrip() for line in self.find.split("\n"))
-        text = _SHORT.sub(lambda m: FRAGMENTS.get(m[1]) or rf"(?P<{m[1]}>\w+)", text)
+        text = _SHORT_GAP.sub(lambda m: FRAGMENTS.get(m[1]) or rf"(?P<{m[1]}>\w+)", text)
         return re.compile(text, re.MULTILINE | (re.DOTALL if self.far else 0))
 
     def soter(self, match: re.Match[str]) -> str | None:
@@ -454,7 +454,7 @@ def find(
         if form.places and place not in form.places.split():
             continue
         far = len(text) if form.far else end
-        for match in form.pattern.finditer(text, line, min(far, line + _FAR)):
+        for match in form.pattern.finditer(text, line, min(far, line + _PHRASE_MAX)):
             if not match.start() <= at <= match.end():
                 continue
             phrase = _phrase(source, form, match)

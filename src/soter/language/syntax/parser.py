@@ -58,11 +58,11 @@ def parse_tokens(source: Source, diagnostics: Diagnostics) -> tuple[tree.File, P
     for problem in problems[:ERRORS_MAX]:
         diagnostics.add(problem)
     if len(problems) >= ERRORS_MAX:
-        diagnostics.add(_too_many(problems[ERRORS_MAX - 1]))
+        diagnostics.add(_too_many_errors(problems[ERRORS_MAX - 1]))
     return file, parser
 
 
-def _too_many(last: Diagnostic) -> Diagnostic:
+def _too_many_errors(last: Diagnostic) -> Diagnostic:
     primary = Label(last.primary.span, "the last error that is shown") if last.primary else None
     message = f"this file has {ERRORS_MAX} syntax errors or more"
     note = "the rest of the file was not read: is it a Soter file?"

@@ -66,7 +66,7 @@ class Home:
     form: str
 
 
-_LED = re.compile(r"(\w+): (.*)")
+_TABLE_LINE = re.compile(r"(\w+): (.*)")
 """Matches a line of the table that begins with another word than the one it explains."""
 
 
@@ -76,7 +76,7 @@ def places() -> dict[str, tuple[Home, ...]]:
     homes: dict[str, tuple[Home, ...]] = {}
     for where, forms in word_table("words")["place"].items():
         for line in map(str.strip, forms.split("\n")):
-            led = _LED.fullmatch(line)
+            led = _TABLE_LINE.fullmatch(line)
             word, form = led.groups() if led else (line.split()[0].rstrip(";"), line)
             homes[word] = (*homes.get(word, ()), Home(where, form))
     return homes

@@ -150,7 +150,7 @@ def _names(body: Iterable[ast.stmt]) -> Iterator[str]:
         elif isinstance(statement, (ast.Import, ast.ImportFrom)):
             yield from (a.asname or a.name.partition(".")[0] for a in statement.names)
         elif isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call):
-            yield from _of_calls(statement.value)
+            yield from _names_of_call(statement.value)
         else:
             for node in ast.walk(statement):
                 if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
@@ -161,7 +161,7 @@ def _names(body: Iterable[ast.stmt]) -> Iterator[str]:
                     yield from (a.asname or a.name.partition(".")[0] for a in node.names)
 
 
-def _of_calls(call: ast.Call) -> Iterator[str]:
+def _names_of_call(call: ast.Call) -> Iterator[str]:
     """The names that a call may define: `*` for `globals().update(...)` and its like."""
     if any(isinstance(n, ast.Name) and n.id in ("globals", "exec") for n in ast.walk(call)):
         yield "*"

@@ -116,7 +116,7 @@ def check_target(name: str, target: object) -> None:
     if isinstance(target, str):
         check_text(name, target)
     elif not isinstance(target, type) and not callable(getattr(target, "step", target)):
-        raise SoterError((_uncallable(name, target),))
+        raise SoterError((_not_callable(name, target),))
 
 
 def require_named(systems: Sequence[System], name: str) -> None:
@@ -139,7 +139,7 @@ def bind(system: System, given: Mapping[str, object]) -> Bindings:
     """
     core = lower(system)
     externs = list(_externs(system, core))
-    problems = [_unknown(system, externs, name) for name in given if not _named(externs, name)]
+    problems = [_no_extern(system, externs, name) for name in given if not _named(externs, name)]
     if problems:
         raise SoterError(tuple(problems))
     _assign(externs, given)
@@ -187,7 +187,7 @@ def _assign(externs: list[Extern], given: Mapping[str, object]) -> None:
     for exactness in (2, 1, 0):
         for name, target in given.items():
             for extern in externs:
-                if exactness in _exactness(extern, name):
+                if exactness in _match_levels(extern, name):
                     extern.bound = check_text(name, target) if isinstance(target, str) else target
 
 
@@ -262,7 +262,7 @@ def _externs(system: System, core: CoreSystem) -> Iterable[Extern]:
             yield Extern(symbol.name, "function", symbol.span, fun=symbol, bound=symbol.source)
 
 
-def _exactness(extern: Extern, name: str) -> tuple[int, ...]:
+def _match_levels(extern: Extern, name: str) -> tuple[int, ...]:
     """The ways in which a name fits an extern, as exactness, 0 the least; empty: it does not."""
     levels = []
     if name == extern.name:
@@ -281,10 +281,10 @@ def _declared(extern: Extern) -> tuple[str, ...]:
 
 
 def _named(externs: list[Extern], name: str) -> bool:
-    return any(_exactness(x, name) for x in externs)
+    return any(_match_levels(x, name) for x in externs)
 
 
-def _unknown(system: System, externs: list[Extern], name: str) -> Diagnostic:
+def _no_extern(system: System, externs: list[Extern], name: str) -> Diagnostic:
     nowhere = _nowhere(f"system `{system.name}`", externs, name)
     return _own_code(system, name) or nowhere
 
@@ -366,17 +366,17 @@ def _python(system: System, extern: Extern, stop: StopRequest, *, apart: bool) -
     node = extern.component.node if extern.component is not None else None
     if not apart or node is None:
         shapes = () if node is None else node.answers
-        return PythonExtern(extern.name, _target(system, extern), stop, shapes)
+        return PythonExtern(extern.name, _bound_target(system, extern), stop, shapes)
     from soter.simulate.externs.extern_process import ProcessExtern  # noqa: PLC0415 - POSIX only
 
-    load = partial(_target, system, extern)
+    load = partial(_bound_target, system, extern)
     binding = binding_of(extern.bound) if isinstance(extern.bound, str) else None
     if binding is not None and binding.is_policy:
-        load = partial(_in_bounds, load)
+        load = partial(_load_bounded, load)
     return ProcessExtern(extern.name, load, node.answers, extern.span, stop)
 
 
-def _in_bounds(load: Callable[[], object]) -> object:
+def _load_bounded(load: Callable[[], object]) -> object:
     """Loads a policy with a memory limit of `POLICY_MEMORY` more, as a graph may ask for any."""
     with suppress(ImportError, OSError, ValueError):  # elsewhere nobody says what a process has
         from resource import RLIMIT_AS, getrlimit, setrlimit  # noqa: PLC0415 - POSIX only
@@ -387,7 +387,7 @@ def _in_bounds(load: Callable[[], object]) -> object:
     return load()
 
 
-def _target(system: System, extern: Extern) -> object:
+def _bound_target(system: System, extern: Extern) -> object:
     target = _found(system, extern)
     x = extern.component
     return target if x is None or x.node is None else clipping(target, answered(system, x))
@@ -396,15 +396,15 @@ def _target(system: System, extern: Extern) -> object:
 def _found(system: System, extern: Extern) -> object:
     bound = extern.bound
     if isinstance(bound, str):
-        return _loaded(system, extern, bound)
+        return _load_object(system, extern, bound)
     if isinstance(bound, type):
         return instantiated(bound, _shown(bound), None)
     if not callable(getattr(bound, "step", bound)):
-        raise SoterError((_uncallable(extern.name, bound),))
+        raise SoterError((_not_callable(extern.name, bound),))
     return bound
 
 
-def _loaded(system: System, extern: Extern, text: str) -> object:
+def _load_object(system: System, extern: Extern, text: str) -> object:
     """The object that a text names: one of a Python file, or the policy in another file."""
     binding, x = binding_of(text), extern.component
     if binding is None or not binding.is_policy or x is None or x.node is None:
@@ -414,7 +414,7 @@ def _loaded(system: System, extern: Extern, text: str) -> object:
     return policy_files().load_policy(binding, reads, x.node.answers, extern.span)
 
 
-def _uncallable(name: str, bound: object) -> Diagnostic:
+def _not_callable(name: str, bound: object) -> Diagnostic:
     what = f"a `{type(bound).__name__}`, which cannot be called and has no `step`"
     help_ = "bind a function, a class or an object with `step`, or `python:file.py:name`"
     return Diagnostic("X002", f"extern `{name}` is bound to {what}", helps=(help_,))

@@ -121,7 +121,7 @@ def _node(system: System, component: Component, path: str) -> Callable[[SimpleNa
         (s.topic.name.rpartition(".")[2], system.topics[component.scope.topics[s.topic]].type)
         for s in node.subscribes
     ]
-    places, in_size = _in_order([t for _, t in reads])
+    places, in_size = _struct_layout([t for _, t in reads])
     answer = arrange(answer_fields(component))
     offsets = {m.name: (m.offset, m.type) for m in answer.members}
     outputs = [t.name.rpartition(".")[2] for t in node.publishes]
@@ -143,7 +143,7 @@ def _decoded(buffer: bytearray, offset: int, t: Type) -> object:
     return to_python(t, decode_from(buffer, offset, t))
 
 
-def _in_order(types: list[Type]) -> tuple[list[int], int]:
+def _struct_layout(types: list[Type]) -> tuple[list[int], int]:
     """The offsets of a struct's members, as a C compiler places them, and the struct's size."""
     at, align, places = 0, 1, []
     for t in types:

@@ -203,13 +203,13 @@ def noting(
     for name, target in bound.items():
         component = components.get(name)
         if component is None:
-            wrapper_by_name[name] = _Noting(name, target, failures)
+            wrapper_by_name[name] = _FailureNotes(name, target, failures)
             continue
         tally = Tally()
         if not getattr(target, "linked", False):
             tallies[name] = tally
         gate = _Gate(system, component)
-        wrapper_by_name[name] = _NotingComponent(
+        wrapper_by_name[name] = _ComponentNotes(
             name, target, failures, _shapes(component), tally, gate
         )
     return wrapper_by_name
@@ -222,7 +222,7 @@ def _shapes(component: Component) -> list[tuple[str, Type]]:
     return component.node.answers
 
 
-class _Noting:
+class _FailureNotes:
     def __init__(self, name: str, target: object, failures: dict[str, str]) -> None:
         self.name = name
         self.failures = failures
@@ -250,7 +250,7 @@ class _Noting:
             start(seed)
 
 
-class _NotingComponent(_Noting):
+class _ComponentNotes(_FailureNotes):
     def __init__(
         self,
         name: str,

@@ -65,7 +65,7 @@ def outside(call: Callable[..., object], *arguments: object) -> object:
     """Calls `call(*arguments)` with the externs' settings; raises what it raises."""
     home, depth, process = _folder(), sys.getrecursionlimit(), os.getpid()
     if _ExternChanges.folder:
-        _go(_ExternChanges.folder)
+        _change_folder(_ExternChanges.folder)
     if _ExternChanges.depth > depth:
         sys.setrecursionlimit(_ExternChanges.depth)
     try:
@@ -78,7 +78,7 @@ def outside(call: Callable[..., object], *arguments: object) -> object:
         there = _folder()
         _ExternChanges.folder = there if there != home else ""
         if there != home:
-            _go(home)
+            _change_folder(home)
 
 
 def end_copy(process: int) -> None:
@@ -97,7 +97,7 @@ def _folder() -> str:
         return ""
 
 
-def _go(folder: str) -> None:
+def _change_folder(folder: str) -> None:
     with suppress(OSError):
         os.chdir(folder)
 
@@ -294,7 +294,7 @@ def _module(path: Path, span: Span | None) -> ModuleType:
             "X003", f"`{path}` is no Python file", span, "the name of a Python file ends in .py"
         )
     module = importlib.util.module_from_spec(spec)
-    _put_first(path.resolve().parent)
+    _import_first(path.resolve().parent)
     sys.modules[full_name] = module
     try:
         outside(spec.loader.exec_module, module)
@@ -308,7 +308,7 @@ def _module(path: Path, span: Span | None) -> ModuleType:
     return module
 
 
-def _put_first(folder: Path) -> None:
+def _import_first(folder: Path) -> None:
     """Lets an extern import the files beside it, now and later.
 
     Modules that an extern of another folder imported under a name that this folder has, too, are

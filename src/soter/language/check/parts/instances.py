@@ -86,7 +86,7 @@ class Unroller:
     def filled(self, item: object, values: Values) -> object | None:
         """An item with its loop variables and elements replaced; None after a report."""
         try:
-            concrete_item = self._rewritten(item, values)
+            concrete_item = self._substitute(item, values)
         except _LostError:
             self.shared.names.losses += 1
             return None
@@ -106,7 +106,7 @@ class Unroller:
                 self.shared.names.losses += 1
                 continue
             if high < low and not values:
-                self._backwards(item, low, high)
+                self._warn_backwards(item, low, high)
             for i in range(low, high):
                 if self._left <= 0:
                     self._too_many(item)
@@ -132,7 +132,7 @@ class Unroller:
             notes=("everything that runs has a place in memory of its own from the start",),
         )
 
-    def _backwards(self, item: tree.Repeated, low: int, high: int) -> None:
+    def _warn_backwards(self, item: tree.Repeated, low: int, high: int) -> None:
         """Warns W011 of a loop that ends before it begins, unless a loop around it sets its bounds.
 
         A loop that ends where it begins may be meant.
@@ -161,14 +161,14 @@ class Unroller:
     # ------------------------------------------------------------ filling in
 
     def _expr(self, expr: tree.SyntaxExpr, values: Values) -> tree.SyntaxExpr:
-        concrete_expr = self._rewritten(expr, values)
+        concrete_expr = self._substitute(expr, values)
         assert isinstance(concrete_expr, tree.SyntaxExpr)
         return concrete_expr
 
-    def _rewritten(self, node: object, values: Values) -> object:
+    def _substitute(self, node: object, values: Values) -> object:
         """The syntax with numbers in place of loop variables, and names in place of elements."""
         if isinstance(node, tuple):
-            parts = tuple(self._rewritten(x, values) for x in node)
+            parts = tuple(self._substitute(x, values) for x in node)
             return parts if any(a is not b for a, b in zip(parts, node, strict=True)) else node
         if isinstance(node, tree.NameExpr):
             return self._variable(node, values)
@@ -184,7 +184,7 @@ class Unroller:
         changed: dict[str, Any] = {}
         for field in ["arguments"] if called else [f.name for f in fields(node)]:
             old = getattr(node, field)
-            new = self._rewritten(old, values)
+            new = self._substitute(old, values)
             if new is not old:
                 changed[field] = new
         return replace(node, **changed) if changed else node

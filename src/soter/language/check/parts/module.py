@@ -269,13 +269,13 @@ class ModuleChecker:
                     else "`shield;` and no more: SC is followed from each command",
                 ),
             )
-        sure = not is_error(condition) and self._of_a_state(condition, decl)
+        sure = not is_error(condition) and self._reads_only_state(condition, decl)
         if not sure or is_error(within) or None in moves:
             return None
         kept = tuple(m for m in moves if m is not None)
         return typed.RestSymbol(condition, kept, within, rest.span)
 
-    def _of_a_state(self, condition: typed.TypedExpr, decl: tree.RtaDecl) -> bool:
+    def _reads_only_state(self, condition: typed.TypedExpr, decl: tree.RtaDecl) -> bool:
         """Whether `rest` reads only the state; reports M029 for ages and externs."""
         calls = self.shared.calls
         for node in nodes([condition]):

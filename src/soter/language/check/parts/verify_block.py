@@ -138,12 +138,12 @@ class VerifyChecker:
             axes = []
             for item in group.axes:
                 axis = self._axis(module, item, verify, scope)
-                if axis is not None and self._new(axis, item, seen):
+                if axis is not None and self._is_new_axis(axis, item, seen):
                     axes.append(axis)
             groups.append(typed.TypedAxisGroup(group.kind, tuple(axes), group.span))
         return groups
 
-    def _new(
+    def _is_new_axis(
         self,
         axis: typed.TypedGridAxis,
         item: tree.GridAxis,
@@ -310,7 +310,7 @@ class VerifyChecker:
     ) -> list[typed.AbstractionLink]:
         """Checks `abstracts d by along: Axis = e`, with `e` in every system that has `d`."""
         links: list[typed.AbstractionLink] = []
-        homes = self._homes(module, instance, scope)
+        homes = self._module_contexts(module, instance, scope)
         names: dict[str, Span] = {}
         for part in parts:
             if part.name.text in names:
@@ -347,7 +347,7 @@ class VerifyChecker:
             )
         return plant if isinstance(plant, typed.PlantSymbol) else None
 
-    def _homes(
+    def _module_contexts(
         self, module: typed.ModuleSymbol, instance: tree.Name, scope: FileScope
     ) -> list[Context]:
         """A context in each system with module and instance; M013 if none has the instance."""

@@ -207,7 +207,7 @@ def doubt_constants(
     ttf, safer = symbol.ttf, symbol.safer
     if ttf is None or safer is None or not topic_reads(symbol.safe):
         return False  # predicates are computed, or `safe` reads no topic, of which W021 warns
-    ttf_always, safer_always = _always(system, module, trials, (ttf, safer))
+    ttf_always, safer_always = _constant_truths(system, module, trials, (ttf, safer))
     if (ttf_always, safer_always) == (None, None):
         return False
     from soter.language.evaluate.predicates import maybe_nan  # noqa: PLC0415 - seldom
@@ -227,7 +227,7 @@ def doubt_constants(
     return True
 
 
-def _always(
+def _constant_truths(
     system: System,
     module: Module,
     trials: Sequence[Trial],
@@ -335,7 +335,7 @@ def _meet_between(
                 return True
             if high is end and not other:
                 break  # the second condition does not hold at this end
-            middle = [_midway(a, b) for a, b in zip(low, high, strict=True)]
+            middle = [_midpoint(a, b) for a, b in zip(low, high, strict=True)]
             if middle in (low, high):
                 break
             if holds(predicates[1:], rebuilt(inside, middle))[0]:
@@ -345,7 +345,7 @@ def _meet_between(
     return False
 
 
-def _midway(a: Value, b: Value) -> Value:
+def _midpoint(a: Value, b: Value) -> Value:
     if isinstance(a, bool) or a == b:
         return b
     return (a + b) // 2 if isinstance(a, int) else a / 2 + b / 2
@@ -361,10 +361,10 @@ def doubt_readers(system: System, module: Module, diagnostics: Diagnostics) -> N
         if plant.plant is None or not safe & {*plant.writes}:
             continue
         if module.forced is None and not set(module.outputs) & _read(system, module):
-            _unread(system, module, diagnostics)
+            _warn_unread(system, module, diagnostics)
             return
         if module.period_ns >= RARELY * plant.period_ns:
-            _rarely(system, module, plant, diagnostics)
+            _rare_look(system, module, plant, diagnostics)
             return
 
 
@@ -380,7 +380,7 @@ def _read(system: System, module: Module) -> set[int]:
     return read | {of for t in read if (of := system.topics[t].queue_of) is not None}
 
 
-def _unread(system: System, module: Module, diagnostics: Diagnostics) -> None:
+def _warn_unread(system: System, module: Module, diagnostics: Diagnostics) -> None:
     outputs = [system.topics[i] for i in module.outputs]
     names = ", ".join(f"`{t.name}`" for t in outputs[:OUTPUTS_SHOWN])
     diagnostics.warning(
@@ -394,7 +394,7 @@ def _unread(system: System, module: Module, diagnostics: Diagnostics) -> None:
     )
 
 
-def _rarely(system: System, module: Module, plant: Component, diagnostics: Diagnostics) -> None:
+def _rare_look(system: System, module: Module, plant: Component, diagnostics: Diagnostics) -> None:
     assert plant.plant is not None
     of_sc = system.components[module.sc].period_ns
     diagnostics.warning(

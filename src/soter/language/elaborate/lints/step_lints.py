@@ -287,7 +287,7 @@ class _StepRanges(RangeEvaluator):
         if not self.silent:
             a = self.number(e.operand)
             if a.low < a.high and (a.low == e.type.high or a.high == e.type.low):
-                self._one_fits(e, a)
+                self._warn_one_fits(e, a)
             if a.high < e.type.low or a.low > e.type.high:
                 value = f"{a.low}" if a.single else f"from {a.low} to {a.high}"
                 inside = f"min(max({e.span.text}, {e.type.low}), {e.type.high})"
@@ -300,7 +300,7 @@ class _StepRanges(RangeEvaluator):
                 )
         return super()._narrow(e)
 
-    def _one_fits(self, e: t.Narrow, known: Range) -> None:
+    def _warn_one_fits(self, e: t.Narrow, known: Range) -> None:
         """Warns W025 if only one value fits: for `n: int in [0, 9]`, `n = max(n + 1, 9)` only 9."""
         assert isinstance(e.type, IntType)
         only, keeps = (known.low, "min") if known.low == e.type.high else (known.high, "max")
@@ -354,7 +354,7 @@ def doubt_publications(system: System, module: Module, diagnostics: Diagnostics)
         return  # it asks whether it has control, and so is silent on purpose
     for topic in sc.node.publishes:
         first = next((p for p in publications if p.topic is topic), None)
-        if first is None or _always(sc.node.step, topic):
+        if first is None or _always_publishes(sc.node.step, topic):
             continue
         diagnostics.warning(
             "W016",
@@ -367,16 +367,16 @@ def doubt_publications(system: System, module: Module, diagnostics: Diagnostics)
         )
 
 
-def _always(statements: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool:
+def _always_publishes(statements: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool:
     """Whether every path through the statements publishes the topic."""
     for s in statements:
         if isinstance(s, typed.TypedPublish) and s.topic is topic:
             return True
         if isinstance(s, typed.TypedIf) and s.otherwise:
             bodies = [*(body for _, body in s.arms), s.otherwise]
-            if all(_always(body, topic) for body in bodies):
+            if all(_always_publishes(body, topic) for body in bodies):
                 return True
-        if isinstance(s, typed.ForRange) and s.low < s.high and _always(s.body, topic):
+        if isinstance(s, typed.ForRange) and s.low < s.high and _always_publishes(s.body, topic):
             return True
     return False
 
@@ -390,7 +390,7 @@ def doubt_plant(system: System, component: Component, diagnostics: Diagnostics) 
     plant = component.plant
     if plant is None:
         return
-    _unmoved(plant, diagnostics)
+    _warn_unmoved(plant, diagnostics)
     _times_dt(plant, diagnostics)
     for d in diverging(system, component):
         names = ", ".join(f"`{n}`" for n in d.names)
@@ -402,11 +402,11 @@ def doubt_plant(system: System, component: Component, diagnostics: Diagnostics) 
             d.variable.span,
             f"every step multiplies {'it' if len(d.names) == 1 else 'them'} by {d.growth:.3g}",
             notes=(f"{rate}; `{plant.method}` follows a decay up to {end}",),
-            helps=tuple(_helps(component, d)),
+            helps=tuple(_divergence_helps(component, d)),
         )
 
 
-def _helps(component: Component, d: Diverging) -> list[str]:
+def _divergence_helps(component: Component, d: Diverging) -> list[str]:
     plant = component.plant
     assert plant is not None
     helps = []
@@ -421,7 +421,7 @@ def _helps(component: Component, d: Diverging) -> list[str]:
     return helps or ["leave out what is that fast: say where it comes to rest"]
 
 
-def _unmoved(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
+def _warn_unmoved(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
     """Warns W014 of a state with neither `der` nor `next`: a rule is missing, or it is a const."""
     for state in unmoved(plant):
         diagnostics.warning(

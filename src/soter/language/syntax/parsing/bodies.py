@@ -183,8 +183,8 @@ class BodyParser(StatementParser):
         message = f"expected an item of {what}, found {self.found()}"
         body = body_of(items, 0)
         meant = meaning("instead", word, body) or self._item_meant(body, word)
-        if meant is not None and self._reads_as(meant):
-            self._taken_for(meant, message, parts, items)
+        if meant is not None and self._parses_as(meant):
+            self._parse_as(meant, message, parts, items)
             return
         if self._at_loose_statement():
             self._loose_statements(message, items)
@@ -192,7 +192,7 @@ class BodyParser(StatementParser):
         elsewhere = at_word_of_elsewhere(self)
         near = self.close_word(word, items) if word.isidentifier() and not elsewhere else None
         if near is not None:
-            self._taken_for(near, message, parts, items, f"did you mean `{near}`?")
+            self._parse_as(near, message, parts, items, f"did you mean `{near}`?")
             return
         help_ = self._item_without_its_word(word, items)
         if help_ is not None:
@@ -201,7 +201,7 @@ class BodyParser(StatementParser):
             self._loose_statements(message, items)
             return
         advice = meaning("no_item", word, body)
-        notes = (_listed(what.partition(" `")[0], items),)
+        notes = (_item_list(what.partition(" `")[0], items),)
         raise self.failure("S010", message, notes=notes, helps=(advice,) if advice else ())
 
     def _at_loose_statement(self) -> bool:
@@ -223,12 +223,12 @@ class BodyParser(StatementParser):
         follows = self.kinds[self.i + 1] in PLACE_FOLLOWS or self.kinds[self.i + 1] == "("
         return None if follows else meaning("item", word, body)
 
-    def _reads_as(self, word: str) -> bool:
+    def _parses_as(self, word: str) -> bool:
         """Whether the item at the cursor is one without a syntax error once `word` leads it."""
         fix = replace(self.token_span(self.i), word)
         return leads_on(self, fix, self.starts[self.i], self.ends[item_end(self)])
 
-    def _taken_for(
+    def _parse_as(
         self, word: str, message: str, parts: Parts, items: Items, title: str | None = None
     ) -> None:
         """Report the word at the cursor, and read the item as if `word` led it."""
@@ -454,7 +454,7 @@ class BodyParser(StatementParser):
         return None, None
 
 
-def _listed(sort: str, items: Items) -> str:
+def _item_list(sort: str, items: Items) -> str:
     """The kinds of items that a body may have."""
     known = [*(f"`{w}`" for w in items), *LEADERLESS.get(sort, ())]
     return f"the items of {sort} are {', '.join(known)}"

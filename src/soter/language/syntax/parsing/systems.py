@@ -132,7 +132,7 @@ def _instance(parser: BodyParser, parts: Parts) -> bool:
         message = f"expected `:` after the name of the instance, found {parser.found()}"
         parser.report("S005", message, parser.after_previous(), "`:` is missing here")
     what = parser.ref("what the instance is made of")
-    renames, sets = _inside_of(parser, what)
+    renames, sets = _wires_and_sets(parser, what)
     parser.semicolon("the instance")
     instance = tree.Instance(name, what, None, renames, parser.span_from(start), sets)
     parts.several["instances"].append(instance)
@@ -165,14 +165,14 @@ def _instance_without_colon(parser: BodyParser, i: int) -> bool:
     return parser.close_word(word, SYSTEM_ITEMS) is None
 
 
-def _use(parser: BodyParser, kind: str, start: int) -> tree.Instance:
+def _instance_item(parser: BodyParser, kind: str, start: int) -> tree.Instance:
     what = parser.ref(f"the name of a {kind}")
-    renames, sets = _inside_of(parser, what)
+    renames, sets = _wires_and_sets(parser, what)
     parser.semicolon(f"the {kind}")
     return tree.Instance(what.name, what, kind, renames, parser.span_from(start), sets)
 
 
-def _inside_of(
+def _wires_and_sets(
     parser: BodyParser, what: tree.Ref
 ) -> tuple[tuple[tuple[tree.Ref, tree.DottedPath], ...], tuple[tree.SetParam, ...]]:
     """`{ topic = other, set K = 3 }` behind what an instance is made of: wires and settings."""
@@ -442,8 +442,8 @@ _IN_BOTH: Items = {
     "never": often("properties", _always),
 }  # fmt: skip
 SYSTEM_ITEMS: Items = {
-    "module": often("instances", _use),
-    "node": often("instances", _use),
+    "module": often("instances", _instance_item),
+    "node": often("instances", _instance_item),
     "until": once("until", of_word("time_value")),
     "always": _IN_BOTH["always"],
     "never": _IN_BOTH["never"],

@@ -65,7 +65,7 @@ _LITERALS = frozenset([NAME, INT, FLOAT, DURATION, ERROR])
 
 
 _BETWEEN = "two values on a line have an operator between them, two items a `;`"
-_SECOND = "what follows the `,` is an item or a statement of its own, with a word of its own"
+_TWO_ITEMS = "what follows the `,` is an item or a statement of its own, with a word of its own"
 
 
 class Panic(Exception):  # noqa: N818 - control flow inside the parser, never seen outside
@@ -385,7 +385,7 @@ class Cursor:
             label = "`;` is missing here"
         else:
             label = f"{after} ends here"
-            notes = (_SECOND if self.kinds[self.i] == "," else _BETWEEN,)
+            notes = (_TWO_ITEMS if self.kinds[self.i] == "," else _BETWEEN,)
         self.report("S004", message, self.after_previous(), label, notes=notes, helps=helps)
 
     def fresh_start(self) -> bool:
