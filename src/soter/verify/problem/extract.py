@@ -118,9 +118,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
     diagnostics.raise_errors()
     core, rest = lower(at.system), at.module.symbol.rest
     inputs, groups = _inputs_and_axes(at, core, inputs, kind, diagnostics)
-    quantities, axis_groups, turns_read = _wrap_groups(
-        at, core, groups, kind, synthesize=synthesize
-    )
+    quantities, axis_groups, turns_read = _wrap(at, core, groups, kind, synthesize=synthesize)
     _refuse_unbounded(at, axis_groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
     _shield(at, axis_groups, kind, times, chains.ways, diagnostics)
@@ -200,7 +198,7 @@ def _inputs_and_axes(
     return inputs, Axes(at, inputs, diagnostics, readers)
 
 
-def _wrap_groups(
+def _wrap(
     at: VerificationSystem, core: CoreSystem, axes: Axes, kind: ProblemKind, *, synthesize: bool
 ) -> tuple[Quantities, tuple[Group, ...], dict[str, str]]:
     """Quantities and groups, some axes wrapping around; for others with turns, who reads these."""
