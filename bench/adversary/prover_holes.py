@@ -17,7 +17,7 @@ import numpy as np
 from bench.adversary import proofs as adversary_proofs
 from bench.adversary.random_modules import Module, PathNode, Times
 
-from soter.verify.claims import claims
+from soter.verify.claims import start
 from soter.verify.grid import sets as grids
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.schedule import Schedule, SensorPath
@@ -259,7 +259,7 @@ def _half_the_commands(self: GridGroup, t_ns: int, target: Any, **more: Any) -> 
     return _SAFE_FOR(self, t_ns // 2, target, **more)
 
 
-NO_DEFAULTS = (claims, "fault_on_defaults", lambda _: "")
+NO_DEFAULTS = (start, "fault_on_defaults", lambda _: "")
 HOLES = (
     Hole(
         "j without the wait for the DM",

@@ -241,7 +241,7 @@ def _damaged(damage: Callable[[Any, int], None]) -> Patches:
         find(case, proof, engine, part, anywhere)
         damage(part.tops, part.tops.shape[-1])
 
-    return ((estimate_sets, "find", wrong),)
+    return ((estimate_sets, "permitted", wrong),)
 
 
 def _longer(tops: Any, n: int) -> None:  # noqa: ANN401

@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from generators.file_listing import files_in
@@ -30,6 +30,7 @@ CALLS_MAX = 20_000_000
 """Twenty times what a mutant takes; a constant may compute for as long as its budget."""
 
 TOKEN = re.compile(r'"[^"\n]*"|//[^\n]*|\w+(?:\.\d\w*)?|[<>=!]=|&&|\|\||\.\.|\s+|.', re.DOTALL)
+ENUM_WITHOUT_CASES = TESTS / "static_error" / "T001_case_by_its_number.soter"
 TOKENS = {p: TOKEN.findall(p.read_text(encoding="utf-8")) for p in PATHS}
 TYPES = ["int", "float", "bool", "duration", "Vec3", "int in [0, 3]", "float[3]", "float[<=3]"]
 NUMBERS = ["0", "1", "-1", "0.0", "1e308", "9223372036854775807", "99999999999999999999", "0ms"]
@@ -125,6 +126,7 @@ def _back_in_the_folder() -> object:
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
 )
 @given(st.sampled_from(PATHS), mutations)
+@example(ENUM_WITHOUT_CASES, [("delete", 95, 0)])
 def test_a_mutant_is_checked_without_a_crash(
     path: Path, changes: list[tuple[str, int, int]]
 ) -> None:

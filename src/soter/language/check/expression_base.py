@@ -266,7 +266,7 @@ def of_a_case(of: EnumType, expr: typed.TypedExpr) -> tuple[Help, ...]:
     whole = isinstance(expr, typed.Literal) and isinstance(expr.type, IntType)
     if isinstance(expr, typed.Literal) and whole and 0 <= expr.value < len(of.members):
         return (replace(expr.span, f"{name}.{of.members[expr.value]}"),)
-    return (f"a case of it is named: `{name}.{of.members[0]}`",)
+    return tuple(f"a case of it is named: `{name}.{member}`" for member in of.members[:1])
 
 
 def _declared(expr: typed.TypedExpr, because: Because | None) -> tuple[tuple[Span, str], ...]:

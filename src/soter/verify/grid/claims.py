@@ -21,8 +21,7 @@ from soter.verify.claims.product_sets import CellsPart, candidates, states_elsew
 from soter.verify.claims.results import GroupSets
 from soter.verify.deploy.grid_tables import CommandTable, Estimates, GroupTable, table
 from soter.verify.enclose.scheme_error import STIFF_HINT
-from soter.verify.grid import estimate_sets as levels
-from soter.verify.grid import recovery, set_figures
+from soter.verify.grid import estimate_sets, recovery, set_figures
 from soter.verify.grid.recovery import cells_in_way
 from soter.verify.grid.resting import resting
 from soter.verify.grid.set_figures import figure
@@ -182,7 +181,7 @@ class GridProof(GroupProof):
 
     def levels(self, case: Case) -> None:
         """Computes S_0, S_1, ..., the sets of estimates by which the DM decides."""
-        levels.find(case, self, self.engine, self.found)
+        estimate_sets.find(case, self, self.engine, self.found)
 
     def without_levels(self) -> GridProof:
         """A copy of this proof with C, K and R(H) only."""
@@ -193,7 +192,7 @@ class GridProof(GroupProof):
     def admit(self, case: Case, table: LevelTable) -> None:
         """Takes the DM's table and computes the states from which AC may have control by it."""
         assert isinstance(table, GroupTable)
-        levels.admit(case, self, self.engine, self.found, table)
+        estimate_sets.admit(case, self, self.engine, self.found, table)
 
     def start(self, case: Case, until_ns: int) -> None:
         """Enters a failure where an initial state is not in R(h_0)."""
@@ -219,7 +218,7 @@ class GridProof(GroupProof):
 
     def held(self, case: Case) -> CellsPart | None:
         """The states at which the DM's table gives AC control on any estimate."""
-        cells = levels.held(case, self.engine, self.found)
+        cells = estimate_sets.held(case, self.engine, self.found)
         return None if cells is None else CellsPart(self.engine, cells)
 
     def recover(self, case: Case, target: SetFactor) -> None:
