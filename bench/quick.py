@@ -60,6 +60,7 @@ extern node Driver period 1s {{ publishes cliff.force; }}
 system Bare default {{ car: cliff.MountainCar; node Driver; until 999s; }}
 """
 NODES = 1000
+SOTER = ("-m", "soter")
 ELSEWHERE = """measured elsewhere, in minutes: `verify` and `recheck` of the examples
 (bench/recheck/beside_verify.py), bytes of an install (bench/newcomers/from_wheel.py)"""
 
@@ -86,8 +87,8 @@ class Row:
 # ---------------------------------------------------------------- whole processes
 
 
-def processor_s(*arguments: str, turns: int = TURNS, cache: str = "") -> float:
-    """Processor seconds of `soter ARGUMENTS`, the median of several behind one that warms.
+def processor_s(*words: str, turns: int = TURNS, cache: str = "") -> float:
+    """Processor seconds of `python WORDS`, the median of several behind one that warms.
 
     Of an installed package: Python stores what it compiled, whatever this shell says.
     """
@@ -97,7 +98,7 @@ def processor_s(*arguments: str, turns: int = TURNS, cache: str = "") -> float:
     for _ in range(turns + (turns > 1)):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(
-            [sys.executable, "-m", "soter", *arguments],
+            [sys.executable, *words],
             cwd=ROOT,
             env=environment,
             capture_output=True,
@@ -124,13 +125,13 @@ def many_nodes(count: int) -> str:
 def commands() -> Iterator[Row]:
     """The command line."""
     drone = str(DRONE / "motion_primitive.soter")
-    yield Row("check of motion_primitive.soter", processor_s("check", drone), "s", 0.35)
+    yield Row("check of motion_primitive.soter", processor_s(*SOTER, "check", drone), "s", 0.35)
     cart = str(EXAMPLES / "wall" / "cart.soter")
-    yield Row("run of cart.soter, compiled before", processor_s("run", cart), "s", 0.4)
+    yield Row("run of cart.soter, compiled before", processor_s(*SOTER, "run", cart), "s", 0.4)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "many.soter"
         path.write_text(many_nodes(NODES), encoding="utf-8")
-        first = processor_s("run", str(path), turns=1, cache=str(Path(folder) / "cache"))
+        first = processor_s(*SOTER, "run", str(path), turns=1, cache=str(Path(folder) / "cache"))
         yield Row(f"first run of a program of {NODES:,} nodes", first, "s", 4.0)
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -19,8 +18,9 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-if str(ROOT / "tests") not in sys.path:
-    sys.path.insert(0, str(ROOT / "tests"))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from bench.quick import SOTER, processor_s  # noqa: E402 - needs the path
 
 from unit import test_c_figures as c_figures  # noqa: E402 - needs the path
 from unit import test_docstrings as docstrings  # noqa: E402 - needs the path
@@ -105,23 +105,6 @@ def entered(*words: str) -> int:
     return int(done.stderr.rsplit("entered", 1)[1])
 
 
-def processor_s(*command: str) -> float:
-    """Processor seconds of a command, the median of seven runs behind one that warms.
-
-    As installed: Python stores what it compiled.
-    """
-    keeps = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
-    times = []
-    for _ in range(8):
-        before = os.times()
-        subprocess.run(
-            [sys.executable, *command], cwd=ROOT, env=keeps, capture_output=True, check=True
-        )
-        after = os.times()
-        times.append(sum(after[2:4]) - sum(before[2:4]))
-    return statistics.median(times[1:])
-
-
 def main() -> int:
     """Print the counts, then what a check takes beside an import of NumPy."""
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
@@ -136,7 +119,7 @@ def main() -> int:
         print(f"{what:50} {figure}")
     numpy_s = processor_s("-c", "import numpy")
     for program in (cart, "examples/drone/surveillance.soter"):
-        ratio = processor_s("-m", "soter", "check", program) / numpy_s
+        ratio = processor_s(*SOTER, "check", program) / numpy_s
         name = f"`soter check` of {Path(program).name} beside `import numpy`"
         print(f"{name:50} {ratio:.1f} times")
     return 0

@@ -299,9 +299,9 @@ def test_a_certificate_that_is_not_accepted_is_refused_for_what_it_is(
 
 
 def test_a_system_that_deploys_nothing_takes_no_certificate(here: Path, cert: Path) -> None:
-    with pytest.raises(SoterError, match="deploys no other") as refused_:
+    with pytest.raises(SoterError, match="deploys no other") as refusal:
         soter.load(here / "point.soter").build("c", here / "out", cert=cert)
-    met = re.search(r"with `(external [^`]*)`", refused_.value.diagnostics[0].helps[1])
+    met = re.search(r"with `(external [^`]*)`", refusal.value.diagnostics[0].helps[1])
     assert met is not None
     text = (here / "point.soter").read_text("utf-8")
     copy = f"{text}\nsystem Copy deploys Protected {{ {met[1]} module Keep; }}\n"

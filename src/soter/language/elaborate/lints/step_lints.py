@@ -24,7 +24,6 @@ from soter.language.evaluate.range_evaluation import (
 )
 from soter.language.evaluate.ranges import FALSE, TRUE, Range
 from soter.language.evaluate.topic_ranges import declared
-from soter.language.model import typed
 from soter.language.model import typed as t
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import PeriodRead, TypedBinary, Vector
@@ -347,10 +346,8 @@ def doubt_publications(system: System, module: Module, diagnostics: Diagnostics)
     sc = system.components[module.sc]
     if sc.node is None or sc.extern:
         return
-    publications = [n for n in nodes(sc.node.step) if isinstance(n, typed.TypedPublish)]
-    if sc.node.takeover is not None or any(
-        isinstance(n, typed.InControl) for n in nodes(sc.node.step)
-    ):
+    publications = [n for n in nodes(sc.node.step) if isinstance(n, t.TypedPublish)]
+    if sc.node.takeover is not None or any(isinstance(n, t.InControl) for n in nodes(sc.node.step)):
         return  # it asks whether it has control, and so is silent on purpose
     for topic in sc.node.publishes:
         first = next((p for p in publications if p.topic is topic), None)
@@ -367,16 +364,16 @@ def doubt_publications(system: System, module: Module, diagnostics: Diagnostics)
         )
 
 
-def _always_publishes(statements: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool:
+def _always_publishes(statements: tuple[t.TypedStmt, ...], topic: t.TopicSymbol) -> bool:
     """Whether every path through the statements publishes the topic."""
     for s in statements:
-        if isinstance(s, typed.TypedPublish) and s.topic is topic:
+        if isinstance(s, t.TypedPublish) and s.topic is topic:
             return True
-        if isinstance(s, typed.TypedIf) and s.otherwise:
+        if isinstance(s, t.TypedIf) and s.otherwise:
             bodies = [*(body for _, body in s.arms), s.otherwise]
             if all(_always_publishes(body, topic) for body in bodies):
                 return True
-        if isinstance(s, typed.ForRange) and s.low < s.high and _always_publishes(s.body, topic):
+        if isinstance(s, t.ForRange) and s.low < s.high and _always_publishes(s.body, topic):
             return True
     return False
 
