@@ -63,7 +63,7 @@ MAPPING = "soter.mapping"
 KEYS = {
     "the mapping": "read_mapping.KEYS",
     "time": "read_mapping.TIME_KEYS",
-    "mavlink": "mavlink.KEYS",
+    "mavlink": "mavlink_dialects.KEYS",
     "a topic": "topic_mapping_parser.TOPIC_KEYS",
     "a source": "topic_mapping_parser.SOURCE_KEYS",
     "stamp": "topic_mapping_parser.STAMP_KEYS",

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from flint import arb, arb_mat
 
-from soter.certificate.terms.arb_balls import above, exact
+from soter.certificate.terms.linear_enclosures import above, exact
 from soter.language.front_end import check_file, system_of
 from soter.report.tables import table
 from soter.simulate.run import NativeProgram

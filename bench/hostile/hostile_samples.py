@@ -15,7 +15,7 @@ from typing import Any
 
 from bench.hostile.bad_input_samples import ROOT, Format, soter_says
 
-from soter.mapping.mavlink import dialect_path
+from soter.mapping.mavlink_dialects import dialect_path
 
 MAVLINK = ROOT / "examples" / "mavlink"
 POLICIES = ROOT / "tests" / "unit" / "policy" / "files"

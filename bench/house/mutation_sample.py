@@ -1,14 +1,15 @@
 """Whether the tests lost power: the same mutants of Python in two checkouts, and who kills them.
 
     .venv/bin/python bench/house/mutation_sample.py --before ../older_checkout [--count 300]
-        [--seed 1] [--keep FILE]
+        [--seed 1] [--keep FOLDER] [--jobs 2]
 
 Purpose: mutants at lines that stand once in either checkout, in whichever file (a comparison, an
-operation, a truth or a whole number is another), drawn by seed; each in a copy of this tree, and
-of the other where it lives in this one, judged by tests of CI: of those that name the mutated
-module, else of its room, the `FILES_MAX` with the fewest bytes. Killed: one of them fails, or they
-take longer than `CPU_S`. What is done is written to `--keep`, and not done again.
-Non-goals: mutants that only longer tests or tests of other rooms see; C.
+operation, a truth or a whole number is another), drawn by seed. The quick tests of a tree run once
+with `reached_statements`; a mutant is judged by those that reach its statement, as many as take
+`JUDGED_S`: in a copy of this tree, and of the other where it lives in this one. Killed: one of
+them fails that passes without it, or they take longer than `CPU_S`. What is done is kept in
+`--keep`, and not done again.
+Non-goals: mutants that only longer tests or other processes see; C.
 """
 
 from __future__ import annotations
@@ -17,35 +18,38 @@ import argparse
 import ast
 import os
 import random
+import re
 import resource
 import shutil
 import subprocess
 import sys
 import tempfile
+from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import accumulate
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from queue import SimpleQueue
+from typing import TYPE_CHECKING
 
-ROOT = Path(__file__).resolve().parents[2]
-if str(ROOT) not in sys.path:
-    sys.path.insert(0, str(ROOT))
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+sys.path.insert(0, str(ROOT))
 
+from bench.house import reached_statements  # noqa: E402 - needs the path
 from bench.pieces import Pieces  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
-CPU_S = 180
-"""A mutant's tests may use as many seconds of a processor: a busy machine kills none."""
+JUDGED_S = 60.0
+"""As many seconds of a processor may the tests take that judge a mutant, without it."""
+CPU_S = 240
+"""And with it: a busy machine kills none."""
 WALL_S = 1800.0
 """And may wait as long: a mutant that waits for ever is killed, too."""
-FILES_MAX = 6
-"""As many files of tests judge a mutant."""
-KNOWS_REST = "test-rest:"
-"""What the Makefile has where quick tests are a part of those that CI runs."""
-REST = ("--rest", "-m", "not long")
-"""Options of the other part of those."""
+PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider")
 PARTS = ("src", "tests", "bench", "examples", "docs", "pyproject.toml", "README.md", "Makefile")
 OTHER = {
     "<": "<=",
@@ -129,61 +133,105 @@ def common(before: Path) -> list[tuple[Mutant, Mutant]]:
     ]
 
 
-def judges(tree: Path, mutant: Mutant) -> tuple[str, ...]:
-    """The files of tests that name the module; where none does, those of its room."""
-    module = "soter." + mutant.file.removesuffix(".py").replace("/", ".")
-    named = [
-        p for p in (tree / "tests").rglob("test_*.py") if module in p.read_text(encoding="utf-8")
-    ]
-    room = tree / "tests" / "unit" / mutant.file
-    while not named and room != tree / "tests" / "unit":
-        room = room.parent
-        named = sorted(room.glob("test_*.py"))
-    named.sort(key=lambda p: (p.stat().st_size, p))
-    return tuple(str(p.relative_to(tree)) for p in named[:FILES_MAX])
+def copy_of(source: Path, tree: Path) -> None:
+    """Copies what tests need of a checkout."""
+    tree.mkdir(parents=True)
+    for part in PARTS:
+        if (source / part).is_dir():
+            shutil.copytree(source / part, tree / part)
+        else:
+            shutil.copy(source / part, tree / part)
 
 
-def passes(tree: Path, tests: tuple[str, ...]) -> bool:
-    """Whether tests of a tree pass; not, where they take longer than `CPU_S`."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider"]
-    try:
-        done = subprocess.run(
-            [*command, *tests],
-            cwd=tree,
-            env={**os.environ, "PYTHONPATH": str(tree / "src")},
-            capture_output=True,
-            timeout=WALL_S,
-            check=False,
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S)),
-        )
-    except subprocess.TimeoutExpired:
-        return False
-    return done.returncode in (0, 5)
+class Tests:
+    """The quick tests of a tree, and which of them reach which line: found by one run of all."""
+
+    def __init__(self, tree: Path, folder: Path) -> None:
+        self.tree = tree
+        folder.mkdir(parents=True, exist_ok=True)
+        if not any(folder.iterdir()):
+            env = {"REACHED": str(folder.resolve()), "PYTHONPATH": f"{tree / 'src'}:{HERE}"}
+            command = [*PYTEST, "-n", str(os.cpu_count()), "-p", "reached_statements"]
+            subprocess.run(command, cwd=tree, env=os.environ | env, check=False)
+        self.offsets, tests = reached_statements.read(folder)
+        self.seconds = {name: seconds for name, (seconds, _) in tests.items()}
+        self.of_line: dict[int, list[str]] = {}
+        for name in sorted(tests, key=lambda t: self.seconds[t]):
+            for line in tests[name][1]:
+                self.of_line.setdefault(line, []).append(name)
+
+    def of(self, mutant: Mutant) -> list[str]:
+        """The tests that reach a mutant, those of its room first, then the quickest.
+
+        Of what runs as a module is imported: the tests that reach anything of its file.
+        """
+        text = (self.tree / "src" / "soter" / mutant.file).read_text(encoding="utf-8")
+        number = text.split("\n").index(mutant.line) + 1
+        tree, offset = ast.parse(text), self.offsets[mutant.file]
+        statements = [
+            inner
+            for node in ast.walk(tree)
+            if isinstance(node, ast.FunctionDef)
+            for inner in ast.walk(node)
+            if isinstance(inner, ast.stmt) and inner is not node
+        ]
+        around = [s.lineno for s in statements if s.lineno <= number <= (s.end_lineno or 0)]
+        lines = [max(around)] if around else range(1, len(text.split("\n")))
+        reach = {name: None for line in lines for name in self.of_line.get(offset + line, ())}
+        room = f"tests/unit/{mutant.file.split('/')[0]}/"
+        return sorted(reach, key=lambda name: (not name.startswith(room), self.seconds[name]))
+
+    def within(self, names: list[str]) -> list[str]:
+        """The first of some tests, as many as take `JUDGED_S` seconds."""
+        sums = accumulate(self.seconds[name] for name in names)
+        return [name for name, s in zip(names, sums, strict=True) if s <= JUDGED_S]
 
 
-passes_unchanged = cache(passes)
+def failing(tree: Path, tests: Sequence[str]) -> str | None:
+    """The first of some tests that fails, "" if they take too long, None if all pass."""
+    with tempfile.NamedTemporaryFile("w", suffix=".txt") as named:
+        named.write("\n".join(tests))
+        named.flush()
+        try:
+            done = subprocess.run(
+                [*PYTEST, "-x", "-n", "0", f"@{named.name}"],
+                cwd=tree,
+                env={**os.environ, "PYTHONPATH": str(tree / "src")},
+                capture_output=True,
+                text=True,
+                timeout=WALL_S,
+                check=False,
+                preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (CPU_S, CPU_S)),
+            )
+        except subprocess.TimeoutExpired:
+            return ""
+    if done.returncode in (0, 5):
+        return None
+    said = re.findall(r"^(?:FAILED|ERROR) (\S.*?)(?: - .*)?$", done.stdout, re.MULTILINE)
+    return said[0] if said else ""
 
 
-def verdict(tree: Path, mutant: Mutant) -> str:
-    """What the tests of a tree say of a mutant: killed, survived, or not judged.
+failing_unchanged = cache(failing)
 
-    Not judged is what no test names, and what tests would judge that fail without it.
-    """
-    tests = judges(tree, mutant)
-    if not tests:
-        return "not judged"
+
+def verdict(tests: Tests, tree: Path, mutant: Mutant) -> str:
+    """What the tests of a tree say of a mutant: who killed it, survived, or not reached."""
+    names = tests.within(tests.of(mutant))
+    if not names:
+        return "not reached"
     path = tree / "src" / "soter" / mutant.file
     text = path.read_text(encoding="utf-8")
     rest = mutant.line[mutant.start + len(mutant.old) :]
     path.write_text(text.replace(mutant.line, mutant.line[: mutant.start] + mutant.new + rest))
-    parts = [tests, (*REST, *tests)] if KNOWS_REST in (tree / "Makefile").read_text() else [tests]
     try:
-        failing = next((part for part in parts if not passes(tree, part)), None)
+        killer = failing(tree, names)
     finally:
         path.write_text(text, encoding="utf-8")
-    if failing is None:
-        return "survived"
-    return "killed" if passes_unchanged(tree, failing) else "not judged"
+    if killer is None:
+        return f"survived {len(names)} tests"
+    if killer and failing_unchanged(tree, (killer,)) is not None:
+        return f"not judged: {killer} fails without it"
+    return f"killed by {killer or 'time'}"
 
 
 def main() -> int:
@@ -193,34 +241,45 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count())
     given = parser.parse_args()
     drawn = random.Random(given.seed).sample(common(given.before), given.count)  # noqa: S311
-    pieces = Pieces(given.keep, str(given.seed))
-    tally: dict[tuple[str, str], int] = {}
     with tempfile.TemporaryDirectory() as work:
-        trees = {"before": Path(work) / "before", "now": Path(work) / "now"}
-        for name, source in (("before", given.before), ("now", ROOT)):
-            trees[name].mkdir()
-            for part in PARTS:
-                copy: Any = shutil.copytree if (source / part).is_dir() else shutil.copy
-                copy(source / part, trees[name] / part)
-        for old, new in drawn:
-            said = {"before": "not asked"}
-            for name, mutant in (("now", new), ("before", old)):
-                if said.get("now") != "killed":
-                    judge = partial(verdict, trees[name], mutant)
-                    said[name] = pieces.piece(f"{name} {mutant}", judge)
-            both = (said["before"], said["now"])
-            tally[both] = tally.get(both, 0) + 1
-            if both == ("killed", "survived"):
-                print(f"killed before, lives now: {new.file}: {new.line.strip()}", flush=True)
+        keep = given.keep or Path(work)
+        pieces = Pieces(keep / "verdicts.jsonl", str(given.seed))
+        copies = SimpleQueue[Path]()
+        for k in range(given.jobs):
+            copies.put(Path(work) / str(k))
+        sources = {"now": ROOT, "before": given.before.resolve()}
+        for name, source in sources.items():
+            for k in range(given.jobs):
+                copy_of(source, Path(work) / str(k) / name)
+        tests_of = cache(lambda name: Tests(Path(work) / "0" / name, keep / name))
+
+        def judge(name: str, mutant: Mutant) -> str:
+            copy = copies.get()
+            try:
+                return verdict(tests_of(name), copy / name, mutant)
+            finally:
+                copies.put(copy)
+
+        def both(old: Mutant, new: Mutant) -> tuple[str, str]:
+            now = pieces.piece(f"now {new}", partial(judge, "now", new))
+            if now.startswith("killed"):
+                return "not asked", now
+            return pieces.piece(f"before {old}", partial(judge, "before", old)), now
+
+        tests_of("now")
+        with ThreadPoolExecutor(given.jobs) as pool:
+            said = list(pool.map(both, *zip(*drawn, strict=True)))
+    for (_, new), (was, now) in zip(drawn, said, strict=True):
+        if was.startswith("killed") and not now.startswith("killed"):
+            print(f"{was}, {now}: {new.file}: {new.line.strip()} | {new.old} -> {new.new}")
+    tally = Counter((was.split()[0], now.split()[0]) for was, now in said)
     for (was, now), n in sorted(tally.items()):
         print(f"{n:5}  before {was}, now {now}")
-    lost = tally.get(("killed", "survived"), 0)
-    judged = sum(n for both, n in tally.items() if "not judged" not in both)
-    print(
-        f"{judged} of {given.count} mutants judged; killed before, living now: {lost} (target: 0)"
-    )
+    lost = sum(n for (was, now), n in tally.items() if (was, now) == ("killed", "survived"))
+    print(f"{given.count} mutants; killed before, living now: {lost} (target: 0)")
     return 1 if lost else 0
 
 

@@ -25,7 +25,7 @@ from soter.native.shared_library import CHECK_FAILED, KERNEL, RUNTIME, library_f
 from soter.verify.deploy.missing_predicates import install, rest_claims
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expressions import Node, in_order
+from soter.verify.tubes.expression_graph import Node, in_order
 from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims

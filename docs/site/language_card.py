@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from soter.editor import hover
 from soter.language.syntax import schemes, tokens
 from soter.language.syntax import words as clause_words
-from soter.language.syntax.parsing.expression_elements import PRECEDENCE
+from soter.language.syntax.parsing.literals_and_operators import PRECEDENCE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

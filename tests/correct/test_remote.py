@@ -32,7 +32,7 @@ from soter.language.model.types import FLOAT, INT_MIN, ArrayType, FloatType, Lis
 from soter.language.model.values import to_python
 from soter.native.compiler import WARNINGS, find
 from soter.remote.topics import Channel
-from soter.targets.firmware import described
+from soter.targets.firmware_interface import described
 from soter.targets.world_interface import number_of_layout
 
 if TYPE_CHECKING:

@@ -21,8 +21,8 @@ from generators.programs_apart import program_apart
 from generators.programs_in_instants import program_in_instants
 from generators.small_test_programs import small_program
 from long_tests import examples, seeds
+from soter.api.exploring import CheckpointOptions
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.checked_options import CheckpointOptions
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.explore.checked_options import CheckpointOptions, checkpoints
+from soter.api.exploring import CheckpointOptions, checkpoints
 from soter.explore.checkpoints import read
 from soter.explore.engine import explorer_library
 from soter.explore.engine.search import Search

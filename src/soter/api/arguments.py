@@ -294,10 +294,10 @@ def write_sequence(view: SequenceView, path: Path, kind: str) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if kind == "html":
-            from soter.report.sequence_page import write_page  # noqa: PLC0415 - only then
+            from soter.report.trace_report import write_page  # noqa: PLC0415 - only then
 
             return write_page(view, path)
-        from soter.report.trace_log import write_log  # noqa: PLC0415 - an extra
+        from soter.report.trace_report import write_log  # noqa: PLC0415 - an extra
 
         return write_log(view, path)
     except LogUnavailableError as error:

@@ -1,34 +1,214 @@
-"""Explores the tests of a program one after the other.
+"""Explores tests of a program, and checks before what a person asks of them and of checkpoints.
 
-Purpose: chooses the tests, flattens their systems, writes traces and pages, and makes one report.
-Non-goals: exploring one test (`explore/command.py`), options (`explore/search_options.py`),
-checkpoints (`explore/checkpoints.py`).
+Purpose: `explore` chooses the tests, flattens their systems, has each searched, writes traces and
+pages, and makes one report. `chosen` finds tests by name, `with_times` gives a test another skew or
+horizon. `checkpoints` makes a `Checkpoint` for each test, from `--checkpoint` and `--resume`, or a
+diagnostic: it does not write over a file that is there already, nor resume from a file that is no
+checkpoint, or one of another search.
+Non-goals: exploring one test (`explore/command.py`), the options themselves
+(`explore/search_options.py`), a checkpoint's file (`explore/checkpoints.py`).
 """
 
 from __future__ import annotations
 
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.arguments import complete, params_as_json, time_ns, values_of, write_test_page
 from soter.diagnostics.command_records import made
-from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.explore.assumptions import replaced_in
-from soter.explore.checked_options import asked, checkpoints, chosen, with_times
+from soter.explore.checkpoints import (
+    Checkpoint,
+    machine,
+    no_checkpoint,
+    path_of,
+    read,
+    require_same,
+)
 from soter.explore.command import TraceHeader, explore_test, save
+from soter.explore.judge import plan_of
 from soter.explore.results import ExploreReport
-from soter.explore.search_options import SearchOptions
+from soter.explore.search_options import CHECKPOINT_SECONDS, SAMPLING, SearchOptions
+from soter.explore.trace import TIME_MAX
+from soter.language.elaborate.derived_systems import with_test
+from soter.language.elaborate.tested_system import MAX_STEPS
 from soter.language.front_end import system_of_test
+from soter.language.model.types import show_ns
 from soter.simulate.interrupt import listening, stop_request
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from soter.diagnostics.codes import Code
     from soter.explore.results import TestResult
     from soter.language.front_end import CheckResult
     from soter.language.model.system import System
+    from soter.language.model.typed import TestSymbol
     from soter.language.model.types import Value
+
+
+@dataclass(frozen=True)
+class CheckpointOptions:
+    """A folder, how many seconds lie between two checkpoints, and whether it goes on from there."""
+
+    folder: Path
+    every_s: float
+    resume: bool
+
+
+def asked(options: SearchOptions) -> CheckpointOptions | None:
+    """The checkpoints that the options ask for; None: none; `SoterError` U001 if impossible."""
+    checkpoint, resume, every = options.checkpoint, options.resume, options.checkpoint_every
+    if (checkpoint, resume, every) == (None, None, None):
+        return None
+    problems = [Diagnostic("U001", m, helps=(help_,)) for m, help_ in _problems(options)]
+    if problems:
+        raise SoterError(tuple(problems))
+    folder = checkpoint if resume is None else resume
+    assert folder is not None
+    if Path(folder).exists() and not Path(folder).is_dir():
+        message = f"checkpoints stand in a folder, and `{folder}` is a file"
+        help_ = "name a folder: every test has a file of its own in it"
+        code: Code = "D006" if resume is None else "D012"
+        raise SoterError((Diagnostic(code, message, helps=(help_,)),))
+    every = CHECKPOINT_SECONDS if every is None else every
+    return CheckpointOptions(Path(folder), every, resume is not None)
+
+
+def _problems(options: SearchOptions) -> Iterator[tuple[str, str]]:
+    """The mistakes in the options, each with a help."""
+    checkpoint, resume = options.checkpoint, options.resume
+    if checkpoint is None and resume is None:
+        yield "`checkpoint_every` alone writes nothing", "say where: `checkpoint`"
+    if "" in (checkpoint, resume):
+        yield "a checkpoint needs a folder, and `` is none", "`.` is this folder"
+    if checkpoint is not None and resume is not None:
+        message = "`checkpoint` begins anew and `resume` goes on: they cannot both be"
+        yield message, "`resume` alone writes there, too"
+    if options.strategy != "bfs":
+        repeats = options.strategy in SAMPLING
+        message = f"a search with the strategy `{options.strategy}` has no checkpoints"
+        yield message, "its seed repeats it: --seed" if repeats else "bfs has: --strategy bfs"
+
+
+def checkpoints(
+    wanted: CheckpointOptions | None,
+    systems: Sequence[System],
+    options: SearchOptions,
+    params: Mapping[str, object],
+) -> list[Checkpoint | None]:
+    """A checkpoint for each flattened test, in order; `SoterError` D006, D012, D013, D014."""
+    if wanted is None:
+        return [None for _ in systems]
+    paths = [path_of(wanted.folder, plan_of(s).name) for s in systems]
+    if wanted.resume and not any(p.exists() for p in paths):
+        raise _nothing_there(wanted.folder, paths[0])
+    diagnostics, made = Diagnostics(), []
+    for system, path in zip(systems, paths, strict=True):
+        try:
+            made.append(_one(wanted, path, about(system, options, params)))
+        except SoterError as error:
+            for d in error.diagnostics:
+                diagnostics.add(d)
+    diagnostics.raise_errors()
+    return list(made)
+
+
+def _nothing_there(folder: Path, path: Path) -> SoterError:
+    others = sorted(p.stem for p in folder.glob(f"*{path.suffix}"))
+    if not folder.is_dir():
+        return no_checkpoint(path, "there is no such folder")
+    there = f"those there are of {', '.join(others)}" if others else "there is none in that folder"
+    return no_checkpoint(path, f"no such file; {there}")
+
+
+def about(
+    system: System, options: SearchOptions, params: Mapping[str, object]
+) -> dict[str, object]:
+    """What must be the same when a search goes on, by the keys of `checkpoints.ABOUT`."""
+    plan = plan_of(system)
+    return {
+        "program_sha256": system.program.sha256,
+        "system": system.name,
+        "test": plan.name,
+        "params": dict(params),
+        "skew_ns": plan.skew_ns,
+        "horizon_ns": plan.horizon_ns,
+        "strategy": options.strategy,
+        "storage": options.storage,
+        "reduction": options.reduction,
+        "seed": options.seed,
+        "machine": machine(),
+    }
+
+
+def _one(wanted: CheckpointOptions, path: Path, facts: Mapping[str, object]) -> Checkpoint:
+    if not path.exists():
+        made = Checkpoint(path, wanted.every_s, facts)
+        made.try_out()
+        return made
+    if not wanted.resume:
+        message = f"there is a checkpoint already: `{path}`"
+        hints = (f"go on from it: --resume {wanted.folder}", "or delete it, or take another folder")
+        raise SoterError((Diagnostic("D014", message, helps=hints),))
+    saved = read(path)
+    require_same(saved, facts)
+    made = Checkpoint(path, wanted.every_s, facts, saved)
+    made.try_out()
+    return made
+
+
+def chosen(
+    tests: Mapping[str, TestSymbol], path: str, names: str | Sequence[str] | None
+) -> list[TestSymbol]:
+    """The tests to explore, in the program's order; `SoterError` U010 where there is none."""
+    wanted = [names] if isinstance(names, str) else names
+    unknown = [n for n in wanted or () if n not in tests]
+    if tests and not unknown:
+        return [t for n, t in tests.items() if wanted is None or n in wanted]
+    if not unknown:
+        help_ = "write one: `test Name { system S; horizon 1s; always ...; }`"
+        problem = Diagnostic("U010", f"`{path}` has no `test`", helps=(help_,))
+    else:
+        there = ", ".join(f"`{n}`" for n in tests) or "none"
+        message = f"there is no test `{unknown[0]}`"
+        problem = Diagnostic("U010", message, notes=(f"there are: {there}",))
+    raise SoterError((problem,))
+
+
+def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
+    """The test with another skew or horizon; `SoterError` U001 where that is impossible."""
+    plan = plan_of(system)
+    for what, given, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
+        if given is not None and not least <= given <= TIME_MAX:
+            raise SoterError((Diagnostic("U001", f"the {what} cannot be {show_ns(given)}"),))
+    skew = plan.skew_ns if skew_ns is None else skew_ns
+    horizon = plan.horizon_ns if horizon_ns is None else horizon_ns
+    _require_few_steps(system, horizon)
+    for t in plan.timed:
+        reach = t.within_ns + (1 if t.kind == "leadsto" else 0)
+        if t.kind != "invariant" and reach > horizon:
+            message = f"with a horizon of {show_ns(horizon)} `{t.text}` is not judged"
+            note = f"its deadline of {show_ns(t.within_ns)} has to lie before the end"
+            raise SoterError((Diagnostic("E013", message, notes=(note,)),))
+    if plan.ordered and skew:
+        message = f"test {plan.name} declares the deployed order: no step of it may be late"
+        note = f"with a skew of {show_ns(skew)} steps of one instant happen at different times"
+        raise SoterError((Diagnostic("E017", message, notes=(note,)),))
+    return with_test(system, replace(plan, skew_ns=skew, horizon_ns=horizon))
+
+
+def _require_few_steps(system: System, horizon: int) -> None:
+    calendars = [(c.phase_ns, c.period_ns) for c in system.components]
+    calendars += [(0, drive.every_ns) for drive in system.inputs]
+    steps = sum((horizon - phase) // period + 1 for phase, period in calendars if phase <= horizon)
+    if steps > MAX_STEPS:
+        message = f"a horizon of {show_ns(horizon)} can never be exhausted"
+        note = f"{steps} steps lie before it, in each execution; at most {MAX_STEPS} are possible"
+        raise SoterError((Diagnostic("E008", message, notes=(note,)),))
 
 
 def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> ExploreReport:

@@ -135,7 +135,7 @@ class Program:
 
     def function(self, name: str) -> Callable[..., Any]:
         """A function of the program as a callable, which may raise `soter.StepFault`; KeyError."""
-        from soter.simulate.externs.soter_callable import python_function  # noqa: PLC0415 - see the docstring
+        from soter.language.evaluate.statements import python_function  # noqa: PLC0415 - see the docstring
 
         program = self._require_sound()
         return python_function(program, program.funs[name])

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from soter.api.arguments import complete, params_from_json, write_sections, write_sequence
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import SoterError, mistake
-from soter.language.evaluate.floating_point_mode import require_plain
+from soter.language.evaluate.arithmetic import require_plain
 from soter.language.front_end import check_file, system_of_test
 from soter.report.templates import PageSection
 from soter.version import VERSION, pip_install
@@ -190,8 +190,8 @@ def replay(path: str | Path) -> ReplayReport:
 
 
 def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
+    from soter.api.exploring import with_times  # noqa: PLC0415 - the same
     from soter.explore import trace as traces  # noqa: PLC0415 - see `soter.api`
-    from soter.explore.checked_options import with_times  # noqa: PLC0415 - the same
     from soter.explore.replay import replay as run  # noqa: PLC0415 - the same
 
     path = traces.program_path(trace)

@@ -23,7 +23,7 @@ from soter.campaign.compiled_unit import recipe_of
 from soter.campaign.store import FlightOutcome, MetricSample
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.evaluate.floating_point_mode import require_plain
+from soter.language.evaluate.arithmetic import require_plain
 from soter.language.load.named_files import POLICIES
 from soter.native.cache import cached, digest
 from soter.native.compiler import FAST, compile_with, find, vector_flags

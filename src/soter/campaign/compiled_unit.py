@@ -17,7 +17,7 @@ from soter.codegen import c_tree as c
 from soter.codegen import decisions
 from soter.codegen.c_tree import branch_free
 from soter.codegen.c_types import float_number, int_number
-from soter.codegen.function_context import S
+from soter.codegen.state_access import S
 from soter.codegen.unit import UnitBuilder
 from soter.codegen.value_locations import MADE
 from soter.core.core import Call, Fact

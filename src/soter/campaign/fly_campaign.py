@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from soter.campaign.batch_flights import BATCH, Flyer
 from soter.campaign.compiled_unit import unpacked
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.evaluate.floating_point_mode import require_plain
+from soter.language.evaluate.arithmetic import require_plain
 from soter.native.cache import digest, files_below
 from soter.native.shared_library import NEVER_SHIPPED, RUNTIME
 from soter.version import pip_install

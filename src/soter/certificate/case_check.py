@@ -36,7 +36,7 @@ from soter.certificate.reading.sc_locals_and_modes import any_mode
 from soter.certificate.reading.symbolic_operations import filled, flat
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.scope import p1c_of
-from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.terms import Terms
 from soter.diagnostics.current_phase import share_done
 from soter.language.model.types import FloatType, leaves

@@ -23,8 +23,8 @@ from soter.certificate.cell_sets import (
     uncovered,
     volume,
 )
-from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
+from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.straight_line import content_of
 from soter.certificate.terms.terms import (
     FALSE,

@@ -27,7 +27,7 @@ import numpy as np
 from flint import arb
 
 from soter.certificate.reading.left_out_states import FARTHEST
-from soter.certificate.terms.arb_balls import HALF, above, below, exact
+from soter.certificate.terms.linear_enclosures import HALF, above, below, exact
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -41,7 +41,7 @@ from soter.certificate.reading.module_facts import ModuleAbove, driven_topics, r
 from soter.certificate.reading.problem import followed, read_facts
 from soter.certificate.reading.view_predicates import entered, said_of
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import (
+from soter.certificate.terms.linear_enclosures import (
     HALF,
     TINIEST,
     UNIT_ROUNDOFF,

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
 from soter.codegen.c_types import float_number, int_number
-from soter.codegen.function_context import CT, OK, S, where
+from soter.codegen.state_access import CT, OK, S, where
 from soter.codegen.storage_plan import PlannedBody
 from soter.core import core
 from soter.language.model.typed import TypedUnary
 
 if TYPE_CHECKING:
-    from soter.codegen.function_context import Frame
+    from soter.codegen.state_access import Frame
     from soter.language.model.system import Module
 
 

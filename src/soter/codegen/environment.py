@@ -16,7 +16,7 @@ from soter.codegen.c_names import field_name
 from soter.codegen.c_types import float_number, int_number
 from soter.codegen.externs import received, to_ends
 from soter.codegen.faults import disturb, leaf_of, scaled
-from soter.codegen.function_context import CT, HEADER, OK, STEP_PARAMETERS, S, enabled, where
+from soter.codegen.state_access import CT, HEADER, OK, STEP_PARAMETERS, S, enabled, where
 from soter.core import core
 from soter.core.core_walks import walk
 from soter.language.model.types import (
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.codegen.c_types import TypeTable
-    from soter.codegen.function_context import Frame
+    from soter.codegen.state_access import Frame
     from soter.language.model.system import Bound, Component, InputDrive, System, Topic
     from soter.language.model.types import Type
 

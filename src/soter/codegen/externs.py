@@ -33,7 +33,7 @@ from soter.language.model.values import singles
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.codegen.function_context import Frame
+    from soter.codegen.state_access import Frame
     from soter.core.core import CoreSystem, Function
     from soter.core.layout import Struct
     from soter.diagnostics.diagnostic import Span

@@ -13,13 +13,13 @@ from soter.codegen import c_tree as c
 from soter.codegen.body import stream_key
 from soter.codegen.c_names import field_name
 from soter.codegen.c_types import float_number, int_number
-from soter.codegen.function_context import CT, HEADER
+from soter.codegen.state_access import CT, HEADER
 from soter.language.model.types import ArrayType, FloatType, RecordType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.codegen.function_context import Frame
+    from soter.codegen.state_access import Frame
     from soter.core import core
     from soter.language.model.system import Bound, Component, Fault, System
     from soter.language.model.types import Type

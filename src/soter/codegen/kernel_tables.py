@@ -26,7 +26,7 @@ from soter.language.model.types import (
 
 if TYPE_CHECKING:
     from soter.codegen.environment import InputEmitter
-    from soter.codegen.function_context import Frame
+    from soter.codegen.state_access import Frame
     from soter.core.core import CoreSystem
     from soter.language.model.system import Component, Property
     from soter.language.model.types import Type, Value

@@ -18,7 +18,7 @@ from soter.codegen.c_types import FAULT
 from soter.codegen.environment import choosing
 from soter.codegen.externs import linked_name, received, to_ends
 from soter.codegen.faults import disturb
-from soter.codegen.function_context import CT, OK, STEP_PARAMETERS, S, enabled, where
+from soter.codegen.state_access import CT, OK, STEP_PARAMETERS, S, enabled, where
 from soter.core import core
 from soter.language.model.system import queues_of
 from soter.language.model.types import BOOL, ListType
@@ -26,7 +26,7 @@ from soter.language.model.types import BOOL, ListType
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.codegen.function_context import Frame
+    from soter.codegen.state_access import Frame
     from soter.codegen.storage_plan import PlannedBody
     from soter.language.model.system import Component, Topic
     from soter.language.model.typed import NodeSymbol

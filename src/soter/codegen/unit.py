@@ -37,8 +37,8 @@ from soter.codegen.externs import (
     struct,
     symbol_of,
 )
-from soter.codegen.function_context import Frame, where
 from soter.codegen.kernel_tables import TableEmitter
+from soter.codegen.state_access import Frame, where
 from soter.codegen.value_locations import MADE
 from soter.core.layout import Struct, arrange, state_layout
 from soter.core.steps import lower

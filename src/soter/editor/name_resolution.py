@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.diagnostic import Span
+from soter.editor.expression_names import Expressions, NameContext
 from soter.editor.name_definitions import (
     Definition,
     NameIndex,
@@ -18,7 +19,6 @@ from soter.editor.name_definitions import (
     UndeclaredArray,
     UndeclaredRecord,
 )
-from soter.editor.name_expressions import Expressions, NameContext
 from soter.language.check.scope import KINDS
 from soter.language.load.loader import LoadedFile
 from soter.language.syntax import tree

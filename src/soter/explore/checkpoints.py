@@ -5,7 +5,7 @@ Purpose: a head of fixed size names the search and seals the rest, which the exp
 is there whole or not at all. A file is read only if every byte is as it was written; if it belongs
 to another search, the difference is told in words. A `Checkpoint` belongs to one test; its `Saver`
 asks the explorer for it again and again while one part of the system is searched.
-Non-goals: what the explorer wrote; options (`checked_options.py`). Whoever makes such a file by
+Non-goals: what the explorer wrote; options (`api/exploring.py`). Whoever makes such a file by
 hand, seals included, is believed.
 """
 

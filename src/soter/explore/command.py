@@ -3,7 +3,7 @@
 Purpose: `explore_test` searches, gives the verdict (`verdict_of`), minimises a violation, and lets
 the reference interpreter replay it before anybody is told of it; `save` writes its trace into a
 file. `violation_of` looks for one run that violates a property, where a proof of it failed.
-Non-goals: the search itself (`engine/`), what is asked of it (`checked_options.py`), what bounds
+Non-goals: the search itself (`engine/`), what is asked of it (`api/exploring.py`), what bounds
 mean (`results.py`), printing (`cli/test.py`).
 """
 

@@ -1,6 +1,6 @@
 """Mappings: which topic of a program is what in the messages of somebody else.
 
 `topic_mapping.py` has the records of a mapping; `read_mapping.py` makes them of a file, checked
-against a system (every mistake is D015). `message_types.py` and `mavlink.py` know the types of
-messages, `units.py` units and frames, by which numbers are turned into another convention.
+against a system (every mistake is D015). `message_types.py` and `mavlink_dialects.py` know the
+types of messages, `units.py` units and frames, by which numbers are turned into another convention.
 """

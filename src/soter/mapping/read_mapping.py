@@ -16,7 +16,7 @@ from soter.diagnostics.diagnostic import reason
 from soter.language.load.named_files import parse_json, read_bytes, read_json_text
 from soter.language.syntax.words import toml_of
 from soter.mapping.mapping_errors import MappingProblems, is_number, unknown, wrong_mapping
-from soter.mapping.mavlink import MavlinkMessage, is_mavlink, read_link
+from soter.mapping.mavlink_dialects import MavlinkMessage, is_mavlink, read_link
 from soter.mapping.message_types import MessageTypes, UnknownMessageError
 from soter.mapping.topic_mapping import LogMap
 from soter.mapping.topic_mapping_parser import TopicReader
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.language.model.system import System
-    from soter.mapping.mavlink import MavlinkLink
+    from soter.mapping.mavlink_dialects import MavlinkLink
     from soter.mapping.message_types import KnownTypes, MessageType
     from soter.mapping.topic_mapping import TopicMap
 

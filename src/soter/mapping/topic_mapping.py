@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Topic
     from soter.language.model.types import Value
     from soter.mapping.mapping_errors import MappingProblems
-    from soter.mapping.mavlink import MavlinkLink
+    from soter.mapping.mavlink_dialects import MavlinkLink
     from soter.mapping.message_types import MessageType, StampSource
 
 

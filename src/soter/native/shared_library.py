@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.evaluate.floating_point_mode import require_plain
+from soter.language.evaluate.arithmetic import require_plain
 from soter.native.cache import SOTER, cached, computes_names, digest, included
 from soter.native.compiler import DEFECT, STRICT, compile_with, find
 

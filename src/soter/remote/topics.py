@@ -337,7 +337,7 @@ def _number(given: object) -> float:
 
 
 def _type(d: Mapping[str, Any]) -> Type:
-    """The type behind `described` (targets/firmware.py); of ints the storage, no names."""
+    """The type that `targets/firmware_interface.py` described; of ints the storage, no names."""
     kind = d["kind"]
     if "members" in d:
         made = EnumType("enum", tuple(map(str, d["members"])))

@@ -29,7 +29,7 @@ from soter.core.layout import (
 )
 from soter.core.steps import lower
 from soter.diagnostics.diagnostic import SoterError, mistake
-from soter.language.evaluate.floating_point_mode import require_plain
+from soter.language.evaluate.arithmetic import require_plain
 from soter.native.extern_memory import another_copy, kept_by
 from soter.native.shared_library import Library, RunStatus, library
 from soter.semantics.draws import mix

@@ -5,7 +5,7 @@ violations and assumptions, for any program; `report/html.py` writes one HTML fi
 tower it shows which controller has control in every state, and how long each had it; for a module
 with `rest`, the picture of where SC would lead.
 Non-goals: geometry: an example that moves through a scene fills the records itself; the boxes of
-that picture (`led_looks.py`); what a module decides below one that is in SC.
+that picture (`decisions.py`); what a module decides below one that is in SC.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from soter.report.run.record import (
 )
 from soter.report.wording import count_text, prose
 from soter.simulate import decisions
-from soter.simulate.led_looks import looks_of
+from soter.simulate.decisions import looks_of
 from soter.simulate.result_assumptions import of_run
 from soter.simulate.run_observer import decided_at
 from soter.simulate.run_on_diagram import live_of_run
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Module, System
     from soter.language.model.types import Type
-    from soter.simulate.led_looks import TubeLooks
+    from soter.simulate.decisions import TubeLooks
     from soter.simulate.result import Run
 
 

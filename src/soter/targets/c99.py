@@ -20,7 +20,7 @@ from soter.codegen.c_printer import print_file
 from soter.codegen.unit import generate
 from soter.native.cache import included
 from soter.native.shared_library import FAULTS, RUNTIME
-from soter.targets.firmware import RUNTIME_FILES, firmware_files, firmware_name
+from soter.targets.firmware_interface import RUNTIME_FILES, firmware_files, firmware_name
 from soter.targets.leases_and_lateness import (
     FILES as LEASES,
 )

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import show_ns
-from soter.mapping.mavlink import MAVLINK, MavlinkMessage, comment_text, source_of
+from soter.mapping.mavlink_dialects import MAVLINK, MavlinkMessage, comment_text, source_of
 from soter.mapping.message_types import steps_of
 from soter.native.shared_library import RUNTIME
 from soter.report.templates import filled
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
-    from soter.mapping.mavlink import Dialect as MavlinkDialect
-    from soter.mapping.mavlink import MavlinkLink
+    from soter.mapping.mavlink_dialects import Dialect as MavlinkDialect
+    from soter.mapping.mavlink_dialects import MavlinkLink
     from soter.mapping.topic_mapping import LogMap, TopicMap
 
 

@@ -22,7 +22,7 @@ from soter.language.load.named_files import is_in_python
 from soter.native.shared_library import RUNTIME
 from soter.report.wording import changed_parameters
 from soter.targets import c99
-from soter.targets.firmware import RUNTIME_FILES
+from soter.targets.firmware_interface import RUNTIME_FILES
 from soter.targets.leases_and_lateness import FILES as LEASES
 from soter.targets.leases_and_lateness import lease_files, limits_of, takeovers
 from soter.targets.package import Package, PackageFile, filled_file

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from soter.codegen.c_names import field_name
 from soter.core.layout import size_of
 from soter.language.model.types import IntType, leaves
-from soter.targets.firmware import described, topic_names
+from soter.targets.firmware_interface import described, topic_names
 from soter.targets.leases_and_lateness import (
     AgeLimit,
     ages_of,

@@ -29,10 +29,10 @@ from soter.language.model.tree_walk import nodes
 from soter.language.model.types import DURATION, show_ns, write_ns
 from soter.report.proof_page import AdvicePage, Line
 from soter.verify.claims import claims, start
-from soter.verify.claims.cells import share
 from soter.verify.claims.choice import deploy
 from soter.verify.claims.choice import levels as add_levels
 from soter.verify.claims.claims import recover
+from soter.verify.claims.grid_refinement import share
 from soter.verify.claims.results import PROVED
 from soter.verify.diagnosis.variations import at_periods
 from soter.verify.enclose.compiled_enclosures import library_of

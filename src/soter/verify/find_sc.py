@@ -28,7 +28,7 @@ from soter.verify import synthesized_sc
 from soter.verify.command import modules_of
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
 from soter.verify.grid import sets as grids
-from soter.verify.grid.group_inputs import of_problem
+from soter.verify.grid.grid_problem import of_problem
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import extract

@@ -20,7 +20,6 @@ from soter.diagnostics.current_phase import between, phase, share_done, telling
 from soter.language.model.types import show_ns
 from soter.verify.claims import claims, start
 from soter.verify.claims.case import Case, ClaimTimer, settled, settled_before
-from soter.verify.claims.cells import announce_work, refined, refinement_note
 from soter.verify.claims.choice import after_core, choose, given_up, returned, shrunk
 from soter.verify.claims.claims import (
     HOW,
@@ -36,6 +35,7 @@ from soter.verify.claims.claims import (
     static_claims,
     weaken_if_waiting,
 )
+from soter.verify.claims.grid_refinement import announce_work, refined, refinement_note
 from soter.verify.claims.product_sets import NO_LAW, NOT_FOR_LAWS, FailsafeClaim, hint_of
 from soter.verify.claims.results import (
     ASSUMED,

@@ -11,8 +11,8 @@ import pytest
 
 from long_tests import examples
 from soter.api import load
-from soter.api.assurance import predicate_expansion
-from soter.api.assurance.predicate_expansion import expanded
+from soter.api.assurance import predicate_inlining
+from soter.api.assurance.predicate_inlining import expanded
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
@@ -187,7 +187,7 @@ def test_brackets_branches_records_and_names_keep_the_value(tmp_path: Path, corn
 def test_the_expansion_of_an_example_has_the_value_of_its_predicate(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(predicate_expansion, "VALUE_MAX", 10**6)
+    monkeypatch.setattr(predicate_inlining, "VALUE_MAX", 10**6)
     path = ROOT / "examples" / f"{name}.soter"
     system = load(path).declared()
     compared = sum(agree(tmp_path, path, system, m) for m in system.modules)

@@ -22,8 +22,8 @@ from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_times import TIME_KEYS
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.scope import p1c_of
-from soter.certificate.terms.arb_balls import above, below
 from soter.certificate.terms.compile_terms import form_of_box
+from soter.certificate.terms.linear_enclosures import above, below
 from soter.language.front_end import check_file, system_to_prove
 
 if TYPE_CHECKING:

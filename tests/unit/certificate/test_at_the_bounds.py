@@ -19,7 +19,7 @@ from soter.certificate.grid.grid_group import GridCheck, _looked_at
 from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.reading.left_out_states import FARTHEST
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import (
+from soter.certificate.terms.linear_enclosures import (
     ONE,
     UNIVARIATE,
     above,

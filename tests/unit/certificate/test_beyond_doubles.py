@@ -14,8 +14,8 @@ import pytest
 import soter
 from soter.api import recheck
 from soter.certificate.reading.symbolic_operations import Operations
-from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
+from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.terms import Terms
 from unit.certificate import small_proofs
 

@@ -23,7 +23,7 @@ from soter.certificate.cell_sets import (
     volume,
 )
 from soter.certificate.reading.left_out_states import FARTHEST
-from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.linear_enclosures import exact
 from tables import all_rows
 
 if TYPE_CHECKING:

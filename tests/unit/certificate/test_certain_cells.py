@@ -11,7 +11,7 @@ import pytest
 from soter.certificate import cell_predicates
 from soter.certificate.cell_predicates import HOLDS, Decision
 from soter.certificate.cell_sets import Cells, Grid
-from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.terms import Linear, Proposition, Terms, both, either, negation
 from unit.certificate.small_proofs import even_edges
 

@@ -23,8 +23,8 @@ from soter.certificate.grid.flow_enclosures import (
 )
 from soter.certificate.reading.linear_flows import LinearFlow
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import ONE, ZERO, exact
 from soter.certificate.terms.compile_terms import compile_lines
+from soter.certificate.terms.linear_enclosures import ONE, ZERO, exact
 from soter.certificate.terms.straight_line import Builder, NotCertainError
 from soter.certificate.terms.terms import Proposition, Terms
 from tables import all_rows

@@ -20,7 +20,7 @@ from soter.certificate.grid.chain_form_layout import (
 )
 from soter.certificate.grid.flow_chains import DEPTH_MAX, FlowChain, Times, _greatest_gap
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.straight_line import (
     Builder,
     beside,

@@ -14,7 +14,7 @@ import pytest
 from soter.certificate.reading import linear_flows
 from soter.certificate.reading.linear_flows import LinearFlow, exponential, integral, linear_flow
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import ZERO, exact
+from soter.certificate.terms.linear_enclosures import ZERO, exact
 from unit.certificate.test_problem_by_definition import facts_with, model_of
 
 if TYPE_CHECKING:

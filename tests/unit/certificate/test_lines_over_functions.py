@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from flint import arb
 
-from soter.certificate.terms.arb_balls import (
+from soter.certificate.terms.linear_enclosures import (
     UNIT,
     UNIVARIATE,
     above,

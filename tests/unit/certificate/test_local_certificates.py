@@ -13,8 +13,8 @@ from bench.recheck.models import Attack, Cart
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.rechecker import recheck
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.compile_terms import compile_step, form_of_box
+from soter.certificate.terms.linear_enclosures import exact
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTabl
 from soter.certificate.grid.sc_chains import EVERY, NANOSECOND, uncrossed_ends, windows
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
-from soter.certificate.terms.arb_balls import ONE, ZERO, exact
 from soter.certificate.terms.compile_terms import form_of_box
+from soter.certificate.terms.linear_enclosures import ONE, ZERO, exact
 from soter.certificate.terms.straight_line import NotCertainError, product
 from tables import all_rows
 from unit.certificate import small_proofs

@@ -18,8 +18,8 @@ from soter.api import recheck
 from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.grid.group_claims import ChainCheck, GroupTables
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.terms.arb_balls import exact, line_max0, line_noisy_max0
 from soter.certificate.terms.compile_terms import form_of_box
+from soter.certificate.terms.linear_enclosures import exact, line_max0, line_noisy_max0
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flint import arb
 
-from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.straight_line import (
     OPERATIONS,
     Builder,

@@ -10,7 +10,7 @@ import pytest
 
 from soter.certificate.reading.symbolic_operations import Operations, Rows, SymbolicInt, in_range
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import ONE, exact
+from soter.certificate.terms.linear_enclosures import ONE, exact
 from soter.certificate.terms.terms import Linear, Terms, negation
 from soter.language.evaluate.arithmetic import StepFault
 from soter.language.model.types import FLOAT

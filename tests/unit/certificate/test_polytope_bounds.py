@@ -14,7 +14,7 @@ from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, Ho
 from soter.certificate.polytope.linear_laws import CommandLaw
 from soter.certificate.reading.linear_flows import LinearFlow
 from soter.certificate.report import RejectedError
-from soter.certificate.terms.arb_balls import ZERO, exact
+from soter.certificate.terms.linear_enclosures import ZERO, exact
 from soter.verify.polytope import linear_group as polytope_model
 from soter.verify.polytope.linear_group import LinearGroup, free_instants, hold_instants
 from soter.verify.polytope.matrices import exact as ball

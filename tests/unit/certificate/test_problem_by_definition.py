@@ -14,7 +14,7 @@ from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError, Facts
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.scope import assumptions_of, confirmed_of, p1c_of
-from soter.certificate.terms.arb_balls import ZERO, exact
+from soter.certificate.terms.linear_enclosures import ZERO, exact
 from soter.certificate.terms.terms import Linear, Terms
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType
 from tables import all_rows

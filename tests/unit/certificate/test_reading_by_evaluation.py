@@ -27,7 +27,7 @@ from soter.certificate.reading.symbolic_operations import (
 )
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.terms import FALSE, TRUE, Linear, Proposition, Terms
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.environment import Environment

@@ -29,7 +29,7 @@ from soter.certificate.report import (
     RejectedError,
     Report,
 )
-from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.vacuous_proofs import _of_tables, of_those_above
 from soter.cli.main import main
 from soter.language.evaluate.arithmetic import FaultKind, StepFault

@@ -13,7 +13,8 @@ from flint import arb
 import soter
 from soter.certificate.reading.linear_flows import LinearFlow, exponential
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader
-from soter.certificate.terms.arb_balls import (
+from soter.certificate.terms.compile_terms import compile_step, form_of_box
+from soter.certificate.terms.linear_enclosures import (
     ONE,
     UNIVARIATE,
     ZERO,
@@ -21,7 +22,6 @@ from soter.certificate.terms.arb_balls import (
     line_noisy_max0,
     line_or_range,
 )
-from soter.certificate.terms.compile_terms import compile_step, form_of_box
 from soter.certificate.terms.straight_line import OPERATIONS, Builder, Function
 from soter.certificate.terms.terms import FALSE, TRUE, Linear, Terms
 from soter.language.front_end import check_file

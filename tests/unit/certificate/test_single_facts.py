@@ -20,7 +20,7 @@ from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.linear_flows import _scheme, is_linear, linear_flow
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import ZERO, exact
+from soter.certificate.terms.linear_enclosures import ZERO, exact
 from soter.language.model.tree_walk import nodes
 from soter.language.model.typed import AgeRead, Variable
 from soter.language.model.types import FLOAT, IntType, ListType, RecordType

@@ -19,8 +19,8 @@ from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.folder import FORMAT, canonical, read_certificate
 from soter.certificate.grid.grid_group import GridCheck, GridGroup
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import ZERO, above, below, exact
 from soter.certificate.terms.compile_terms import AffineForms
+from soter.certificate.terms.linear_enclosures import ZERO, above, below, exact
 from soter.certificate.terms.terms import Linear, Terms
 from unit.certificate import small_proofs
 from unit.certificate.test_one_instant import DM, SC, TEXT

@@ -17,7 +17,7 @@ import soter
 from soter.api import recheck
 from soter.certificate.reading.linear_flows import TAYLOR, exponential
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import ZERO, exact
+from soter.certificate.terms.linear_enclosures import ZERO, exact
 from tables import all_rows
 from unit.certificate import small_proofs
 

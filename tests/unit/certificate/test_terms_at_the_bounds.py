@@ -24,15 +24,15 @@ from soter.certificate.reading.sc_locals_and_modes import one_of
 from soter.certificate.reading.symbolic_operations import Operations, Rows
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import (
-    ONE,
-    exact,
-)
 from soter.certificate.terms.compile_terms import (
     compile_step,
     compile_truths,
     form_of_box,
     halved,
+)
+from soter.certificate.terms.linear_enclosures import (
+    ONE,
+    exact,
 )
 from soter.certificate.terms.straight_line import CERTAIN, OPERATIONS, content_of
 from soter.certificate.terms.terms import FALSE, TRUE, Linear, Terms

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import ONE, UNIVARIATE, ZERO, exact
 from soter.certificate.terms.compile_terms import (
     compile_lines,
     compile_step,
     compile_truths,
     form_of_box,
 )
+from soter.certificate.terms.linear_enclosures import ONE, UNIVARIATE, ZERO, exact
 from soter.certificate.terms.terms import FALSE, TRUE, Linear, Proposition, Terms
 from tables import all_rows
 

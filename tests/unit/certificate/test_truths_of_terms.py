@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.certificate.terms.arb_balls import ONE, ZERO, exact
 from soter.certificate.terms.compile_terms import (
     compile_step,
     compile_truths,
     form_of_box,
 )
+from soter.certificate.terms.linear_enclosures import ONE, ZERO, exact
 from soter.certificate.terms.terms import (
     FALSE,
     TRUE,

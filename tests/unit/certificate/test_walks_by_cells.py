@@ -20,7 +20,7 @@ from soter.certificate.grid.group_claims import (
     witnessed,
 )
 from soter.certificate.grid.sc_chains import EVERY
-from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.linear_enclosures import exact
 from unit.certificate.grid_tables import LINE, bools, tables
 
 if TYPE_CHECKING:

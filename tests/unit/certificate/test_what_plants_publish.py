@@ -18,7 +18,7 @@ from bench.recheck.small_modules import PROGRAMS
 import soter
 from long_tests import some
 from soter.certificate.rechecker import recheck
-from soter.certificate.terms.arb_balls import greatest_below
+from soter.certificate.terms.linear_enclosures import greatest_below
 from soter.cli.main import main
 from unit.certificate import small_proofs
 

@@ -15,7 +15,7 @@ from soter.certificate.cell_sets import Cells
 from soter.certificate.grid import estimates_and_shield, sc_chains
 from soter.certificate.grid.sc_chains import EVERY, Window, windows
 from soter.certificate.report import RejectedError
-from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.linear_enclosures import exact
 from tables import all_rows
 from unit.certificate.grid_tables import LINE, bools, tables
 

@@ -253,7 +253,7 @@ def test_a_dialect_of_ones_own_is_read(soter: Soter, fence: Path) -> None:
 <field type="float" name="vz" units="m/s">z</field>
 </message></messages></mavlink>"""
     )
-    from soter.mapping.mavlink import dialect_path
+    from soter.mapping.mavlink_dialects import dialect_path
 
     for name in ("common", "standard", "minimal"):
         shutil.copy(dialect_path(name, fence), fence / f"{name}.xml")
@@ -264,7 +264,7 @@ def test_a_dialect_of_ones_own_is_read(soter: Soter, fence: Path) -> None:
 
 
 def test_a_dialect_without_what_every_bridge_sends_is_refused(soter: Soter, fence: Path) -> None:
-    from soter.mapping.mavlink import dialect_path
+    from soter.mapping.mavlink_dialects import dialect_path
 
     text = dialect_path("common", fence).read_text()
     kept = text.replace("<include>standard.xml</include>", "").replace('"TIMESYNC"', '"OTHER"')
@@ -286,9 +286,9 @@ def test_a_strangers_dialect_runs_nothing(soter: Soter, fence: Path) -> None:
 def test_without_the_package_the_extra_is_named(
     soter: Soter, fence: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from soter.mapping import mavlink
+    from soter.mapping import mavlink_dialects
 
-    monkeypatch.setattr(mavlink, "find_spec", lambda _name: None)
+    monkeypatch.setattr(mavlink_dialects, "find_spec", lambda _name: None)
     done = built(soter, fence, ALL)
     assert (done.exit, done.codes) == (1, ["D007"])
     assert "soter-rta[robots]" in str(done.document)

@@ -10,8 +10,8 @@ import pytest
 
 import soter
 from generators.brute_force import BruteForce
+from soter.api.exploring import with_times
 from soter.diagnostics.command_records import bytes_of, made
-from soter.explore.checked_options import with_times
 from soter.explore.command import TraceHeader, UnreproducedError, explore_test
 from soter.explore.replay import replay
 from soter.explore.search_options import SearchOptions

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from soter.api.exploring import with_times
 from soter.api.program import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore import assumptions, command
-from soter.explore.checked_options import with_times
 from soter.explore.engine.search import Search
 from soter.explore.search_options import SearchOptions
 from soter.language.front_end import check_file, system_of_test

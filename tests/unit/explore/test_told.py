@@ -11,9 +11,9 @@ import pytest
 from soter.explore.command import TraceHeader, explore_test
 from soter.explore.search_options import SearchOptions
 from soter.explore.trace_view import view_of
-from soter.report.sequence_page import page
 from soter.report.sequence_view import does, explanation
 from soter.report.sequence_view import table_text as lines_of
+from soter.report.trace_report import page
 from unit.explore.explored_programs import FAULTS, QUEUED, TESTED
 from unit.explore.random_walks import system_of_text
 

@@ -15,7 +15,7 @@ pytest.importorskip("pymavlink", reason="the extra `robots` is not installed")
 
 from pymavlink.generator import mavparse
 
-from soter.mapping.mavlink import (
+from soter.mapping.mavlink_dialects import (
     comment_text,
     dialect_path,
     dialect_xml,

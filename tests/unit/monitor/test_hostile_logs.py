@@ -19,7 +19,7 @@ pytest.importorskip("mcap_protobuf", reason="the extra `logs` is not installed")
 from generators.robot_logs import KINDS, T0, Recorded, changed_bag2, flight, judge, refused, written
 from soter.diagnostics.diagnostic import SoterError
 from soter.monitor.log_files import bag_files
-from soter.monitor.log_files.ros_messages import UndecodableError, decoder, definitions_in
+from soter.monitor.log_files.message_decoding import UndecodableError, decoder, definitions_in
 from soter.report import bounded_unpack
 
 # ---------------------------------------------------------------- definitions that mean harm

@@ -37,7 +37,7 @@ from soter.api import load
 from soter.cli.terminal.log_judgement import FOREIGN_LOG
 from soter.diagnostics.diagnostic import SoterError
 from soter.mapping.read_mapping import mapping_of
-from soter.monitor.log_files import mcap_messages
+from soter.monitor.log_files import message_decoding
 from soter.monitor.log_files.read_columns import read_columns
 from soter.monitor.typed_samples import samples_of
 from tables import all_rows
@@ -354,7 +354,7 @@ def test_without_a_package_the_log_says_how_to_install_it(
         return None if asked == package else find_spec(asked)
 
     monkeypatch.setattr(message_types, "find_spec", found)
-    monkeypatch.setattr(mcap_messages, "find_spec", found)
+    monkeypatch.setattr(message_decoding, "find_spec", found)
     assert pip_install("logs") in refused(log, "D007", type=None)
 
 

@@ -16,7 +16,7 @@ from generators.random_types import TypeMaker
 from generators.seeded_choices import Seeded
 from soter.diagnostics.diagnostic import SoterError
 from soter.remote.topics import Topic, Topics, _type, parsed, topics_of
-from soter.targets.firmware import described
+from soter.targets.firmware_interface import described
 from soter.targets.world_interface import number_of_layout
 from tables import all_rows
 

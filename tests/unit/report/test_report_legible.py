@@ -28,8 +28,8 @@ from soter.report.proof_page import (
     write_proof,
 )
 from soter.report.safety_case_page import write_case
-from soter.report.sequence_page import write_page as write_sequence
 from soter.report.templates import PageSection, sections_main
+from soter.report.trace_report import write_page as write_sequence
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

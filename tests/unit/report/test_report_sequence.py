@@ -17,7 +17,6 @@ import processes
 from soter.report.atomic_write import ReportError
 from soter.report.html import POLICY
 from soter.report.sequence_drawing import plan
-from soter.report.sequence_page import page, write_page
 from soter.report.sequence_view import (
     HEADERS,
     Lane,
@@ -36,7 +35,7 @@ from soter.report.sequence_view import (
     rows,
     table_text,
 )
-from soter.report.trace_log import STEPS_TOPIC, write_log
+from soter.report.trace_report import STEPS_TOPIC, page, write_log, write_page
 from soter.report.wording import visible
 
 if TYPE_CHECKING:

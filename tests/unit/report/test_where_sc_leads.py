@@ -12,14 +12,14 @@ import pytest
 
 from soter.api import Program
 from soter.report.run.live_diagram import FAILED
-from soter.simulate.led_looks import GOOD, MOVES, REST, SAFE, _watched, looks_of
+from soter.simulate.decisions import GOOD, MOVES, REST, SAFE, _watched, looks_of
 from soter.simulate.run_observer import decided_at
 from soter.simulate.run_report import led_of_run
 from unit.verify.tubes.test_world_maps import BEFORE_A_WALL
 
 if TYPE_CHECKING:
     import browser
-    from soter.simulate.led_looks import TubeLook, TubeLooks
+    from soter.simulate.decisions import TubeLook, TubeLooks
     from soter.simulate.result import Run
 
 EXAMPLES = Path(__file__).parents[3] / "examples"

@@ -11,7 +11,7 @@ import processes
 import soter
 from generators.c_packages import CART
 from soter.diagnostics.diagnostic import SoterError
-from soter.language.evaluate.floating_point_mode import changed, put_back
+from soter.language.evaluate.arithmetic import changed, put_back
 from soter.native.compiler import find
 
 if TYPE_CHECKING:

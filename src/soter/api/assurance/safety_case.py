@@ -23,7 +23,7 @@ from soter.api.arguments import require_no_certificate
 from soter.api.assurance.certificate_check import command_line, proof_of, provenance_of
 from soter.api.assurance.evidence import Evidence
 from soter.api.assurance.hazard_traceability import Tracing
-from soter.api.assurance.predicate_expansion import expanded
+from soter.api.assurance.predicate_inlining import expanded
 from soter.api.rechecking import require_flint
 from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.elaborate.derived_systems import faultless

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.terms.arb_balls import HALF, ONE, ZERO
+from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO
 from soter.certificate.terms.straight_line import applied, dot, product, sum_of_sizes, total, units
 
 if TYPE_CHECKING:

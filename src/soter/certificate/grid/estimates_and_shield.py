@@ -30,7 +30,14 @@ from soter.certificate.reading.module_facts import number_of
 from soter.certificate.reading.problem import error_of
 from soter.certificate.reading.symbolic_operations import FAR_TURNS
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
+from soter.certificate.terms.linear_enclosures import (
+    TINIEST,
+    UNIT_ROUNDOFF,
+    above,
+    below,
+    exact,
+    magnitude,
+)
 from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:

@@ -43,8 +43,8 @@ from soter.certificate.grid.chain_form_layout import (
 from soter.certificate.grid.flow_enclosures import domain_of
 from soter.certificate.reading.case_model import atom_of, boxes_of
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
+from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact
 from soter.certificate.terms.straight_line import (
     DEMAND,
     NotCertainError,

@@ -36,7 +36,8 @@ from flint import arb, arb_mat
 from soter.certificate.reading.case_model import atom_of, boxes_of, control_inputs
 from soter.certificate.reading.linear_flows import LinearFlow, Solution, integrals
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import (
+from soter.certificate.terms.compile_terms import TAIL, compile_lines
+from soter.certificate.terms.linear_enclosures import (
     HALF,
     ONE,
     UNIT,
@@ -46,7 +47,6 @@ from soter.certificate.terms.arb_balls import (
     magnitude,
     smaller,
 )
-from soter.certificate.terms.compile_terms import TAIL, compile_lines
 from soter.certificate.terms.straight_line import (
     NotCertainError,
     applied,

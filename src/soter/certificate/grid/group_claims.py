@@ -24,8 +24,8 @@ from soter.certificate.cell_sets import (
     volume,
 )
 from soter.certificate.grid.sc_chains import EVERY, Window, free_phase, sc_chain, windows
-from soter.certificate.terms.arb_balls import HALF, above, below
 from soter.certificate.terms.compile_terms import form_of_box, halved, states_of
+from soter.certificate.terms.linear_enclosures import HALF, above, below
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

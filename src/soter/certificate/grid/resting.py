@@ -26,7 +26,7 @@ from soter.certificate.reading.left_out_states import all_certain
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import ZERO, above, below, exact
+from soter.certificate.terms.linear_enclosures import ZERO, above, below, exact
 from soter.certificate.terms.terms import Terms, inputs_of
 
 if TYPE_CHECKING:

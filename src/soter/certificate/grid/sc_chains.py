@@ -43,8 +43,8 @@ from soter.certificate.grid.flow_enclosures import LocalFlow, SolvedFlow
 from soter.certificate.reading.case_model import atom_of, boxes_of, control_inputs
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.compile_terms import compile_step
+from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.straight_line import Builder, Function, NotCertainError
 
 if TYPE_CHECKING:

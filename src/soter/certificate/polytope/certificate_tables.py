@@ -22,7 +22,7 @@ import numpy as np
 
 from soter.certificate.cell_sets import Axes, Grid
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import HALF, ZERO, exact
+from soter.certificate.terms.linear_enclosures import HALF, ZERO, exact
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -37,7 +37,7 @@ from flint import arb, arb_mat
 
 from soter.certificate.reading.linear_flows import integral
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import HALF, ZERO, exact, magnitude
+from soter.certificate.terms.linear_enclosures import HALF, ZERO, exact, magnitude
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

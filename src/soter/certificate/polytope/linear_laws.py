@@ -29,7 +29,6 @@ from typing import TYPE_CHECKING
 from soter.certificate.reading.case_model import control_inputs
 from soter.certificate.reading.linear_flows import LinearFlow
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact, magnitude
 from soter.certificate.terms.compile_terms import (
     TAIL,
     AffineForms,
@@ -38,6 +37,7 @@ from soter.certificate.terms.compile_terms import (
     form_of_box,
     make_atoms,
 )
+from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact, magnitude
 from soter.certificate.terms.straight_line import Function
 from soter.certificate.terms.terms import Linear, inputs_of
 

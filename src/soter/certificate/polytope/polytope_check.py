@@ -36,7 +36,7 @@ from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.problem import error_of
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, ZERO, exact
+from soter.certificate.terms.linear_enclosures import TINIEST, UNIT_ROUNDOFF, ZERO, exact
 from soter.workers.solvers import new_highs
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from soter.certificate.polytope.certificate_tables import (
 )
 from soter.certificate.polytope.polytope_check import PolytopeCheck, least
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import TINIEST, UNIT_ROUNDOFF, ZERO, exact
+from soter.certificate.terms.linear_enclosures import TINIEST, UNIT_ROUNDOFF, ZERO, exact
 from soter.certificate.vacuous_proofs import RARE_SHARE, on_drawn, rarity
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from soter.certificate.reading.sc_locals_and_modes import any_mode, every_step, 
 from soter.certificate.reading.symbolic_operations import filled, flat, truth_of
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader, variables_in
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import ONE, exact, greatest_below
+from soter.certificate.terms.linear_enclosures import ONE, exact, greatest_below
 from soter.certificate.terms.terms import TRUE, Linear, Proposition, Terms, both, negation
 from soter.language.evaluate.arithmetic import seconds
 from soter.language.model.tree_walk import topic_reads

@@ -35,8 +35,8 @@ from soter.certificate.reading.case_model import LEFT_OUT, CaseModel, control_in
 from soter.certificate.reading.module_facts import Facts, bounded_topics
 from soter.certificate.reading.symbolic_operations import EVERYWHERE, FAR_TURNS, OF_A_TURN
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import exact
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
+from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.terms import Linear, Proposition, Terms, closure, inputs_of
 
 if TYPE_CHECKING:

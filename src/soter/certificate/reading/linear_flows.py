@@ -16,7 +16,7 @@ from flint import arb, arb_mat
 
 from soter.certificate.reading.case_model import control_inputs
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import HALF, ONE, UNIT, ZERO, above, exact, magnitude
+from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT, ZERO, above, exact, magnitude
 from soter.certificate.terms.straight_line import beside, plus, product, total, units
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.symbolic_operations import filled, whole
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import ONE, ZERO, exact, key_of
+from soter.certificate.terms.linear_enclosures import ONE, ZERO, exact, key_of
 from soter.certificate.terms.terms import Atom
 from soter.language.model import typed
 from soter.language.model.tree_walk import nodes

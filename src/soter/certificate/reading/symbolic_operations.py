@@ -16,7 +16,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import HALF, ONE, TINIEST, UNIT_ROUNDOFF, exact, magnitude
+from soter.certificate.terms.linear_enclosures import (
+    HALF,
+    ONE,
+    TINIEST,
+    UNIT_ROUNDOFF,
+    exact,
+    magnitude,
+)
 from soter.certificate.terms.terms import (
     LARGEST,
     TRUE,

@@ -28,7 +28,7 @@ from soter.certificate.reading.symbolic_operations import (
     zipped,
 )
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import PRELUDE
+from soter.certificate.terms.linear_enclosures import PRELUDE
 from soter.certificate.terms.terms import Linear, Proposition, Terms
 from soter.language.evaluate import arithmetic
 from soter.language.model import typed as t

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.terms.arb_balls import HALF, ONE, UNIVARIATE, ZERO, larger, smaller
+from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIVARIATE, ZERO, larger, smaller
 from soter.certificate.terms.straight_line import CERTAIN, DEMAND, Builder, Function, applied
 from soter.certificate.terms.terms import closure
 

@@ -6,10 +6,10 @@ What needs no input is computed at once; what is asked twice is one value; what 
 is left out. A truth is bits: 0: may be false, 1: may be true. Sums and products of matrices, as
 lists of rows, are computed of balls at once, and written down of values.
 Non-goals: what is to be computed (`compile_terms.py`, `grid/flow_chains.py`); lines over functions
-of one number (`arb_balls.py`); exponentials (`linear_flows.py`, `flow_enclosures.py`).
+of one number (`linear_enclosures.py`); exponentials (`linear_flows.py`, `flow_enclosures.py`).
 
 Argument: each operation encloses what it names for balls that enclose its arguments (by Arb, by
-`arb_balls.py`, or as its function below says), so by induction along the program each value
+`linear_enclosures.py`, or as its function below says), so by induction along the program each value
 encloses what it stands for, whatever the inputs enclose. A value that is demanded is a truth:
 unless it is certain, nothing is given.
 """
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from flint import arb, arb_mat
 
-from soter.certificate.terms.arb_balls import (
+from soter.certificate.terms.linear_enclosures import (
     ONE,
     UNIVARIATE,
     ZERO,

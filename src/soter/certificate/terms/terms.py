@@ -17,7 +17,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Literal
 
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import (
+from soter.certificate.terms.linear_enclosures import (
     ONE,
     TINIEST,
     UNIT_ROUNDOFF,

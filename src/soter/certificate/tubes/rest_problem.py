@@ -42,7 +42,7 @@ from soter.certificate.reading.problem import followed, read_facts
 from soter.certificate.reading.supported_constructs import check_supported
 from soter.certificate.reading.symbolic_operations import filled
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.arb_balls import above, below, exact
+from soter.certificate.terms.linear_enclosures import above, below, exact
 from soter.certificate.terms.terms import Terms, both, inputs_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import FloatType, leaf_name, leaves

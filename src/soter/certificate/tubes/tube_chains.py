@@ -40,8 +40,8 @@ from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.sc_chains import uncrossed_ends
 from soter.certificate.reading.case_model import atom_of, boxes_of
 from soter.certificate.reading.symbolic_operations import filled, flat
-from soter.certificate.terms.arb_balls import HALF, ONE, UNIT_ROUNDOFF, ZERO, exact
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
+from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT_ROUNDOFF, ZERO, exact
 from soter.certificate.terms.straight_line import CERTAIN, NotCertainError, product
 from soter.certificate.tubes.rest_problem import (
     NANOSECOND,

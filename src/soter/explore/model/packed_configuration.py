@@ -21,7 +21,7 @@ from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
     from soter.codegen.c_types import TypeTable
-    from soter.codegen.function_context import Frame
+    from soter.codegen.state_access import Frame
     from soter.core.layout import StateLayout
     from soter.explore.model.exploration_plan import ExplorationPlan
     from soter.language.model.system import Component, Module, System, TimedProperty, Topic

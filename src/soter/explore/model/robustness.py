@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen.body import Body
 from soter.codegen.c_types import float_number
-from soter.codegen.function_context import OK, where
+from soter.codegen.state_access import OK, where
 from soter.codegen.storage_plan import PlannedBody
 from soter.core import core
 from soter.core.core_walks import walk
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from typing import TypeGuard
 
     from soter.codegen.c_types import TypeTable
-    from soter.codegen.function_context import Frame
+    from soter.codegen.state_access import Frame
     from soter.language.model.system import System
 
 

@@ -4,8 +4,11 @@ Purpose: one place for the traps between Python and the machine: unbounded ints,
 floors, `math` functions that raise. The constant evaluator and the reference interpreter use
 nothing else for arithmetic that can differ; float `+ - *` and all comparisons are Python's own. For
 vectors (records and arrays of only floats) it builds functions that work on each component, so that
-nothing looks at types while a program runs.
-Non-goals: which operation an expression means (`expressions.py`), intervals (`verify/`).
+nothing looks at types while a program runs. `require_plain` checks that this thread computes
+doubles by IEEE rules, and restores its settings: loading a library that was built with
+`-ffast-math` is enough to make numbers below 2e-308 zero, and a violation may then go unnoticed.
+Non-goals: which operation an expression means (`expressions.py`), intervals (`verify/`), the
+settings of other threads and of a package (`runtime/soter_self_test.c`).
 
 Every checked operation takes the span to blame and raises `StepFault`. Fault codes, `min`, `max`,
 `abs`, `floor` and `sqrt` are those of docs/semantics.md, section Numbers.
@@ -13,11 +16,16 @@ Every checked operation takes the span to blame and raises `StepFault`. Fault co
 
 from __future__ import annotations
 
+import ctypes
 import math
+from contextlib import suppress
 from enum import IntEnum
 from typing import TYPE_CHECKING, TypeVar
 
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import INT_MAX, INT_MIN, ArrayType, FloatType, RecordType
+
+Number = TypeVar("Number", int, float)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,8 +45,6 @@ _INTEGRAL_FROM = 2.0**52
 
 _INT_BEYOND = 2.0**63
 """The first float above every 64-bit int."""
-
-Number = TypeVar("Number", int, float)
 
 
 class FaultKind(IntEnum):
@@ -234,3 +240,53 @@ def dot(a: tuple[float, ...], b: tuple[float, ...]) -> float:
     for x, y in zip(a[1:], b[1:], strict=True):
         total += x * y
     return total
+
+
+ONE, HALF_STEP, ODD = 1.0, 2.0**-53, 1.0 + 2.0**-52
+LEAST_NORMAL, HALF = 2.0**-1022, 0.5
+ENVIRONMENT_BYTES = 512
+"""A buffer of this size holds the `fenv_t` of any C library."""
+
+
+def changed() -> str:
+    """What is wrong with this thread's floats, in words; "" if nothing is."""
+    if ONE + HALF_STEP != ONE or ODD + HALF_STEP == ODD or -ONE - HALF_STEP != -ONE:
+        return "sums are not rounded to the nearest double"
+    if not LEAST_NORMAL * HALF > 0.0:
+        return "numbers below 2e-308 are taken for zero"
+    return ""
+
+
+def require_plain() -> None:
+    """Raises SoterError X012 if this thread's floats do not follow the default IEEE rules."""
+    wrong = changed()
+    if wrong:
+        raise SoterError(
+            (
+                Diagnostic(
+                    "X012",
+                    f"this process does not compute as programs mean it: {wrong}",
+                    notes=("what it computed since then is not what the program means",),
+                    helps=("look for libraries built with `-Ofast`, and for `fesetround`",),
+                ),
+            )
+        )
+
+
+def put_back() -> None:
+    """Restores the floating-point settings of the module's load if they are changed now."""
+    if _PLAIN is not None and changed():
+        _PLAIN[0].fesetenv(_PLAIN[1])
+
+
+def _kept() -> tuple[ctypes.CDLL, ctypes.Array[ctypes.c_char]] | None:
+    """The C library and its present environment; None if that is not plain or cannot be read."""
+    with suppress(OSError, AttributeError):
+        library = ctypes.CDLL(None)
+        kept = ctypes.create_string_buffer(ENVIRONMENT_BYTES)
+        if not changed() and library.fegetenv(kept) == 0 and library.fesetenv(kept) == 0:
+            return library, kept
+    return None
+
+
+_PLAIN = _kept()

@@ -1,10 +1,12 @@
 """The big-step meaning of typed statements and functions; expressions are in `expressions.py`.
 
 Purpose: the checker's evaluation of constants and the reference interpreter both run this. A typed
-tree is compiled once into Python closures, because a step may run a thousand times; each closure
-is the meaning of one kind of node and reads like its docstring in `typed.py`.
-Non-goals: when a step runs and what becomes of its publications (`semantics/`), speed beyond
-that, C (`core/` and `codegen/` are the other meaning, on purpose written apart from this one).
+tree is compiled once into Python closures, because a step may run a thousand times; each closure is
+the meaning of one kind of node and reads like its docstring in `typed.py`. `python_function` lets
+tests, tables and figures call a program's own functions.
+Non-goals: when a step runs and what becomes of its publications (`semantics/`), speed beyond that,
+C (`core/` and `codegen/` are the other meaning, on purpose written apart from this one), externs (a
+call of one faults).
 
 Evaluation is pure but for the `Environment`: values are immutable, an assignment rebuilds the
 value of its variable. A statement gives None, or the value a `return` left with.
@@ -19,6 +21,7 @@ from soter.language.evaluate.environment import BudgetExceeded, Environment
 from soter.language.evaluate.expressions import ExpressionEvaluator, in_range
 from soter.language.model import typed as t
 from soter.language.model.types import leaf_count
+from soter.language.model.values import from_python, to_python
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -27,6 +30,7 @@ if TYPE_CHECKING:
 
     from soter.language.evaluate.expressions import Compiled, Extern
     from soter.language.model.system import Scope
+    from soter.language.model.typed import FunSymbol, TypedProgram
     from soter.language.model.types import Value
 
     Executed = Callable[[Environment], Value | None]
@@ -252,3 +256,22 @@ def replaced(whole: Value, path: Sequence[int], new: Value) -> Value:
 def _moved_most(place: t.Place) -> int:
     """An upper bound on the components that an assignment to the place moves."""
     return leaf_count(place.variable.type)
+
+
+def python_function(program: TypedProgram, fun: FunSymbol) -> Callable[..., Any]:
+    """A callable for `fun`, with every parameter of the program at its default."""
+    basic = Evaluator({})
+    evaluator = Evaluator({p: basic.value(p.default) for p in program.params.values()})
+    compiled = evaluator.function(fun)
+
+    def call(*arguments: object) -> Any:  # noqa: ANN401 - any Soter value
+        if len(arguments) != len(fun.parameters):
+            msg = f"{fun.name} takes {len(fun.parameters)} arguments, not {len(arguments)}"
+            raise TypeError(msg)
+        values = tuple(
+            from_python(p.type, a, p.name) for p, a in zip(fun.parameters, arguments, strict=True)
+        )
+        return to_python(fun.result, compiled(Environment(), values))
+
+    call.__name__ = fun.name
+    return call

@@ -27,7 +27,7 @@ from rosbags.rosbag1.reader import Header, RecordType, decompressors, read_bytes
 from rosbags.rosbag2 import Reader as Reader2
 
 from soter.monitor.log_files.log_columns import REINDEX, Writers
-from soter.monitor.log_files.ros_messages import (
+from soter.monitor.log_files.message_decoding import (
     UndecodableError,
     decoder,
     decoder_made,
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
     from soter.monitor.log_files.log_columns import Arrived, FileFacts, Wanted
-    from soter.monitor.log_files.ros_messages import Format
+    from soter.monitor.log_files.message_decoding import Format
 
 
 MAGIC1 = len(b"#ROSBAG V2.0\n")

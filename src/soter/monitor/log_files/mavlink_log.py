@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, BinaryIO
 
 from soter.diagnostics.diagnostic import reason
 from soter.language.load.named_files import opened
-from soter.mapping.mavlink import require_mavlink_package
+from soter.mapping.mavlink_dialects import require_mavlink_package
 from soter.monitor.log_files.log_columns import Writers, damaged, unusable
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ Purpose: `read_columns` is the one way from a path, or several CSVs that are one
 PX4, ArduPilot or MAVLink) the parts that a mapping names, in the order of the file; it tells where
 times go back. `part_of`: what stands at `pose.position.x` or `ranges.3` of a message in JSON, ROS
 or protobuf, as a plain number, truth or text; `time_ns_of`: a time in ns.
-Non-goals: the files (`csv_log.py`, `READERS`), decoding (`ros_messages.py`, the package
+Non-goals: the files (`csv_log.py`, `READERS`), decoding (`message_decoding.py`, the package
 `mcap-protobuf-support`).
 """
 
@@ -30,7 +30,7 @@ from soter.monitor.log_files.log_columns import (
     wanted_columns,
 )
 from soter.monitor.log_files.mavlink_log import mavlink_messages
-from soter.monitor.log_files.mcap_messages import mcap_messages
+from soter.monitor.log_files.message_decoding import mcap_messages
 from soter.monitor.log_files.ros_bags import bag_messages, is_bag, require_no_split
 
 if TYPE_CHECKING:

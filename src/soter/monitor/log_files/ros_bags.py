@@ -2,7 +2,7 @@
 
 Purpose: `bag_messages` finds out what kind of bag it is, and that its files are ordinary ones; it
 reads a bag of ROS 2 file by file, and its metadata only for what these are.
-Non-goals: the files (`bag_files.py`, `mcap_messages.py`).
+Non-goals: the files (`bag_files.py`, `message_decoding.py`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from soter.diagnostics.diagnostic import SoterError, reason
 from soter.language.load.named_files import opened, read_bytes
 from soter.mapping.message_types import require_ros_package
 from soter.monitor.log_files.log_columns import REINDEX, damaged, remedies, unusable
-from soter.monitor.log_files.mcap_messages import mcap_messages
-from soter.monitor.log_files.ros_messages import UndecodableError
+from soter.monitor.log_files.message_decoding import UndecodableError, mcap_messages
 from soter.report.bounded_unpack import unpack_file
 
 if TYPE_CHECKING:

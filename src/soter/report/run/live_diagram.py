@@ -5,7 +5,7 @@ modules saw. `LedPicture` holds where SC would lead from each look (a decision o
 estimate), as boxes of states, rounded outwards and joined where they are many. Both become JSON,
 as small as a screen allows. Times are in seconds.
 Non-goals: the diagram, the scripts (`assets/replay.js`, `assets/led.js`), reading runs and logs,
-the boxes (`simulate/led_looks.py`).
+the boxes (`simulate/decisions.py`).
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ import numpy as np
 from soter.addons import by_name
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, reason
 from soter.diagnostics.similar_names import closest
-from soter.language.evaluate.floating_point_mode import put_back
+from soter.language.evaluate.arithmetic import put_back
 from soter.language.load.named_files import read_bytes
 from soter.language.model.values import widened
 from soter.semantics.externs import Converted, Stop, converted, step_of

@@ -5,7 +5,7 @@ then the fewest; proofs and whatever flies use the same answer. `after_core` com
 follows from K, `levels` and `deploy` the predicates of a module without `ttf` and `safer`: ttf is
 "not in S_0", safer is "in S_(m-2)", on estimates. `shrunk` and `returned` give up a few cells of K
 from which no way back to `safer` was found. Symbols: head of `verify/grid/sets.py`.
-Non-goals: finer grids (`cells.py`), the sets of a group (`verify/grid/estimate_sets.py`,
+Non-goals: finer grids (`grid_refinement.py`), the sets of a group (`verify/grid/estimate_sets.py`,
 `verify/polytope/`), W (`verify/grid/recovery.py`), tables (`verify/deploy/`).
 
 Computed predicates depend on K: with a smaller one fewer estimates leave AC in control, and Q may
@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
 from soter.verify.claims import claims, start
 from soter.verify.claims.case import ClaimTimer
-from soter.verify.claims.cells import cells_of, counts_of, smaller_cells
 from soter.verify.claims.claims import recover
+from soter.verify.claims.grid_refinement import cells_of, counts_of, smaller_cells
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.proof_methods import pairs_of, tables
 

@@ -26,8 +26,8 @@ from soter.language.model.typed import Literal, TypedUnary
 from soter.language.model.types import BOOL
 from soter.native.cache import SOTER, digest, files_below, find_cached, store
 from soter.verify.claims import claims
-from soter.verify.claims.cells import announce_work, cells_of
 from soter.verify.claims.choice import choose, levels, returned, withheld
+from soter.verify.claims.grid_refinement import announce_work, cells_of
 from soter.verify.deploy.grid_tables import GroupTable, grid_ends, predicates
 from soter.verify.deploy.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.enclose.compiled_enclosures import library_of

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.verify.claims.results import LeavingRun
-from soter.verify.grid.group_inputs import of_problem
+from soter.verify.grid.grid_problem import of_problem
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.verify.claims.cells import holding
+from soter.verify.claims.grid_refinement import holding
 from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
 from soter.verify.diagnosis.model_runs import (
     FALSE,

@@ -32,7 +32,7 @@ from soter.language.elaborate.derived_systems import faultless, with_changed_top
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.native.shared_library import Library, library
 from soter.verify.claims.case import SPENT, settled
-from soter.verify.claims.cells import cells_of, merged
+from soter.verify.claims.grid_refinement import cells_of, merged
 from soter.verify.claims.results import (
     ASSUMED,
     PROVED,

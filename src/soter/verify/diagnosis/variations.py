@@ -8,7 +8,7 @@ read again from its verification system alone (views, `abstracts`, modes, a fail
 `advice.py`.
 Non-goals: verdicts: nothing here is claimed of the declared problem; which change helps
 (`tried_remedies.py`); laws, plants and predicates of another shape; changing the program's text;
-fewer cells (`claims/cells.py`).
+fewer cells (`claims/grid_refinement.py`).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.step_times import least_age_ns
 from soter.language.model.types import show_ns
-from soter.verify.claims.cells import cells_of, smaller_cells
 from soter.verify.claims.choice import CELLS_MAX
+from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.diagnosis.model_runs import TRUE, PointModel
 from soter.verify.grid.claims import GridProof
 from soter.verify.problem.extract import extract

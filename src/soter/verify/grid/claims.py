@@ -16,7 +16,7 @@ import numpy as np
 
 from soter.language.model.types import show_ns
 from soter.verify.claims.case import GroupProof, Method
-from soter.verify.claims.cells import axes, mesh_of, regions_of
+from soter.verify.claims.grid_refinement import axes, mesh_of, regions_of
 from soter.verify.claims.product_sets import CellsPart, candidates, states_elsewhere
 from soter.verify.claims.results import GroupSets
 from soter.verify.deploy.grid_tables import CommandTable, Estimates, GroupTable, table

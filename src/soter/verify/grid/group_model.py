@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.verify.enclose.scheme_error import NS, SchemeSolution, SimulatedFlow, solution_of
-from soter.verify.grid.group_inputs import borders_of
+from soter.verify.grid.grid_problem import borders_of
 from soter.verify.problem.problem import FARTHEST
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from soter.core.layout import Bools, Floats
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
-    from soter.verify.grid.group_inputs import GridInputs
+    from soter.verify.grid.grid_problem import GridInputs
 
     Ints = npt.NDArray[np.int32]
 

@@ -6,7 +6,7 @@ estimate), and W with its ranks: how many chains lead from a cell to Q, and how 
 computed and Q is empty on the declared cells, `finer_q` tries smaller ones: each interval in which
 `safer` lies is cut in two, then in four. Whether that is done depends on counts of cells alone.
 Non-goals: targets and the time T (`verify/claims/claims.py`); a `safer` of the user's own, for
-which the whole grid is refined (`verify/claims/cells.py`).
+which the whole grid is refined (`verify/claims/grid_refinement.py`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.current_phase import share_done
-from soter.verify.claims.cells import halved
+from soter.verify.claims.grid_refinement import halved
 from soter.verify.grid import sets as grids
 from soter.verify.grid.sets import LONGEST, GridGroup
 from soter.verify.problem.inputs import errors_of

@@ -19,7 +19,7 @@ import numpy as np
 
 from soter.verify.grid.group_model import OUTSET
 from soter.verify.problem.problem import FARTHEST, Interval
-from soter.verify.tubes.expressions import NoExpressionError
+from soter.verify.tubes.expression_graph import NoExpressionError
 from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.rest_claims import Enclosures
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from soter.verify.claims.case import Case
     from soter.verify.grid.sets import GridGroup
     from soter.verify.problem.problem import Problem
-    from soter.verify.tubes.expressions import Expressions, Node
+    from soter.verify.tubes.expression_graph import Expressions, Node
     from soter.verify.tubes.problem import TubeProblem
 
     Signs = tuple[int, ...]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.report.proof_page import R1, R2, R3, R4, R5, RegionFigure, RegionSlice
-from soter.verify.claims.cells import drawn_edges, share
+from soter.verify.claims.grid_refinement import drawn_edges, share
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

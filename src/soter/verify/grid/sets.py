@@ -19,7 +19,7 @@ import numpy as np
 
 from soter.diagnostics.current_phase import share_done
 from soter.verify.enclose.scheme_error import NS
-from soter.verify.grid.group_inputs import GridInputs, of_problem
+from soter.verify.grid.grid_problem import GridInputs, of_problem
 from soter.verify.grid.group_model import AXIS_MAX, GridModel, UnboundedError
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ import numpy as np
 
 from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT
-from soter.verify.claims.cells import axes, matrix
+from soter.verify.claims.grid_refinement import axes, matrix
 from soter.verify.deploy.level_table import EstimateSamples, LevelTable
 from soter.verify.polytope.half_spaces import Polytope, inner_point, surely_inside
 from soter.verify.polytope.linear_group import free_instants, hold_instants

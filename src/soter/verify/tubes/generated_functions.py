@@ -19,7 +19,7 @@ from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file
 from soter.language.model.tree_walk import cost_of
-from soter.verify.tubes.expressions import CONDITIONS, Node, in_order
+from soter.verify.tubes.expression_graph import CONDITIONS, Node, in_order
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -24,7 +24,7 @@ import numpy as np
 from soter.diagnostics.current_phase import announce, phase, share_done
 from soter.diagnostics.diagnostic import SoterError
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expressions import in_order, middle
+from soter.verify.tubes.expression_graph import in_order, middle
 from soter.verify.tubes.generated_functions import Caller, TooLongError
 from soter.verify.tubes.problem import cut_to_farthest
 from soter.verify.tubes.tube_check import CUTS, PLAIN
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.verify.tubes.expressions import Node
+    from soter.verify.tubes.expression_graph import Node
     from soter.verify.tubes.tube_check import TubeCheck
 
     Values = NDArray[np.float64]

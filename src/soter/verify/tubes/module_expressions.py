@@ -4,7 +4,7 @@ Purpose: `ModuleExpressions` reads them from Core: the plants' derivatives, and 
 function of what it reads. `ExpressionReading` executes Core (`core/core_walks.py`) with real
 expressions in the place of numbers.
 Non-goals: whether a step faults (shown offline, on all that it may read), what an expression is
-(`expressions.py`), writing them as source (`generated_functions.py`), times (`tube_check.py`).
+(`expression_graph.py`), writing them as source (`generated_functions.py`), times (`tube_check.py`).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from soter.language.model.types import (
 from soter.verify.enclose.core_enclosure import is_prelude, key, names, types_of
 from soter.verify.enclose.enclosed_steps import right_hand_side, room_of
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expressions import (
+from soter.verify.tubes.expression_graph import (
     CONDITIONS,
     LARGEST,
     Expressions,

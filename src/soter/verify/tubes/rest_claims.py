@@ -23,7 +23,7 @@ from soter.diagnostics.current_phase import phase
 from soter.language.model.tree_walk import MAX_OPERATIONS
 from soter.language.model.types import show_ns
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expressions import in_order
+from soter.verify.tubes.expression_graph import in_order
 from soter.verify.tubes.generated_functions import Caller, TooLongError, function
 from soter.verify.tubes.leading_back import box_in_words, leads_back, region_of
 from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refused
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.diagnostics.diagnostic import SoterError
-    from soter.verify.tubes.expressions import Expressions, Node
+    from soter.verify.tubes.expression_graph import Expressions, Node
     from soter.verify.tubes.tube_check import TubeCheck
 
     Ranges = Mapping[tuple[str, int], Interval]

@@ -21,7 +21,7 @@ from soter.language.model.tree_walk import cost_of
 from soter.language.model.types import leaves
 from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.problem.problem import Interval
-from soter.verify.tubes.expressions import NoExpressionError, in_order, middle
+from soter.verify.tubes.expression_graph import NoExpressionError, in_order, middle
 from soter.verify.tubes.generated_functions import (
     MAP,
     RANGES,
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Shield
     from soter.language.model.typed import Cost
-    from soter.verify.tubes.expressions import Node
+    from soter.verify.tubes.expression_graph import Node
     from soter.verify.tubes.generated_functions import Inputs
     from soter.verify.tubes.problem import TubeProblem
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import exact, greatest_below
+from soter.certificate.terms.linear_enclosures import exact, greatest_below
 from soter.certificate.tubes import tube_chains
 from soter.certificate.tubes.check_rest import recheck_rest, rest_of
 from unit.certificate.tubes.rest_entries import entry, flat_of

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from flint import arb
 
-from soter.certificate.terms.arb_balls import HALF, ONE, ZERO, exact
+from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact
 from soter.certificate.terms.terms import Terms
 from soter.certificate.tubes.rest_claims import NoSlopeError, slope
 from tables import all_rows

@@ -24,7 +24,7 @@ from soter.certificate.grid.resting import rests
 from soter.certificate.grid.sc_chains import uncrossed_ends
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.terms.arb_balls import exact
+from soter.certificate.terms.linear_enclosures import exact
 from soter.language.front_end import check_file, system_of
 from soter.verify.claims import claims
 from soter.verify.enclose.compiled_enclosures import library_of

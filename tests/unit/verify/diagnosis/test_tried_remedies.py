@@ -12,7 +12,7 @@ import soter
 from soter.api import Program
 from soter.cli.main import main
 from soter.verify.claims import choice
-from soter.verify.claims.cells import cells_of, smaller_cells
+from soter.verify.claims.grid_refinement import cells_of, smaller_cells
 from soter.verify.diagnosis import tried_remedies, variations
 from soter.verify.diagnosis.tried_remedies import in_order
 from soter.verify.diagnosis.variations import NotProved, lines_of, remedies

@@ -17,7 +17,7 @@ import pytest
 
 from soter.native.compiler import vector_flags
 from soter.verify.enclose.compiled_enclosures import ReachLibrary
-from soter.verify.grid.group_inputs import GridInputs
+from soter.verify.grid.grid_problem import GridInputs
 from soter.verify.grid.sets import GridGroup
 from tables import all_rows
 from unit.verify.grid.small_enclosure_units import QUICK, linear_source

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.verify.grid.group_inputs import GridInputs
+from soter.verify.grid.grid_problem import GridInputs
 from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.small_enclosure_units import car
 from unit.verify.grid.test_boxes_that_move_together import CASES, FLOWS, LANES

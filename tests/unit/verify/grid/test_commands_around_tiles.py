@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.verify.grid.group_inputs import GridInputs
+from soter.verify.grid.grid_problem import GridInputs
 from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.grid_adversary import Car
 from unit.verify.grid.small_enclosure_units import END, HEAD, SIGNATURE, car, linear

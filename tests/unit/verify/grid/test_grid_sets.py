@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from soter.diagnostics.current_phase import CancelledError, cancelled_when
-from soter.verify.grid.group_inputs import GridInputs
+from soter.verify.grid.grid_problem import GridInputs
 from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.grid_adversary import Car, Runs, flow
 from unit.verify.grid.small_enclosure_units import corner, hill

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from soter.verify.find_sc import CommandTable, _Synthesis, core_synthesis
-from soter.verify.grid.group_inputs import GridInputs
+from soter.verify.grid.grid_problem import GridInputs
 from soter.verify.grid.recovery import recovery_ranks
 from soter.verify.grid.sets import GridGroup
 from unit.verify.grid.grid_adversary import Runs

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.verify.grid.group_inputs import GridInputs
+from soter.verify.grid.grid_problem import GridInputs
 from soter.verify.grid.sets import GridGroup
 from tables import all_rows
 from unit.verify.grid.sampled_sc_runs import Sampled

@@ -19,7 +19,7 @@ from soter.diagnostics.diagnostic import Source, Span
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file, system_of
-from soter.verify.claims.cells import mesh_of
+from soter.verify.claims.grid_refinement import mesh_of
 from soter.verify.deploy.grid_tables import place_function
 from soter.verify.deploy.level_table import Writer
 from soter.verify.enclose.compiled_enclosures import library_of

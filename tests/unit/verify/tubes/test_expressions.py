@@ -17,7 +17,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
 from soter.verify.tubes import tube_check
-from soter.verify.tubes.expressions import Expressions, NoExpressionError
+from soter.verify.tubes.expression_graph import Expressions, NoExpressionError
 from soter.verify.tubes.generated_functions import Caller, certain, function
 from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.problem import TubeProblem

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Edit, Fix, Span, append, remove, replace
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.expression_elements import unclosed
 from soter.language.syntax.parsing.items import Parts, clauses, time
+from soter.language.syntax.parsing.literals_and_operators import unclosed
 from soter.language.syntax.parsing.misplaced_words import (
     assigned,
     at_word_of_elsewhere,

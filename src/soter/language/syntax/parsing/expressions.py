@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Span, replace
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.expression_elements import (
+from soter.language.syntax.parsing.literals_and_operators import (
     ANY,
     COMPARISON,
     LEVELS_MAX,

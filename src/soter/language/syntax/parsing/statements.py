@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from soter.diagnostics.diagnostic import replace
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.expression_elements import c_style_loop, unclosed
 from soter.language.syntax.parsing.expressions import ExpressionParser
+from soter.language.syntax.parsing.literals_and_operators import c_style_loop, unclosed
 from soter.language.syntax.parsing.misplaced_words import at_word_of_elsewhere
 from soter.language.syntax.parsing.token_cursor import (
     BODY_WORDS,

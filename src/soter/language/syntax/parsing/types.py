@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import replace
 from soter.language.syntax import tree
-from soter.language.syntax.parsing.expression_elements import ANY, LEVELS_MAX, too_deep
+from soter.language.syntax.parsing.literals_and_operators import ANY, LEVELS_MAX, too_deep
 from soter.language.syntax.parsing.token_cursor import Panic
 from soter.language.syntax.tokens import EOF, INT, NAME, STRING, string_value, visible
 

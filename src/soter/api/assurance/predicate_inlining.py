@@ -24,7 +24,7 @@ from soter.language.model.types import (
     show_ns,
 )
 from soter.language.model.values import to_json
-from soter.language.syntax.parsing.expression_elements import PRECEDENCE
+from soter.language.syntax.parsing.literals_and_operators import PRECEDENCE
 from soter.report.safety_case import Definition, ExpandedPredicate
 
 if TYPE_CHECKING:
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Module, System
     from soter.language.model.types import Type, Value
+
 
 CONDITIONAL, UNARY, ATOM = 0, 6, 7
 """How tightly expressions without a binary operator bind, on the scale of `PRECEDENCE`."""

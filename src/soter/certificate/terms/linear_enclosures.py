@@ -24,6 +24,7 @@ from flint import arb, fmpq
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+
 PRECISION = 128
 """Bits; doubles have 53."""
 flint.ctx.prec = PRECISION

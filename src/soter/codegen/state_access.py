@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import Component, System
 
+
 S = c.Name("s")
 OK = c.Name("SOTER_OK")
 CT = c.Member(c.Arrow(S, "header"), "ct")

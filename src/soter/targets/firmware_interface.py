@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import System, Topic
     from soter.language.model.types import Type
 
+
 RUNTIME_FILES = ("soter_firmware.h", "soter_firmware.c")
 MESSAGES = "messages.json"
 SCHEMA = 1
