@@ -254,12 +254,12 @@ def main() -> int:
         for name, source in sources.items():
             for k in range(given.jobs):
                 copy_of(source, Path(work) / str(k) / name)
-        tests_of = cache(lambda name: Tests(Path(work) / "0" / name, keep / name))
+        tests = {name: Tests(Path(work) / "0" / name, keep / name) for name in sources}
 
         def judge(name: str, mutant: Mutant) -> str:
             copy = copies.get()
             try:
-                return verdict(tests_of(name), copy / name, mutant)
+                return verdict(tests[name], copy / name, mutant)
             finally:
                 copies.put(copy)
 
@@ -269,7 +269,6 @@ def main() -> int:
                 return "not asked", now
             return pieces.piece(f"before {old}", partial(judge, "before", old)), now
 
-        tests_of("now")
         with ThreadPoolExecutor(given.jobs) as pool:
             said = list(pool.map(both, *zip(*drawn, strict=True)))
     for (_, new), (was, now) in zip(drawn, said, strict=True):
