@@ -207,8 +207,9 @@ def failing(tree: Path, tests: Sequence[str]) -> str | None:
             return ""
     if done.returncode in (0, 5):
         return None
-    said = re.findall(r"^(?:FAILED|ERROR) (\S.*?)(?: - .*)?$", done.stdout, re.MULTILINE)
-    return said[0] if said else ""
+    said = re.search(r"^(?:FAILED|ERROR) (.*)$", done.stdout, re.MULTILINE)
+    line = said.group(1) if said else ""
+    return max((t for t in tests if line.startswith(t)), key=len, default=line.split(" - ")[0])
 
 
 failing_unchanged = cache(failing)
