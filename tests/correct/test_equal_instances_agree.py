@@ -45,6 +45,7 @@ test T { system S; horizon 10ms; always mode(r[0].M) == Mode.SC || mode(r[1].M) 
 """
 
 
+@pytest.mark.whole
 def test_equal_instances_with_latches_are_stored_once() -> None:
     told = compared_as_equals(enumerated(0, LATCHED, 50_000), FAST)
     assert not told.complaints, told.complaints

@@ -225,6 +225,7 @@ def test_right_versions_are_exhausted_and_the_page_has_the_figures(
         assert steps == ("" if t.replayed is None else str(len(t.replayed.trace.steps) - 1))
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("w", WRONG, ids=lambda w: w.test)
 def test_a_wrong_version_is_violated_by_the_least_trace(w: Wrong, tmp_path: Path) -> None:
     test_result = _of(w.file, w.test, tmp_path)

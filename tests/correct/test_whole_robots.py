@@ -270,6 +270,7 @@ def test_a_wrong_battery_of_the_drone_breaks_its_part_of_the_whole() -> None:
     assert right.verdict == EXHAUSTED
 
 
+@pytest.mark.whole
 def test_what_is_said_of_the_whole_needs_every_part_clean() -> None:
     given = DELIVERY.file.read_text(encoding="utf-8")
     short = re.sub(r"horizon \d+ms", "horizon 30ms", given)

@@ -395,6 +395,7 @@ def test_a_flight_of_an_arm_is_flown_again_bit_for_bit(arm: str, flown_by_arms: 
     assert len({row["digest"] for row in rows}) == 4
 
 
+@pytest.mark.whole
 def test_a_run_of_an_arm_is_asked_for_by_the_number_of_its_flight(
     flown_by_arms: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

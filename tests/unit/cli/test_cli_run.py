@@ -272,6 +272,7 @@ def test_what_an_extern_prints_is_not_in_the_document(
     assert "chatter" in done.err
 
 
+@pytest.mark.whole
 def test_a_class_is_made_and_reset_for_every_run(soter: Soter, robot: Path) -> None:
     assert robot.exists()
     done = soter("run", "robot.soter", "--bind", "Learned=python:recovery.py:Counting", "--json")
@@ -286,10 +287,10 @@ def test_a_class_is_made_and_reset_for_every_run(soter: Soter, robot: Path) -> N
         ("Learned=python:recovery.py:", 2, "U001"),
         ("Learned=python:nowhere.py:step", 1, "X003"),
         ("Learned=python:.:step", 1, "X003"),
-        ("Learned=python:recovery.py:god", 1, "X002"),
+        pytest.param("Learned=python:recovery.py:god", 1, "X002", marks=pytest.mark.whole),
         ("Learned=python:recovery.py:number", 1, "X002"),
-        ("Learned=python:recovery.py:Unmade", 1, "X003"),
-        ("Learned=python:recovery.py:Stubborn", 1, "X003"),
+        pytest.param("Learned=python:recovery.py:Unmade", 1, "X003", marks=pytest.mark.whole),
+        pytest.param("Learned=python:recovery.py:Stubborn", 1, "X003", marks=pytest.mark.whole),
         ("Learned=python:policy.c:step", 1, "X003"),
         ("Learned=c:nowhere.c:step", 1, "X003"),
         ("Learned=c:policy.c:stepp", 1, "X004"),
@@ -308,7 +309,14 @@ def test_bindings_that_cannot_be(
 
 
 @pytest.mark.parametrize(
-    "text", ["1 / 0", "def step(:", "import sys; sys.exit(4)", "import nothing_of_this_name", "\0"]
+    "text",
+    [
+        pytest.param("1 / 0", marks=pytest.mark.whole),
+        "def step(:",
+        "import sys; sys.exit(4)",
+        "import nothing_of_this_name",
+        "\0",
+    ],
 )
 def test_a_file_that_cannot_be_loaded(soter: Soter, robot: Path, here: Path, text: str) -> None:
     assert robot.exists()

@@ -70,6 +70,7 @@ def test_a_fix_of_all_places_is_offered_at_each(served: Editor, tmp_path: Path) 
         assert edited(text, action.edit.changes[uri]) == text.replace("WALLS", "WALL")
 
 
+@pytest.mark.whole
 @all_rows("path", WRONG, ids=lambda p: p.stem)
 def test_every_edit_of_a_help_arrives_as_it_is_meant(path: Path) -> None:
     documents = Documents(lambda *_: None)

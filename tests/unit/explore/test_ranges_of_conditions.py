@@ -50,6 +50,7 @@ def condition(dice: Random, depth: int = 2) -> str:
     return f"({left} {dice.choice(('<', '<=', '>', '>=', '==', '!='))} {right})"
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("chunk", range(2))
 @pytest.mark.random
 def test_what_holds_for_all_values_holds_for_each(chunk: int) -> None:

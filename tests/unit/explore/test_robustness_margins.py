@@ -97,6 +97,7 @@ def margins(engine: Engine, configuration: np.ndarray, scale: np.ndarray) -> Ite
         yield engine.model.guide[i].premise(state, room)
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("seed", range(4))
 def test_a_margin_is_positive_where_the_interpreter_says_true(seed: int) -> None:
     rng = random.Random(seed)  # noqa: S311 - a test

@@ -73,6 +73,7 @@ def test_a_number_compared_with_constants_has_every_answer_that_the_contract_per
     assert verdict(reads, f"always {asked};") == ("exhausted" if clean else "violated")
 
 
+@pytest.mark.whole
 def test_unbounded_numbers_are_tried_on_both_sides_and_at_the_constant() -> None:
     for asked in ("a.x < 1.0", "a.x == 1.0", "a.x > 1.0", "a.n > 999999", "a.n == 7"):
         assert verdict(f"{asked} ? 1 : 0", "never out == 1;") == "violated", asked

@@ -236,6 +236,7 @@ def test_a_property_of_a_loop_is_told_of_the_instance() -> None:
         assert "[i]" not in said
 
 
+@pytest.mark.whole
 def test_a_property_that_cannot_be_judged_says_what_goes_wrong() -> None:
     line = FLEET[: FLEET.index("test Divides")].count("\n") + 1
     assert f"judging it faults (divide, small.soter:{line})" in why(FLEET, "Divides")

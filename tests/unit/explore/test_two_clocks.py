@@ -197,6 +197,7 @@ TOO_COARSE = {
 }
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("source", TOO_COARSE.values(), ids=list(TOO_COARSE))
 def test_where_a_grid_once_was_too_coarse(source: str) -> None:
     flat = system_of_test(check_file("small.soter", source), "T")

@@ -41,11 +41,13 @@ def found(text: str) -> TestResult:
     return explore_test(system_of_test(checked, "T"), SearchOptions(minimise=0), about)
 
 
+@pytest.mark.whole
 def test_a_property_that_no_value_violates_is_told_without_a_search() -> None:
     missed = [item for item in STATIC if not any(v.cannot_fail for v in told(VACUOUS[item]))]
     assert missed == []
 
 
+@pytest.mark.whole
 def test_what_could_fail_is_not_told() -> None:
     assert {name: told(text) for name, text in TELLING.items() if told(text)} == {}
 

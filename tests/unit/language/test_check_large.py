@@ -138,6 +138,7 @@ def test_three_thousand_systems_inside_each_other() -> None:
     assert codes(text) == ["M007"]
 
 
+@pytest.mark.whole
 def test_a_circle_of_three_thousand_systems() -> None:
     text = lines(2999, "system S{i} {{ a: S{j}; }}") + "system S2999 { a: S0; }"
     assert codes(text) == ["T012"]

@@ -9,6 +9,8 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 import processes
 import soter
 from soter.playground.session import PlaygroundSession, check, explain, layout, start
@@ -26,6 +28,7 @@ def finished(session: PlaygroundSession) -> list[dict[str, Any]]:
     return answers
 
 
+@pytest.mark.whole
 def test_a_run_is_that_of_the_command_line() -> None:
     session = start("cart.soter", CART, "Protected", 3)
     assert isinstance(session, PlaygroundSession)
@@ -49,6 +52,7 @@ def test_a_run_is_that_of_the_command_line() -> None:
     }  # fmt: skip
 
 
+@pytest.mark.whole
 def test_a_violation_is_told_once() -> None:
     session = start("cart.soter", CART, "Unprotected")
     assert isinstance(session, PlaygroundSession)

@@ -203,6 +203,7 @@ def refusal(path: Path, statistics: Path | None = None) -> str:
     return problem.message
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("name", SB3)
 def test_a_zip_that_cannot_be_read_says_why(name: str) -> None:
     data, said = SB3[name]
@@ -226,6 +227,7 @@ def codes_of(path: Path, statistics: Path | None = None) -> list[str]:
     return []
 
 
+@pytest.mark.whole
 def test_bytes_that_are_changed_anywhere_are_read_or_refused() -> None:
     """A reader that raises anything else than a diagnostic fails here."""
     rng = np.random.default_rng(3)

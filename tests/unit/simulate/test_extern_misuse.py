@@ -43,6 +43,7 @@ def failure(folder: Path, code: str) -> str:
     return str(result.extern_failures["Pilot"])
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("code", "line"),
     [
@@ -60,11 +61,13 @@ def test_another_signature_is_told_the_one_that_is_called(
     assert said.endswith(f": write {line}; {CALLED}")
 
 
+@pytest.mark.whole
 def test_inputs_in_brackets_are_told_to_be_attributes(tmp_path: Path) -> None:
     said = failure(tmp_path, FUNCTION.format("inputs", 'inputs["motion"]'))
     assert said.endswith("(ai.py:2): its inputs are attributes: `inputs.motion`")
 
 
+@pytest.mark.whole
 def test_a_name_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) -> None:
     assert failure(tmp_path, FUNCTION.format("inputs", "inputs.motoin.h")).endswith(
         "is `motion` meant? there are `motion`, `ranges`"

@@ -122,6 +122,7 @@ def test_a_safe_that_asks_an_extern_function_is_left_to_the_run(tmp_path: Path) 
         assert run.violations == 0
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize("number", [105, 110, 123, 126])
 def test_random_programs_are_judged_alike_by_both_engines(number: int) -> None:
     system = system_of(check_file("random.soter", program(number)), None)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pytest
 
 from soter.report.proof_page import R1, R2, region_svg
 from soter.verify.claims.results import LeavingRun
@@ -13,6 +14,7 @@ from unit.verify.diagnosis.tank_modules import changed, explained
 from unit.verify.diagnosis.test_one_sided import HALF
 
 
+@pytest.mark.whole
 def test_the_axis_over_time_begins_inside_c_and_ends_outside() -> None:
     module_result = explained(changed(*HALF))  # C reaches to the end of the grid by which it leaves
     run = module_result.findings["P2a"].leaving
