@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.folder import unclaimed
+from soter.certificate.proof_methods import unclaimed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

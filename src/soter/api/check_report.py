@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Severity, mistake
 from soter.language.elaborate.system_numbers import MAX_PERIOD_NS
@@ -135,12 +135,6 @@ def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> 
     return {name: assumed}
 
 
-def externs_of(program: TypedProgram) -> tuple[str, ...]:
-    """Names of the nodes, plants and functions that a program leaves to Python or C."""
-    tables: list[Mapping[str, Any]] = [program.nodes, program.plants, program.funs]
-    return tuple([name for table in tables for name, s in table.items() if s.extern])
-
-
 def timing_reports(
     systems: list[System], assumed: Mapping[str, str] | None = None
 ) -> tuple[tuple[TimingReport, ...], tuple[Diagnostic, ...]]:
@@ -148,7 +142,7 @@ def timing_reports(
 
     `assumed`: system name -> what its times assume.
     """
-    timed = [s for s in systems if any(c.wcet_ns is not None or c.jitter_ns for c in s.components)]
+    timed = [s for s in systems if s.timed]
     if not timed:
         return (), ()
     from soter.timing.trusted_thread import report_miss, timing_of  # noqa: PLC0415 - see `soter.api`
@@ -340,7 +334,7 @@ def check_report(
         for name, symbol in checked.systems.items()
     )
     warnings = checked.diagnostics.items
-    if bound or externs_of(program):
+    if bound or program.externs:
         from soter.simulate.externs import binding_warnings  # noqa: PLC0415 - see `soter.api`
 
         warnings += binding_warnings.warnings_of(program, bound)

@@ -27,7 +27,7 @@ from soter.api.arguments import (
     values_of,
     write_advice,
 )
-from soter.api.check_report import CheckReport, check_report, externs_of
+from soter.api.check_report import CheckReport, check_report
 from soter.diagnostics.command_records import made, takes
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
@@ -111,7 +111,7 @@ class Program:
     def externs(self) -> tuple[str, ...]:
         """Names of the nodes, plants and functions that the program leaves to Python or C."""
         program = self._checked.program
-        return () if program is None else externs_of(program)
+        return () if program is None else program.externs
 
     @property
     def sha256(self) -> str | None:
@@ -341,7 +341,6 @@ class Program:
         `explain`: measure why it is not proved, and try what may help (None: as `refute`).
         `SoterError` with R... if the program does not determine a problem.
         """
-        from soter.explore.command import violation_of  # noqa: PLC0415 - needs a compiler
         from soter.verify.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()
@@ -355,6 +354,8 @@ class Program:
         require_writers(None, report)
         if report is not None and cert is not None:
             require_no_certificate(Path(report), Path(cert))
+        if refute:
+            from soter.explore.command import violation_of  # noqa: PLC0415 - needs a compiler
         with telling_shares(progress):
             return verify(
                 self._checked,
@@ -366,7 +367,7 @@ class Program:
                 refute=refute,
                 explain=explain,
                 report=None if report is None else Path(report),
-                search=violation_of,
+                search=violation_of if refute else None,
             )
 
     def synthesize(

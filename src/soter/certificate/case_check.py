@@ -4,6 +4,8 @@ Purpose: `CaseCheck` asks each claim of each group, and shows the tasks that com
 `claimed_of` says what an entry claims, `static_claims` compares P1 with the program.
 `TaskProcesses` deals tasks out to processes, which tell what came of each. They see what there was
 when they were forked; only answers come back. There is no thread: this process may fork again.
+`rates_are_defined` shows, over the whole grid at once, each obligation of the rates (a divisor is
+not 0, an index is there, an assertion holds) that no group shows cell by cell.
 `survives_the_start`, an extra, shows that SC's first steps publish values in their sets and cannot
 fault: on defaults, or, where not all that SC reads is published at once, on any values.
 Non-goals: how a group shows a claim (`groups.py`), certificates (`rechecker.py`); which of SC's
@@ -29,15 +31,16 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.cell_predicates import certain, published
 from soter.certificate.control_changes import require_entered, slowest_below
 from soter.certificate.folder import FREE, OF_SETS
-from soter.certificate.reading.case_model import CaseModel, commanded, stepping
-from soter.certificate.reading.left_out_states import all_certain, nothing_reads, rates_are_defined
+from soter.certificate.reading.case_model import CaseModel, commanded, control_inputs, stepping
+from soter.certificate.reading.left_out_states import nothing_reads
 from soter.certificate.reading.module_facts import bounded_topics, number_of, read_by_sc
+from soter.certificate.reading.module_times import DELAYS
 from soter.certificate.reading.sc_locals_and_modes import any_mode
 from soter.certificate.reading.symbolic_operations import filled, flat
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.scope import p1c_of
+from soter.certificate.terms.compile_terms import all_certain
 from soter.certificate.terms.linear_enclosures import exact
-from soter.certificate.terms.terms import Terms
+from soter.certificate.terms.terms import Terms, inputs_of
 from soter.diagnostics.current_phase import share_done
 from soter.language.model.types import FloatType, leaves
 from soter.workers.child_process import end_with
@@ -49,6 +52,7 @@ if TYPE_CHECKING:
     from soter.certificate.cell_sets import Axes, Cells
     from soter.certificate.groups import Extents, Group, GroupCheck, Task
     from soter.certificate.reading.module_facts import Facts
+    from soter.certificate.terms.terms import Linear
     from soter.language.model import typed
     from soter.language.model.system import Module, System, Topic
 
@@ -86,6 +90,14 @@ def of_the_module(system: System, module: Module, given: dict[str, str]) -> None
     same = module.outputs and all(of == set(module.outputs) for of in outputs)
     if given.get("P1b") == PROVED and not same:
         raise RejectedError("P1b: AC and SC do not publish the same topics")
+
+
+def p1c_of(facts: Facts) -> str:
+    """Say "proved" if P1c rests on declared times, else "assumed"; H >= H* is checked elsewhere."""
+    verify = facts.symbol.verify
+    declared = all(getattr(verify, name) is not None for _, name in DELAYS.values())
+    declared = declared and (facts.above is None or facts.above.declared)
+    return "proved" if declared and not facts.ways.undeclared else "assumed"
 
 
 def static_claims(facts: Facts, given: dict[str, str]) -> None:
@@ -312,6 +324,35 @@ class CaseCheck:
             raise RejectedError(failed + (f" ({case})" if case else ""))
         self.done += self.tasks[k][1]
         share_done(self.done / sum(work for _, work in self.tasks))
+
+
+def rates_are_defined(model: CaseModel, seen_to: Sequence[Sequence[int]]) -> None:
+    """`NotRecheckedError` where a rate may be undefined; `seen_to`: groups that look themselves.
+
+    Those are groups that are not linear, and that runs could leave (`grid/flow_enclosures.py`). An
+    obligation about states of several groups is left to one that looks: there the others' states
+    range over their grids.
+    """
+    if model.facts.kind == "map":
+        return  # a map's obligations are demanded of every cell
+    terms, states = model.new_terms()
+    model.rates(terms, states, control_inputs(model.facts, terms))
+    shown = [{_atom(states[i]) for i in members} for members in seen_to]
+    left = []
+    for truth in terms.obligations:
+        inputs = inputs_of(terms, [truth])
+        if any(inputs & own for own in shown):
+            continue
+        if shown and not inputs & {_atom(x) for x in states}:
+            continue  # about commands and disturbances alone: every such group asks it
+        left.append(truth)
+    if not all_certain(terms, left):
+        raise NotRecheckedError("a plant's equation that is not defined everywhere on the grid")
+
+
+def _atom(x: Linear) -> int:
+    (index,) = x.terms
+    return index
 
 
 def narrowed(extents: Extents, parts: Iterable[Axes]) -> Extents:

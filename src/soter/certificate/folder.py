@@ -2,11 +2,10 @@
 
 Purpose: `read_certificate` reads a folder and checks what docs/verification.md (section 4) lays
 down: names, hashes, the canonical manifest, sizes of tables. `program_of` makes a checked program
-of the files below `program/` and the manifest's parameters, and reads nothing else. `unclaimed`
-says which parts of a group no claim rests on, for the prover, which leaves them out, and for
-`refuse_unclaimed`; where nothing is claimed of K, K is empty.
+of the files below `program/` and the manifest's parameters, and reads nothing else. `refuse_cells`:
+where nothing is claimed of K, K is empty.
 Non-goals: believing anything that stands in it (`rechecker.py`); what the program says about a
-module (`reading/problem.py`), what a part has to show for a claim (`grid/`, `polytope/`).
+module (`reading/problem.py`), which claims a part of a group rests on (`proof_methods.py`).
 
 The argument: the seal is the hash of the manifest, which has the hash of every other file; each
 file is read once, and what is checked are those bytes. A table that is asked for is noted: at the
@@ -38,7 +37,7 @@ from soter.language.syntax import tree
 from soter.version import other_format
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -356,44 +355,6 @@ FREE = frozenset({"P3", "ttf", "safer"})
 RETURN = frozenset({"P2b"})
 OF_SETS = FREE | RETURN | {"P2a", "start"}
 """Claims that rest on K."""
-RESTS: dict[str, dict[str, frozenset[str]]] = {
-    "grid": {"R": FREE, "Q": RETURN, "Q_axes": RETURN, "W": RETURN, "W_N": RETURN},
-    "polytope": {
-        "Q": RETURN,
-        "target": RETURN,
-        "multipliers.K": OF_SETS,
-        "multipliers.R": FREE,
-        "multipliers.Q": RETURN,
-        "multipliers.S": FREE,
-        "instants.hold": OF_SETS,
-        "instants.R": FREE,
-        "instants.window": FREE,
-        "instants.start": frozenset({"start"}),
-        "rates.K": OF_SETS,
-        "rates.Q": RETURN,
-    },
-}
-"""Kind of a group -> name of a part -> the claims that rest on it."""
-NESTED = ("multipliers", "instants", "rates")
-"""Entries of a group that are made of parts; claims rest on each part by itself."""
-OF_LEVELS = {"grid": ("S",), "polytope": ("multipliers.S", "instants.window")}
-"""Parts that are only there where predicates are computed, so that levels S are deployed."""
-
-
-def unclaimed(group: Mapping[str, Any], claims: set[str], *, computed: bool) -> list[str]:
-    """The parts of a group on which none of these claims rests; `computed`: predicates are."""
-    kind = str(group.get("kind"))
-    rests, levels = RESTS.get(kind, {}), () if computed else OF_LEVELS.get(kind, ())
-    parts = [*group, *(f"{whole}.{name}" for whole in NESTED for name in group.get(whole, {}))]
-    known = [name for name in parts if name in rests or "." in name or name in levels]
-    return [n for n in known if n in levels or not rests.get(n, frozenset()) & claims]
-
-
-def refuse_unclaimed(groups: Sequence[Any], claims: set[str], *, computed: bool) -> None:
-    """`RejectedError` for a part of a group of a manifest on which none of these claims rests."""
-    for group in groups:
-        for name in unclaimed(group, claims, computed=computed):
-            raise RejectedError(f"no claim rests on `{name}` of a group")
 
 
 def refuse_cells(cores: Sequence[NDArray[Any]], claims: set[str], recover_ns: object) -> None:

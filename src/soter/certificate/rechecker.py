@@ -47,9 +47,8 @@ from soter.certificate.folder import (
     program_of,
     read_certificate,
     refuse_cells,
-    refuse_unclaimed,
 )
-from soter.certificate.proof_methods import GROUPS, MODULES
+from soter.certificate.proof_methods import GROUPS, MODULES, refuse_unclaimed
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.left_out_states import (
     leave_out,
@@ -194,7 +193,8 @@ def _entry(
     whole = [of for key, of in MODULES.items() if isinstance(entry, dict) and key in entry]
     if whole:
         with _understood("a module"):
-            facts, report = whole[0].check(_system(checked, overrides, entry), entry)
+            system = _system(checked, overrides, entry)
+            facts, report = whole[0]().check(system, entry)
     else:
         only_keys(entry, MODULE_KEYS, "a module", "levels tables view law wraps")
         with _understood("a module"):
@@ -421,7 +421,7 @@ def groups_of(certificate: Certificate, facts: Facts, entries: list[dict[str, An
     for entry in entries:
         if entry.get("kind") not in list(GROUPS):
             raise NotRecheckedError(f"`{entry.get('kind')}` groups are not rechecked yet")
-        method = GROUPS[entry["kind"]]
+        method = GROUPS[entry["kind"]].group()
         only_keys(entry, " ".join(method.required), "a group", " ".join(method.optional))
         states, edges = [], []
         for axis in entry["axes"]:
@@ -452,7 +452,7 @@ def why_not_recheckable(flat: System, entry: dict[str, Any], files: dict[str, by
     try:
         whole = [of for key, of in MODULES.items() if key in entry]
         if whole:
-            whole[0].read(flat, entry)
+            whole[0]().read(flat, entry)
         else:
             _over_sets(flat, entry, Certificate(Path(), {}, files, set()))
     except (RejectedError, SoterError) as error:

@@ -174,14 +174,6 @@ WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
 UNDECLARED = "undeclared times are zero:"
 
 
-def p1c_of(facts: Facts) -> str:
-    """Say "proved" if P1c rests on declared times, else "assumed"; H >= H* is checked elsewhere."""
-    verify = facts.symbol.verify
-    declared = all(getattr(verify, name) is not None for _, name in DELAYS.values())
-    declared = declared and (facts.above is None or facts.above.declared)
-    return "proved" if declared and not facts.ways.undeclared else "assumed"
-
-
 def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssumption]:
     """Everything that is taken for granted about one module; `jumps`: what was tried to confirm."""
     links = bool(facts.symbol.verify.abstracts)

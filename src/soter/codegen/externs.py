@@ -28,7 +28,6 @@ from soter.language.model.types import (
     RecordType,
     leaves,
 )
-from soter.language.model.values import singles
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -257,7 +256,7 @@ def _array_to_ends(
 
 def _to_ends_of(bound: Bound, e: c.CExpr) -> list[c.CStmt]:
     statements: list[c.CStmt] = []
-    for end, single in zip((bound.low, bound.high), singles(bound), strict=True):
+    for end, single in zip((bound.low, bound.high), bound.singles, strict=True):
         if single != end:
             least, most = sorted((end, single))
             from_ = c.Binary(">=", e, float_number(least))

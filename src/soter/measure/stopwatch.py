@@ -33,7 +33,6 @@ from soter.language.model.types import (
 )
 from soter.native.shared_library import RUNTIME, address, declarations, interface, library, opened
 from soter.simulate.externs.c_extern import linked_symbols
-from soter.timing.trusted_thread import in_thread
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -196,7 +195,7 @@ def timed(
 
 def timed_components(system: System) -> list[Component]:
     """The components of the trusted thread that are Soter code."""
-    return [c for c in system.components if in_thread(c) and not c.extern]
+    return [c for c in system.components if c.in_thread and not c.extern]
 
 
 def step_times(

@@ -37,7 +37,7 @@ from soter.language.model.types import (
     RecordType,
     leaves,
 )
-from soter.language.model.values import ValueShapeError, from_python, singles, to_python, widened
+from soter.language.model.values import ValueShapeError, from_python, to_python, widened
 from soter.native.cache import cached, digest
 from soter.native.compiler import DEFECT, STRICT, compile_with, find
 from soter.native.shared_library import (
@@ -392,7 +392,7 @@ class _Fitting:
             raise _refused(f"{path}: {given} is no finite number")
         if ends is None or ends[0] <= given <= ends[1]:
             return given
-        low, high = singles(Bound(*ends)) if isinstance(t, FloatType) else ends
+        low, high = Bound(*ends).singles if isinstance(t, FloatType) else ends
         if self._clip or low <= given <= high:
             return type(given)(min(max(given, ends[0]), ends[1]))
         raise _refused(f"{path}: {given} is not in [{ends[0]}, {ends[1]}] (clip=True clips it)")

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.model.types import ArrayType, FloatType, IntType, ListType, RecordType, leaves
-from soter.language.model.values import singles
 from soter.semantics.configuration import LOST, NEVER, put
 
 if TYPE_CHECKING:
@@ -100,7 +99,7 @@ def messages(topic: int, published: Value, bursts: Collection[int]) -> tuple[Val
 
 def to_ends(topic: Topic, value: Value) -> Value:
     """A value from outside in which the float32 of an end of the topic's set is that end."""
-    if all(b is None or singles(b) == (b.low, b.high) for b in topic.bounds):
+    if all(b is None or b.singles == (b.low, b.high) for b in topic.bounds):
         return value
     return _at_leaves(_to_end, topic.type, iter(topic.bounds), value)
 
@@ -139,7 +138,7 @@ def _inside(t: Type, bound: Bound | None, value: Value) -> Value:
 def _to_end(t: Type, bound: Bound | None, value: Value) -> Value:
     if bound is None or not isinstance(t, FloatType):
         return value
-    low, high = singles(bound)
+    low, high = bound.singles
     if low <= value <= bound.low:
         return bound.low
     return bound.high if bound.high <= value <= high else value

@@ -320,11 +320,6 @@ class Timing:
         return next((r for r in self.rows if r.component.name == component.name), None)
 
 
-def in_thread(c: Component) -> bool:
-    """Whether a component runs in the thread of the trusted part."""
-    return c.plant is None and (c.inline or not c.extern)
-
-
 def _task(c: Component) -> Task:
     return Task(
         name=c.name,
@@ -345,7 +340,7 @@ def timing_of(
 
     A deadline is the next release. `watch`: told the steps as `analyse` does.
     """
-    mine = [c for c in system.components if in_thread(c)]
+    mine = [c for c in system.components if c.in_thread]
     if all(c.wcet_ns is None and not c.jitter_ns for c in mine):
         return None
     tasks = [_task(c) for c in mine]
@@ -354,7 +349,7 @@ def timing_of(
     return Timing(
         system=system.name,
         rows=tuple(ThreadComponent(c, t, w) for c, t, w in zip(mine, tasks, worst, strict=True)),
-        elsewhere=tuple(c for c in system.components if c.plant is None and not in_thread(c)),
+        elsewhere=tuple(c for c in system.components if c.plant is None and not c.in_thread),
         missing=tuple(c for c in mine if c.wcet_ns is None),
         miss=analysis.miss,
         exact=analysis.exact,

@@ -86,7 +86,8 @@ def verify(
     of_those_above(results)
     with settled_before(lambda: settled(*results)):
         for (flat, _), result in zip(chosen, results, strict=True):
-            cache_sets(result)
+            if result.problem.computed:
+                cache_sets(result)
             enter_cost(result, partial(system_of, checked, flat.name, params, exact=False))
             if find_spec("flint") is not None:
                 result.ask_rechecker = partial(_beyond_rechecker, whole[flat.name], result)

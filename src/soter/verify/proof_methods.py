@@ -12,7 +12,8 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.folder import OF_SETS, unclaimed
+from soter.certificate.folder import OF_SETS
+from soter.certificate.proof_methods import unclaimed
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.verify.claims.results import PROVED, UNCLAIMED
 from soter.verify.grid.claims import Grids

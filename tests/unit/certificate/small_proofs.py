@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.case_check import CLAIMS
+from soter.certificate.case_check import CLAIMS, p1c_of
 from soter.certificate.cell_predicates import certain
 from soter.certificate.cell_sets import Cells, Grid
-from soter.certificate.folder import FORMAT, canonical, unclaimed
+from soter.certificate.folder import FORMAT, canonical
 from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
+from soter.certificate.proof_methods import unclaimed
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_times import TIME_KEYS
 from soter.certificate.reading.problem import read_facts
-from soter.certificate.scope import p1c_of
 from soter.certificate.terms.compile_terms import form_of_box
 from soter.certificate.terms.linear_enclosures import above, below
 from soter.language.front_end import check_file, system_to_prove

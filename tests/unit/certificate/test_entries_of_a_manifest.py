@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 from concurrent.futures import BrokenExecutor
+from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -121,13 +122,14 @@ def read_groups(
     """With groups that hold what they are given."""
 
     def method(kind: str) -> Any:
-        return SimpleNamespace(
+        group = SimpleNamespace(
             required=("kind", "axes", "K"),
             optional=("R",),
             read=lambda _, __, entry, axes: SimpleNamespace(
                 kind=kind, entry=entry, states=axes.states, grid=axes.grid
             ),
         )
+        return SimpleNamespace(group=lambda: group)
 
     monkeypatch.setattr(rechecker, "GROUPS", {k: method(k) for k in GROUPS})
     facts = copy.copy(facts)
@@ -416,7 +418,7 @@ def test_a_module_of_a_whole_proof_is_checked_by_its_method(
             asked.append((system, entry))
             return facts, SimpleNamespace()
 
-        monkeypatch.setitem(MODULES, key, SimpleNamespace(check=check))
+        monkeypatch.setitem(MODULES, key, partial(SimpleNamespace, check=check))
         known: list[Any] = []
         none: Any = None
         report: Any = rechecker._entry(none, none, none, known, {key: 1}, 1)

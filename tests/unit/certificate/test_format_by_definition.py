@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.certificate import folder as claimed_parts
 from soter.certificate import folder as folders
+from soter.certificate import proof_methods
 from soter.certificate.folder import (
     FORMAT,
     Certificate,
@@ -328,14 +328,14 @@ def test_each_part_rests_on_a_claim_that_is_made() -> None:
             wrong = (part == "S" and not computed) or claim not in rests.get(part, {claim})
             if part == "S" and computed:
                 wrong = False
-            found = claimed_parts.unclaimed({"kind": "grid", part: []}, {claim}, computed=computed)
+            found = proof_methods.unclaimed({"kind": "grid", part: []}, {claim}, computed=computed)
             assert found == ([part] if wrong else [])
             groups = [{"kind": "grid"}, {"kind": "grid", part: []}]
             if wrong:
                 with pytest.raises(RejectedError, match=f"`{part}`"):
-                    claimed_parts.refuse_unclaimed(groups, {claim}, computed=computed)
+                    proof_methods.refuse_unclaimed(groups, {claim}, computed=computed)
             else:
-                claimed_parts.refuse_unclaimed(groups, {claim}, computed=computed)
+                proof_methods.refuse_unclaimed(groups, {claim}, computed=computed)
 
 
 @pytest.mark.parametrize("claim", ["P2a", "start", "P2b", "P3", "ttf", "safer", "P1a"])
@@ -349,14 +349,14 @@ def test_k_and_the_time_to_return_rest_on_claims(claim: str) -> None:
         held, returns = len(cells) == 2, back is not None
         if (held and claim == "P1a") or (returns and claim != "P2b"):
             with pytest.raises(RejectedError):
-                claimed_parts.refuse_cells(cells, {claim}, back)
+                folders.refuse_cells(cells, {claim}, back)
         else:
-            claimed_parts.refuse_cells(cells, {claim}, back)
+            folders.refuse_cells(cells, {claim}, back)
 
 
 def test_an_entry_has_its_keys_and_no_others() -> None:
     def ask(*keys: str) -> None:
-        claimed_parts.only_keys(dict.fromkeys(keys), "a b", "it", "c d")
+        folders.only_keys(dict.fromkeys(keys), "a b", "it", "c d")
 
     for more in itertools.chain.from_iterable(itertools.combinations("cd", n) for n in range(3)):
         ask("a", "b", *more)
@@ -367,4 +367,4 @@ def test_an_entry_has_its_keys_and_no_others() -> None:
         ask("a", "b", "e")
     for entry in (["a", "b"], "a b", None):
         with pytest.raises(RejectedError, match="not as it should be"):
-            claimed_parts.only_keys(entry, "a b", "it")
+            folders.only_keys(entry, "a b", "it")

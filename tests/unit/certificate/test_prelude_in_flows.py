@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.certificate.reading.case_model import CaseModel, control_inputs
-from soter.certificate.reading.left_out_states import all_certain
+from soter.certificate.terms.compile_terms import all_certain
 from unit.certificate import small_proofs
 from unit.certificate.test_problem_by_definition import point
 from unit.certificate.test_reading_by_evaluation import at

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from soter.certificate.case_check import p1c_of
 from soter.certificate.reading import problem
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError, Facts
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.scope import assumptions_of, confirmed_of, p1c_of
+from soter.certificate.scope import assumptions_of, confirmed_of
 from soter.certificate.terms.linear_enclosures import ZERO, exact
 from soter.certificate.terms.terms import Linear, Terms
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType

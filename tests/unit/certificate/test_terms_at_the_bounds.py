@@ -19,12 +19,12 @@ from soter.certificate.folder import _overrides
 from soter.certificate.grid.chain_form_layout import FormLayout
 from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.reading import supported_constructs
-from soter.certificate.reading.left_out_states import all_certain
 from soter.certificate.reading.sc_locals_and_modes import one_of
 from soter.certificate.reading.symbolic_operations import Operations, Rows
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import (
+    all_certain,
     compile_step,
     compile_truths,
     form_of_box,

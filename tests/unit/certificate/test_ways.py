@@ -9,9 +9,10 @@ from bench.recheck.small_modules import PROGRAMS
 
 import soter
 from soter.api import recheck
+from soter.certificate.case_check import p1c_of
 from soter.certificate.reading.module_facts import DiffersError
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.scope import assumptions_of, p1c_of
+from soter.certificate.scope import assumptions_of
 from unit.certificate import small_proofs
 
 if TYPE_CHECKING:

@@ -15,7 +15,6 @@ from soter.certificate.grid import sc_chains
 from soter.certificate.reading import (
     case_model,
     derived_times,
-    left_out_states,
     module_facts,
     module_times,
     supported_constructs,
@@ -481,12 +480,12 @@ def test_rates_are_defined_or_somebody_looks(
 ) -> None:
     model = model_of(facts_with(tmp_path, ("der p = v;", f"der p = {rate};")))
     if fine:
-        left_out_states.rates_are_defined(model, seen)
+        case_check.rates_are_defined(model, seen)
     else:
         with pytest.raises(NotRecheckedError, match="not defined everywhere"):
-            left_out_states.rates_are_defined(model, seen)
+            case_check.rates_are_defined(model, seen)
 
 
 def test_of_a_map_every_cell_is_asked(tmp_path: Path) -> None:
     pairs = (*MAP[1:], ("der p = v;", "next p = 1.0 / v;"))
-    left_out_states.rates_are_defined(model_of(facts_with(tmp_path, *pairs)), [])
+    case_check.rates_are_defined(model_of(facts_with(tmp_path, *pairs)), [])

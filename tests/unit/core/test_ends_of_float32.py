@@ -14,7 +14,6 @@ import pytest
 import soter
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.system import Bound
-from soter.language.model.values import singles
 from soter.policy.network import Affine, Clipped, Network, Policy
 from soter.policy.soter_source import soter_source
 from soter.remote.topics import Topic
@@ -97,8 +96,8 @@ def test_how_far_beyond_an_end_is_that_end(end: float) -> None:
     with np.errstate(over="ignore"):
         single = float(np.float32(end))
     beyond = single if math.isfinite(single) and single > end else end
-    assert singles(Bound(-end, end)) == (-beyond, beyond)
-    assert singles(Bound(end, 2.0 * end))[0] == (min(end, single))
+    assert Bound(-end, end).singles == (-beyond, beyond)
+    assert Bound(end, 2.0 * end).singles[0] == (min(end, single))
 
 
 def test_a_remote_value_is_taken_alike() -> None:

@@ -160,11 +160,7 @@ def _passes_on(facts: Facts) -> bool:
     for c in nodes:
         assert c.node is not None
         told |= {*c.writes}
-    return all(_in_thread(c) and (_reads_only(c, told) or _is_shown(c, shown)) for c in nodes)
-
-
-def _in_thread(c: Component) -> bool:
-    return c.inline or not c.extern
+    return all(c.in_thread and (_reads_only(c, told) or _is_shown(c, shown)) for c in nodes)
 
 
 def _reads_only(c: Component, told: set[int]) -> bool:

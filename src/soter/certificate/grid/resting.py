@@ -22,10 +22,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.certificate.reading.case_model import FARTHEST, atom_of, control_inputs
-from soter.certificate.reading.left_out_states import all_certain
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.report import NotRecheckedError, RejectedError
+from soter.certificate.terms.compile_terms import all_certain
 from soter.certificate.terms.linear_enclosures import ZERO, above, below, exact
 from soter.certificate.terms.terms import Terms, inputs_of
 

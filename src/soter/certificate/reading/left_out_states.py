@@ -1,14 +1,10 @@
 """Checked again: states that a claim need not look at, wholly or beyond the ends of their axes.
 
 Purpose: `leave_out` takes the states that a certificate leaves out from the problem; `refuse_read`
-checks that nothing which is asked depends on them. `rates_are_defined` shows, over the whole grid
-at once, each obligation of the rates (a divisor is not 0, an index is there, an assertion holds)
-that no group shows cell by cell. Two extras: `nothing_reads` shows that no rate and no command of
-SC reads a state whose axis is unbounded; `read_turning` enters which axes wrap around, and
-`refuse_turns_read` checks that all that reads their states is the same a turn further.
-Non-goals: sets of the other states, and on such axes (`cell_sets.py`); the rates' values. A group
-that is not linear, and that runs could leave, shows those obligations itself that concern a state
-of its own (`grid/flow_enclosures.py`).
+checks that nothing which is asked depends on them. `nothing_reads` shows that no rate and no
+command of SC reads a state whose axis is unbounded; `read_turning` enters which axes wrap around,
+and `refuse_turns_read` checks that all that reads their states is the same a turn further.
+Non-goals: sets of the other states, and on such axes (`cell_sets.py`); the rates' values.
 
 The argument for a state that is left out: what is asked are terms of the other states, so that a
 run of all states shows a run of these. It has to go on for as long as is asked: the rates of what
@@ -35,51 +31,12 @@ from soter.certificate.reading.case_model import LEFT_OUT, CaseModel, control_in
 from soter.certificate.reading.module_facts import Facts, bounded_topics
 from soter.certificate.reading.symbolic_operations import EVERYWHERE, FAR_TURNS, OF_A_TURN
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.compile_terms import compile_truths, form_of_box
+from soter.certificate.terms.compile_terms import all_certain
 from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.terms import Linear, Proposition, Terms, closure, inputs_of
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-
-
-CERTAIN = 2
-
-
-def rates_are_defined(model: CaseModel, seen_to: Sequence[Sequence[int]]) -> None:
-    """`NotRecheckedError` where a rate may be undefined; `seen_to`: groups that look themselves.
-
-    An obligation about states of several groups is left to one that looks: there the others' states
-    range over their grids.
-    """
-    if model.facts.kind == "map":
-        return  # a map's obligations are demanded of every cell
-    terms, states = model.new_terms()
-    model.rates(terms, states, control_inputs(model.facts, terms))
-    shown = [{_atom(states[i]) for i in members} for members in seen_to]
-    left = []
-    for truth in terms.obligations:
-        inputs = inputs_of(terms, [truth])
-        if any(inputs & own for own in shown):
-            continue
-        if shown and not inputs & {_atom(x) for x in states}:
-            continue  # about commands and disturbances alone: every such group asks it
-        left.append(truth)
-    if not all_certain(terms, left):
-        raise NotRecheckedError("a plant's equation that is not defined everywhere on the grid")
-
-
-def all_certain(terms: Terms, truths: Sequence[Proposition]) -> bool:
-    """Whether all of them certainly hold, whatever the inputs are in their ranges."""
-    places = sorted(inputs_of(terms, truths))
-    box = [(terms.atoms[i].low, terms.atoms[i].high) for i in places]
-    decided = compile_truths(terms, places, truths, {})(form_of_box(box, symbols=False))
-    return all(bits == CERTAIN for bits in decided)
-
-
-def _atom(x: Linear) -> int:
-    (index,) = x.terms
-    return index
+    from collections.abc import Collection
 
 
 BOUNDED = EVERYWHERE | {"soft_sign"}

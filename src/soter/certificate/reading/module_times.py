@@ -65,7 +65,7 @@ def _check_behind_sc(
     sc: Component, turns: list[ThreadRelease], nodes: Iterable[Component], response: int
 ) -> None:
     for node in nodes:
-        if _in_thread(node) and _behind_sc(turns, sc, node) > response:
+        if node.in_thread and _behind_sc(turns, sc, node) > response:
             raise DiffersError(f"`{node.name}` may end later behind SC than its response says")
 
 
@@ -81,7 +81,7 @@ def check_thread(
     """
     clocks = {c.name: c for c in _way_clocks(setting)}
     _check_processes(system, clocks, in_step)
-    thread = [c for c in system.components if _in_thread(c)]
+    thread = [c for c in system.components if c.in_thread]
     if all(c.wcet_ns is None and not c.jitter_ns for c in thread):
         return ""
     turns = _releases(thread)
@@ -113,7 +113,7 @@ def _check_processes(system: System, clocks: dict[str, Clock], in_step: Iterable
     times = {name: (clock.late, clock.response) for name, clock in clocks.items()}
     for name, (late, response) in (times | dict.fromkeys(in_step, (0, 0))).items():
         c = system.component(name)
-        if not _in_thread(c) and (c.jitter_ns > late or (c.wcet_ns or 0) > response):
+        if not c.in_thread and (c.jitter_ns > late or (c.wcet_ns or 0) > response):
             raise DiffersError(f"`{name}` says itself that it may be later, or take longer")
 
 
@@ -122,18 +122,11 @@ def delayed(system: System, followed: Iterable[Component]) -> str:
 
     DiffersError, NotRecheckedError where the thread has too much to do, or too many releases.
     """
-    thread = [c for c in system.components if _in_thread(c)]
+    thread = [c for c in system.components if c.in_thread]
     own = {c.index for c in followed}
     apart = [c.name for c in followed if c not in thread and (c.jitter_ns or c.wcet_ns)]
     late = [t.who.name for t in _releases(thread) if t.who.index in own and t.ends > t.release]
     return next(iter([*apart, *late]), "")
-
-
-def _in_thread(c: Component) -> bool:
-    """Whether a component runs in the thread: Soter code, or an extern taken in (`inline`)."""
-    if c.node is None:
-        return c.role == "dm"
-    return c.inline or not c.extern
 
 
 def _way_clocks(setting: TimingSetting) -> Iterable[Clock]:
@@ -258,7 +251,7 @@ def read_times(facts: Facts) -> None:
     if verify.horizon is not None:
         time_by_name["H_ns"] = int(number_of(facts, verify.horizon))
     in_step = [name for kind, name in facts.ways.notes if kind == "in step"]
-    if any(c.wcet_ns is not None or c.jitter_ns for c in facts.flying.components):
+    if facts.flying.timed:
         facts.thread = check_thread(facts.flying, facts.flying_module, setting, in_step)
     facts.times, facts.own, facts.setting = time_by_name, own, setting
 

@@ -2,7 +2,8 @@
 
 Purpose: each function takes the *form* of a set (below). `compile_step` gives the form of what the
 terms make of it, with ranges that are wanted; `compile_lines` rows over the states that hold all
-over the form; `compile_truths` what is known of propositions there. To make them, `AffineForms` has
+over the form; `compile_truths` what is known of propositions there, `all_certain` of them over
+whole ranges. To make them, `AffineForms` has
 a row and a range of every `Linear`, once `make_atoms` has made those of its atoms.
 Non-goals: reading programs (`reading/symbolic_reading.py`), which sets to check
 (`grid/sc_chains.py`, `cell_predicates.py`), how programs run (`straight_line.py`).
@@ -32,7 +33,7 @@ import numpy as np
 
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIVARIATE, ZERO, larger, smaller
 from soter.certificate.terms.straight_line import CERTAIN, DEMAND, Builder, Function, applied
-from soter.certificate.terms.terms import closure
+from soter.certificate.terms.terms import closure, inputs_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -417,6 +418,14 @@ def compile_truths(
     forms = AffineForms(terms, states, 0, boxes)
     make_atoms(forms, truths)
     return Function(forms.make, forms.length, [truth_of(forms, x) for x in truths])
+
+
+def all_certain(terms: Terms, truths: Sequence[Proposition]) -> bool:
+    """Whether all of them certainly hold, whatever the inputs are in their ranges."""
+    places = sorted(inputs_of(terms, truths))
+    box = [(terms.atoms[i].low, terms.atoms[i].high) for i in places]
+    decided = compile_truths(terms, places, truths, {})(form_of_box(box, symbols=False))
+    return all(bits == CERTAIN for bits in decided)
 
 
 def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, ...]:

@@ -38,11 +38,10 @@ from flint import arb
 from soter.certificate.case_check import harmless
 from soter.certificate.grid.flow_chains import NOW
 from soter.certificate.reading.case_model import atom_of, boxes_of, control_inputs
-from soter.certificate.reading.left_out_states import all_certain
 from soter.certificate.reading.module_facts import read_by_sc
 from soter.certificate.reading.symbolic_operations import filled
 from soter.certificate.report import NotRecheckedError, RejectedError
-from soter.certificate.terms.compile_terms import compile_lines, form_of_box
+from soter.certificate.terms.compile_terms import all_certain, compile_lines, form_of_box
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT, ZERO, above, exact, hull
 from soter.certificate.terms.straight_line import NotCertainError
 from soter.certificate.terms.terms import Terms, closure, inputs_of

@@ -7,6 +7,7 @@ Non-goals: behaviour (`semantics/`), storage (`core/layout.py`).
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,23 @@ class Bound:
 
     low: float
     high: float
+
+    @property
+    def singles(self) -> tuple[float, float]:
+        """For each end the nearest float32 if that lies outside, else the end itself.
+
+        So far beyond an end a float32 is still that end (docs/decisions.md, 257).
+        """
+        return min(self.low, _to_float32(self.low)), max(self.high, _to_float32(self.high))
+
+
+def _to_float32(number: float) -> float:
+    """The nearest float32; the number itself if it is too large for one."""
+    try:
+        nearest: float = struct.unpack("<f", struct.pack("<f", number))[0]
+    except OverflowError:
+        return number
+    return nearest
 
 
 @dataclass(eq=False)
@@ -166,6 +184,11 @@ class Component:
     def extern(self) -> bool:
         """Whether the step is done by a driver, not by Soter code."""
         return bool(self.node and self.node.extern) or bool(self.plant and self.plant.extern)
+
+    @property
+    def in_thread(self) -> bool:
+        """Whether it runs in the thread of the trusted part: Soter code, or taken in (`inline`)."""
+        return self.plant is None and (self.inline or not self.extern)
 
     @property
     def published(self) -> list[TopicSymbol]:
@@ -463,6 +486,11 @@ class System:
     """For a system that deploys another one: the seal of the certificate of its verdicts."""
     shuffled: bool = False
     """Whether nodes of one instant step in an order that is drawn, not in the deployed one."""
+
+    @property
+    def timed(self) -> bool:
+        """Whether a component declares what its steps need, or how late its release may be."""
+        return any(c.wcet_ns is not None or c.jitter_ns for c in self.components)
 
     def topic(self, name: str) -> Topic:
         """The topic with this full name; KeyError when there is none."""

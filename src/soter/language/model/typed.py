@@ -972,6 +972,12 @@ class TypedProgram(Shown):
     incomplete: bool = False
     """Whether the parser could not read a declaration of the main file at all."""
 
+    @property
+    def externs(self) -> tuple[str, ...]:
+        """Names of the nodes, plants and functions that the program leaves to Python or C."""
+        tables: list[dict[str, Any]] = [self.nodes, self.plants, self.funs]
+        return tuple([name for table in tables for name, s in table.items() if s.extern])
+
     def param(self, name: str) -> ParamSymbol | None:
         """The parameter that a name means, such as `GAIN` or an instance's `r[0].GAIN`; or None."""
         while name not in self.params and "." in name:

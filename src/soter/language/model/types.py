@@ -204,15 +204,20 @@ def is_vector_part(t: Type) -> bool:
     return isinstance(t, FloatType) or is_vector(t)
 
 
-def leaves(t: Type, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Type]]:
-    """All scalar leaves with their paths, in declared order; list elements count once as `[]`."""
+def leaves(
+    t: Type, path: tuple[str, ...] = (), *, whole_lists: bool = False
+) -> Iterator[tuple[tuple[str, ...], Type]]:
+    """All scalar leaves with their paths, in declared order; list elements count once as `[]`.
+
+    With `whole_lists` a list is a leaf.
+    """
     if isinstance(t, RecordType):
         for n, f in t.fields:
-            yield from leaves(f, (*path, n))
+            yield from leaves(f, (*path, n), whole_lists=whole_lists)
     elif isinstance(t, ArrayType):
         for i in range(t.size):
-            yield from leaves(t.element, (*path, f"[{i}]"))
-    elif isinstance(t, ListType):
+            yield from leaves(t.element, (*path, f"[{i}]"), whole_lists=whole_lists)
+    elif isinstance(t, ListType) and not whole_lists:
         yield from leaves(t.element, (*path, "[]"))
     else:
         yield path, t

@@ -2,7 +2,6 @@
 
 Purpose: `Table` keeps a constant that was read from a file packed, 8 bytes a number. One conversion
 serves extern nodes, functions and plants of both engines, another one `data` files and logs.
-`singles` says how far beyond an end of a set a float32 is still that end (docs/decisions.md, 257).
 Non-goals: whether a value lies in a topic's set (the gate decides), reading files
 (`language/load/`), images of states (`core/layout.py`).
 
@@ -37,8 +36,6 @@ from soter.language.model.types import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-
-    from soter.language.model.system import Bound
 
 
 VALUE_MAX = 100_000
@@ -468,17 +465,3 @@ def widened(t: Type) -> Type:
     if isinstance(t, ArrayType):
         return ArrayType(widened(t.element), t.size)
     return ListType(widened(t.element), t.capacity) if isinstance(t, ListType) else t
-
-
-def singles(bound: Bound) -> tuple[float, float]:
-    """For each end of a bound the nearest float32 if that lies outside, else the end itself."""
-    return min(bound.low, _to_float32(bound.low)), max(bound.high, _to_float32(bound.high))
-
-
-def _to_float32(number: float) -> float:
-    """The nearest float32; the number itself if it is too large for one."""
-    try:
-        nearest: float = struct.unpack("<f", struct.pack("<f", number))[0]
-    except OverflowError:
-        return number
-    return nearest

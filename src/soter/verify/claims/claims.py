@@ -38,7 +38,6 @@ from soter.verify.claims.product_sets import (
 )
 from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED, Finding, ModuleResult
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
-from soter.verify.enclose.core_enclosure import paths
 from soter.verify.enclose.enclosed_steps import room_of
 from soter.verify.grid.claims import grids
 from soter.verify.grid.group_model import UnboundedError
@@ -344,7 +343,7 @@ def _driven(problem: Problem) -> Iterator[tuple[str, Bound | None, float, bool]]
     for index in sorted(topics):
         topic = system.topics[index]
         every = [path for path, _ in leaves(topic.type)]
-        for path, _ in paths(topic.type):
+        for path, _ in leaves(topic.type, whole_lists=True):
             at = every.index(path) if path in every else None
             bound = None if at is None else topic.bounds[at]
             error = 0.0 if at is None else measured.get((index, at), 0.0)

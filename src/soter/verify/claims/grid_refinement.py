@@ -23,9 +23,9 @@ import numpy as np
 
 from soter.diagnostics.current_phase import announce, lasting, passing_phase
 from soter.verify.claims.results import Region
+from soter.verify.enclose.enclosed_operations import FAR_TURNS, TURN
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import cases
-from soter.verify.problem.left_out_states import FAR_TURNS, TURN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Sequence

@@ -24,8 +24,8 @@ from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT, leaf_name, leaves
 from soter.verify.claims.grid_refinement import drawn_edges, share
 from soter.verify.deploy.level_table import EstimateSamples, LevelTable, Writer
+from soter.verify.enclose.enclosed_operations import FARTHEST, TURN
 from soter.verify.problem.inputs import seen
-from soter.verify.problem.left_out_states import FARTHEST, TURN
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -305,9 +305,12 @@ def sets_of(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
 
 
 def cache_sets(result: ModuleResult) -> None:
-    """Puts the sets of a proof into the cache, for whatever flies: they would be found again."""
+    """Puts the sets of a proof with computed predicates into the cache, for whatever flies.
+
+    They would be found again.
+    """
     problem = result.problem
-    if problem.computed and problem.groups and all(result.findings[c].holds for c in OF_SETS):
+    if problem.groups and all(result.findings[c].holds for c in OF_SETS):
         pairs = [pairs_of(case) for case in result.cases]
         _keep(_key(problem, library_of(problem)[0]), problem, pairs)
 

@@ -317,18 +317,6 @@ Path = tuple[str, ...]
 Key = tuple[int, str, Path]
 
 
-def paths(t: Type, path: Path = ()) -> Iterator[tuple[Path, Type]]:
-    """All leaves of a type with their paths; lists stay whole."""
-    if isinstance(t, RecordType):
-        for n, f in t.fields:
-            yield from paths(f, (*path, n))
-    elif isinstance(t, ArrayType):
-        for i in range(t.size):
-            yield from paths(t.element, (*path, f"[{i}]"))
-    else:
-        yield path, t
-
-
 def parts(t: Type, v: Item) -> Iterator[tuple[Path, Type, Item]]:
     """The leaves of a value, with paths and types; the type has no lists."""
     if isinstance(v, AggregateParts):
@@ -411,7 +399,7 @@ class EnclosureInputs:
     def state(self, owner: int, name: str, t: Type) -> Item:
         """The value of a plant's state."""
         known: dict[Path, Item] = {}
-        for path, leaf in paths(t):
+        for path, leaf in leaves(t, whole_lists=True):
             k = (owner, name, path)
             if k in self.states:
                 known[path] = self.leaf(self.states[k], leaf)
@@ -422,7 +410,7 @@ class EnclosureInputs:
     def disturbance(self, owner: int, d: Disturbance, *, read: bool) -> Item:
         """A disturbance: an input if the function reads it, else its whole range."""
         t, known = d.variable.type, {}
-        for path, leaf in paths(t):
+        for path, leaf in leaves(t, whole_lists=True):
             number = self.disturbances.get((owner, d.variable.name, path))
             if read and number is not None:
                 known[path] = self.leaf(number, leaf)
@@ -433,7 +421,7 @@ class EnclosureInputs:
     def topic(self, topic: Topic, numbers: dict[Key, int]) -> Item:
         """A topic that no plant drives: the inputs that `numbers` has, else its declared set."""
         known = self._bounded(topic)
-        for path, leaf in paths(topic.type):
+        for path, leaf in leaves(topic.type, whole_lists=True):
             number = numbers.get((topic.index, "", path))
             if number is not None:
                 known[path] = self.leaf(number, leaf)
@@ -442,12 +430,15 @@ class EnclosureInputs:
     def _bounded(self, topic: Topic) -> dict[Path, Item]:
         """The declared range of each leaf of a topic."""
         bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
-        return {p: self.ranged(t, p, bounds) for p, t in paths(topic.type)}
+        return {p: self.ranged(t, p, bounds) for p, t in leaves(topic.type, whole_lists=True)}
 
     def ranged(self, t: Type, path: Path, bounds: dict[Path, Bound | None]) -> Item:
         """Any value of a type within bounds."""
         if isinstance(t, ListType):
-            inner = {q: self.ranged(f, (*path, "[]", *q), bounds) for q, f in paths(t.element)}
+            inner = {
+                q: self.ranged(f, (*path, "[]", *q), bounds)
+                for q, f in leaves(t.element, whole_lists=True)
+            }
             length = self.ops.whole_range(0, t.capacity)
             zero = Constant(t.element, default_value(t.element))
             item = self.ops.select(UNKNOWN, self.build(t.element, inner), zero)

@@ -68,6 +68,11 @@ INT_OPS: dict[str, Callable[..., int]] = {
     "abs": arithmetic.abs_int,
 }
 UNKNOWN = KnownTruth(None)
+TURN = 2.0 * math.pi
+FARTHEST = 2.0**14
+"""The largest angle, 2,607 turns: an estimate beyond is in no table."""
+FAR_TURNS = 2.0**-33
+"""As `SOTER_FAR_TURNS`; bringing an estimate back by whole turns also rounds by less."""
 TURNS_MAX, SUMS_MAX = 4, 8
 """The most states any turns off, and the most sums, in an argument of `soter_n_any_turn`."""
 

@@ -3,7 +3,7 @@
 Purpose: `GridProof` computes the sets of one group (C, K, R(H), S_j, Q, W: head of `sets.py`) and
 checks the claims about them cell by cell; `Grids` is the method that opens such proofs; `entry`
 writes the sets into a certificate as tables, one entry a cell.
-Non-goals: computing sets (`sets.py`), P2b (`recovery.py`), levels (`estimate_sets.py`), shares and
+Non-goals: computing sets (`sets.py`), P2b (`recovery.py`), levels (`estimate_sets.py`),
 figures (`set_figures.py`); checking a certificate (`soter recheck`).
 """
 
@@ -16,15 +16,15 @@ import numpy as np
 
 from soter.language.model.types import show_ns
 from soter.verify.claims.case import GroupProof, Method
-from soter.verify.claims.grid_refinement import axes, mesh_of, regions_of
+from soter.verify.claims.grid_refinement import axes, drawn_edges, mesh_of, regions_of, share
 from soter.verify.claims.product_sets import CellsPart, candidates, states_elsewhere
 from soter.verify.claims.results import GroupSets
 from soter.verify.deploy.grid_tables import CommandTable, Estimates, GroupTable, table
 from soter.verify.enclose.scheme_error import STIFF_HINT
-from soter.verify.grid import estimate_sets, recovery, set_figures
+from soter.verify.grid import estimate_sets, recovery
 from soter.verify.grid.recovery import cells_in_way
 from soter.verify.grid.resting import resting
-from soter.verify.grid.set_figures import figure
+from soter.verify.grid.set_figures import deepest, figure
 from soter.verify.grid.sets import RESTS, GridGroup
 from soter.verify.problem.problem_times import looking_ahead
 
@@ -130,7 +130,9 @@ class GridProof(GroupProof):
         """Computes K, a greatest fixpoint; enters a failure of P2a and returns False if empty."""
         if self.engine.stiff:
             case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
-        rests = resting(case, self.engine, self.found.allowed)
+        rests = np.zeros(self.engine.shape, dtype=np.bool_)
+        if case.problem.stays:
+            rests = resting(case, self.engine, self.found.allowed)
         holds = case.holds or (0 if self.engine.is_linear or case.vain else HOLDS)
         kept = self.engine.core(self.found.allowed, vain=case.vain, holds=holds, resting=rests)
         self.found.core = kept.witness
@@ -277,18 +279,33 @@ class GridProof(GroupProof):
     # ------------------------------------------------------------ how much it says
 
     def shares(self, case: Case) -> dict[str, float]:
-        """The share of the grid's volume that each set has, by name."""
+        """The share of the grid's volume of each set; `estimates`: S_0, if it is computed."""
         del case
-        return set_figures.shares(self.found)
+        part, edges = self.found, drawn_edges(self.found.group.axes)
+        sets = {
+            "core": part.core > 0,
+            "free": part.free,
+            "lets_ac": part.lets_ac,
+            "gives_back": part.gives_back,
+            "estimates": part.deployed[0] if part.levels and part.deployed is not None else None,
+        }
+        return {n: share(np.asarray(s), edges) for n, s in sets.items() if s is not None}
 
     def drawn(self, chance: np.random.Generator, count: int) -> Floats:
         """Random states, uniform on the cells of K, of shape (count, axes)."""
-        return set_figures.drawn(self.found, chance, count)
+        core, edges = np.argwhere(self.found.core > 0), drawn_edges(self.found.group.axes)
+        sizes = np.prod([np.diff(e)[core[:, k]] for k, e in enumerate(edges)], axis=0)
+        at = core[chance.choice(len(core), count, p=sizes / sizes.sum())]
+        low = np.stack([e[at[:, k]] for k, e in enumerate(edges)], axis=1)
+        high = np.stack([e[at[:, k] + 1] for k, e in enumerate(edges)], axis=1)
+        return np.asarray(chance.uniform(low, high))
 
     @property
     def core_share(self) -> float | None:
-        """The share of C's volume that K has."""
-        return set_figures.core_share(self.found)
+        """The share of C's volume that K has; 0 where C is empty."""
+        part, edges = self.found, drawn_edges(self.found.group.axes)
+        whole = share(part.allowed, edges)
+        return share((part.core > 0) & part.allowed, edges) / whole if whole else 0.0
 
     @property
     def free_share(self) -> float | None:
@@ -297,8 +314,13 @@ class GridProof(GroupProof):
 
     @property
     def both(self) -> tuple[float, bool] | None:
-        """See `set_figures.both`: where `safer` may be true and `ttf` may be false."""
-        return set_figures.both(self.found)
+        """The share of K where `safer` may be true and `ttf` false; whether any state is so."""
+        part, edges = self.found, drawn_edges(self.found.group.axes)
+        if part.lets_ac is None or part.gives_back is None:
+            return None
+        core, lets = part.core > 0, part.lets_ac & part.gives_back
+        whole = share(core, edges)
+        return share(lets & core, edges) / whole if whole else 1.0, bool(lets.any())
 
     def excludes(self, predicate: str) -> bool:
         """Whether no cell of K lets AC have control."""
@@ -307,9 +329,13 @@ class GridProof(GroupProof):
         return lets is not None and not (lets & (part.core > 0)).any()
 
     def lets_share(self, case: Case, predicate: str) -> float | None:
-        """The share of K's volume on which a predicate lets AC have control."""
+        """K's share where a predicate lets AC have control, by the DM's table if there is one."""
         del case
-        return set_figures.lets_share(self.found, predicate)
+        part, edges = self.found, drawn_edges(self.found.group.axes)
+        by_predicate = part.deployed or (part.lets_ac, part.gives_back)
+        cells = by_predicate[0 if predicate == "ttf" else 1]
+        core = part.core > 0
+        return None if cells is None else share(cells & core, edges) / share(core, edges)
 
     def waits_at_start(self, case: Case) -> bool:
         """Whether AC surely gets no control at some initial states, by their cells."""
@@ -319,7 +345,7 @@ class GridProof(GroupProof):
     @property
     def deepest(self) -> Mapping[int, float]:
         """The middle of a cell far inside C, by state."""
-        return set_figures.deepest(self.found)
+        return deepest(self.found)
 
     # ------------------------------------------------------------ results
 

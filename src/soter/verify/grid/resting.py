@@ -60,7 +60,11 @@ class _Potential:
 
 
 def resting(case: Case, engine: GridGroup, allowed: Bools) -> Bools:
-    """Cells of `allowed`, in the grid's shape, from which every SC-run stays in C for ever."""
+    """Cells of `allowed`, in the grid's shape, from which every SC-run stays in C for ever.
+
+    Of a module that stays where SC leads it: from such cells SC may never lead back.
+    """
+    assert case.problem.stays
     none = np.zeros(engine.shape, dtype=np.bool_)
     ways = _ways(engine) if _may_rest(case.problem, engine) else []
     if not ways or len(ways) == len(engine.axes):
@@ -80,7 +84,6 @@ def _may_rest(problem: Problem, engine: GridGroup) -> bool:
     return (
         problem.kind == "flow"
         and problem.computed
-        and problem.stays
         and alone
         and len(problem.groups) == 1
         and not (problem.module.law or symbol.synthesized or symbol.shield or symbol.verify.enters)

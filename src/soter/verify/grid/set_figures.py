@@ -1,8 +1,7 @@
-"""The sets of a grid in figures: the paper's regions R1 to R5, and shares of volumes.
+"""The sets of a grid in figures: the paper's regions R1 to R5.
 
 Purpose: `regions` gives each cell of a group its region, and `figure` makes a figure of the first
-two axes, with slices through the third. `shares`, `drawn` and `deepest` tell people and
-`verify/diagnosis/vacuity.py` how large the sets are, with random states of K and one deep in C.
+two axes, with slices through the third. `deepest` finds a state deep in C.
 Non-goals: anything that a proof rests on; drawing (`report/proof_page.py`). Symbols: `sets.py`.
 """
 
@@ -13,67 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.report.proof_page import R1, R2, R3, R4, R5, RegionFigure, RegionSlice
-from soter.verify.claims.grid_refinement import drawn_edges, share
+from soter.verify.claims.grid_refinement import drawn_edges
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from soter.core.layout import Floats
     from soter.verify.claims.results import GroupSets
     from soter.verify.problem.problem import Axis
-
-
-def shares(part: GroupSets) -> dict[str, float]:
-    """The share of the grid's volume of each set; `estimates`: S_0, if predicates are computed."""
-    edges = drawn_edges(part.group.axes)
-    sets = {
-        "core": part.core > 0,
-        "free": part.free,
-        "lets_ac": part.lets_ac,
-        "gives_back": part.gives_back,
-        "estimates": part.deployed[0] if part.levels and part.deployed is not None else None,
-    }
-    every = {name: cells for name, cells in sets.items() if cells is not None}
-    return {name: share(np.asarray(cells), edges) for name, cells in every.items()}
-
-
-def core_share(part: GroupSets) -> float:
-    """The share of C's volume that K has; 0 where C is empty."""
-    edges = drawn_edges(part.group.axes)
-    whole = share(part.allowed, edges)
-    return share((part.core > 0) & part.allowed, edges) / whole if whole else 0.0
-
-
-def both(part: GroupSets) -> tuple[float, bool] | None:
-    """The share of K where `safer` may be true and `ttf` may be false; whether any state is so."""
-    if part.lets_ac is None or part.gives_back is None:
-        return None
-    core, lets = part.core > 0, part.lets_ac & part.gives_back
-    whole = share(core, drawn_edges(part.group.axes))
-    fraction = share(lets & core, drawn_edges(part.group.axes)) / whole if whole else 1.0
-    return fraction, bool(lets.any())
-
-
-def lets_share(part: GroupSets, predicate: str) -> float | None:
-    """The share of K on which a predicate lets AC have control, by the DM's table if it has one."""
-    which = 0 if predicate == "ttf" else 1
-    cells = (
-        (part.lets_ac, part.gives_back)[which] if part.deployed is None else part.deployed[which]
-    )
-    if cells is None:
-        return None
-    core, edges = part.core > 0, drawn_edges(part.group.axes)
-    return share(cells & core, edges) / share(core, edges)
-
-
-def drawn(part: GroupSets, chance: np.random.Generator, count: int) -> Floats:
-    """Random states, uniform on K, of shape (count, axes)."""
-    core, edges = np.argwhere(part.core > 0), drawn_edges(part.group.axes)
-    sizes = np.prod([np.diff(e)[core[:, k]] for k, e in enumerate(edges)], axis=0)
-    at = core[chance.choice(len(core), count, p=sizes / sizes.sum())]
-    low = np.stack([e[at[:, k]] for k, e in enumerate(edges)], axis=1)
-    high = np.stack([e[at[:, k] + 1] for k, e in enumerate(edges)], axis=1)
-    return np.asarray(chance.uniform(low, high))
 
 
 def deepest(part: GroupSets) -> dict[int, float]:

@@ -19,7 +19,6 @@ from soter.language.model import typed
 from soter.language.model.system import Property
 from soter.language.model.tree_walk import calls_in, margin_reads, mode_reads, nodes, topic_reads
 from soter.language.model.types import show_ns
-from soter.timing.trusted_thread import in_thread
 from soter.verify.induction.calendar import ComponentCalendar
 from soter.verify.problem.problem import (
     FRESH,
@@ -442,8 +441,8 @@ def _time_assumptions(
     by_name = {system.components[c.component].name: (c.late, c.response) for c in declared}
     dm, sc = flat.components[module.dm].name, flat.components[module.sc].name
     others = [c for c in flat.components if c.name in by_name and c.role in ("node", "ac")]
-    nodes = {c.name: by_name[c.name] for c in others if in_thread(c)}
-    elsewhere = {c.name: by_name[c.name] for c in others if not in_thread(c)}
+    nodes = {c.name: by_name[c.name] for c in others if c.in_thread}
+    elsewhere = {c.name: by_name[c.name] for c in others if not c.in_thread}
     assumed = AssumedTimes(by_name[dm], by_name[sc], nodes, elsewhere=elsewhere)
     rests = check_deployed(flat, module, assumed, diagnostics)
     return [Assumption("thread", text) for text in rests]

@@ -1,28 +1,42 @@
 """Groups and axes: which states are analysed together, over which boxes.
 
 Purpose: `Axes` reads the `grid` and `polytope` lines of a module, and makes default groups for
-bounded states that no line names.
-Non-goals: whether a partition is useful: a bad one proves less, and nothing wrong.
+bounded states that no line names. `wrapping` finds the axes, of those that are a full turn long,
+whose state is read only by functions with that period, and says of the others who reads them.
+Non-goals: whether a partition is useful: a bad one proves less, and nothing wrong; sets that wrap
+around (`verify/engine/soter_reach_grid.c`), the DM's table (`verify/deploy/grid_tables.py`).
+
+Functions with that period take sums in which the state stands as it is. How much a sum is off where
+the state is many turns further is `SOTER_FAR_TURNS` of `verify/engine/soter_form_math.h`; that
+holds up to `FARTHEST`, which is assumed of every such state.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from soter.language.check.constants_and_types import Calculator
 from soter.language.model import typed
+from soter.language.model.system import tower_of
 from soter.language.model.tree_walk import nodes
 from soter.language.model.types import ListType, RecordType, leaf_name, leaves
-from soter.verify.problem.problem import Axis, Group, Interval
+from soter.verify.enclose.compiled_enclosures import generate_enclosures
+from soter.verify.enclose.enclosed_operations import FAR_TURNS, FARTHEST, TURN
+from soter.verify.enclose.enclosure_emitter import EnclosureError
+from soter.verify.problem.left_out_states import MOVING, in_words
+from soter.verify.problem.problem import Assumption, Axis, Group, Interval
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
+    from soter.core.core import CoreSystem
     from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.model.system import Component
     from soter.verify.problem.inputs import Inputs
+    from soter.verify.problem.problem import Problem, Quantities
     from soter.verify.problem.verification_system import VerificationSystem
 
 AXES_MAX = 4
@@ -34,6 +48,10 @@ DEFAULT_CELLS = {1: 2000, 2: 300, 3: 64, 4: 24}
 BESIDE = 100
 """How many cells a state gets that no line names, where lines name others."""
 Path = tuple[str, ...]
+NEAR = 2.0**-44
+"""How much the written ends of a full turn may be rounded."""
+APART = frozenset({"drives", MOVING})
+"""Functions that are no readers of their own: they are covered by others."""
 
 
 class Axes:
@@ -315,3 +333,93 @@ class Axes:
             order = e.order or tuple(range(len(e.elements)))
             return None if at is None else self._driven(c, e.elements[order.index(at)], path[1:])
         return None
+
+
+def wrapping(
+    at: VerificationSystem, core: CoreSystem, quantities: Quantities, groups: tuple[Group, ...]
+) -> tuple[frozenset[int], dict[str, str]]:
+    """The states whose axis wraps around; for others, by name, who reads their turns.
+
+    There are some only in flows that one module alone commands, with a declared SC and predicates.
+    """
+    symbol = at.module.symbol
+    settled = not (
+        at.module.view
+        or symbol.verify.enters is not None
+        or symbol.shield is not None
+        or len(tower_of(at.flat, at.home.index)) > 1
+    )
+    axes = [a for g in groups for a in g.axes if g.representation == "grid" and _is_turn(a)]
+    found: set[int] = set()
+    readers: dict[str, str] = {}
+    for axis in axes if settled else ():
+        try:
+            read = _readers_of_turns(at, core, quantities, axis.state)
+        except EnclosureError:
+            continue  # said where all of it is enclosed
+        if read:
+            readers[axis.name] = in_words(read, quantities)
+        else:
+            found.add(axis.state)
+    return frozenset(found), readers
+
+
+def _is_turn(axis: Axis) -> bool:
+    low, high = axis.edges[0], axis.edges[-1]
+    long = abs(high - low - TURN) <= NEAR and max(-low, high) <= 1.5 * TURN
+    return long and not (axis.open or axis.unbounded)
+
+
+def _readers_of_turns(
+    at: VerificationSystem, core: CoreSystem, quantities: Quantities, state: int
+) -> frozenset[str]:
+    """The functions of a proof that depend on how many turns a state has made."""
+    turning = replace(quantities, turning=frozenset({state}))
+    unit = generate_enclosures(at.system, core, at.module, turning, apart=True)
+    return frozenset(name for name in unit.of_turns if name not in APART)
+
+
+def turned(groups: tuple[Group, ...], states: frozenset[int]) -> tuple[Group, ...]:
+    """The groups, in which the axes of these states now wrap around."""
+    return tuple(
+        replace(g, axes=tuple(replace(a, wraps=a.state in states) for a in g.axes)) for g in groups
+    )
+
+
+def starts_on(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tuple[Interval, ...]:
+    """The ranges of starts; those on an axis that wraps are brought back to it by whole turns.
+
+    They then begin on the axis, and may go on beyond its upper end.
+    """
+    near = list(starts)
+    for axis in (a for g in groups for a in g.axes if a.wraps):
+        (first, last), start = (axis.edges[0], axis.edges[-1]), near[axis.state]
+        far = max(-start.low, start.high) > FARTHEST  # more than what is assumed of such a state
+        if far or first <= start.low <= start.high <= last:
+            continue
+        if start.high - start.low >= TURN:
+            near[axis.state] = Interval(first, last)
+            continue
+        back = TURN * math.floor((start.low - first) / TURN)
+        near[axis.state] = Interval(start.low - back - FAR_TURNS, start.high - back + FAR_TURNS)
+    return tuple(near)
+
+
+def turning_as(law: Problem, states: frozenset[int]) -> Problem:
+    """The problem of a fail-safe law, with the same axes that wrap around as its module has."""
+    kept = law.quantities.turning & states
+    quantities = replace(law.quantities, turning=kept)
+    return replace(law, quantities=quantities, groups=turned(law.groups, kept))
+
+
+def far_turns(groups: tuple[Group, ...]) -> list[Assumption]:
+    """The assumption about states whose axis wraps around: they stay within `FARTHEST`."""
+    names = [a.name for g in groups for a in g.axes if a.wraps]
+    if not names:
+        return []
+    said = ", ".join(f"`{n}`" for n in names)
+    text = (
+        f"{said} stays within {FARTHEST:,.0f} rad of 0 ({FARTHEST / TURN:,.0f} turns): it is read "
+        "modulo a full turn, and its axis wraps around"
+    )
+    return [Assumption("turns", text)]

@@ -18,21 +18,13 @@ from soter.language.elaborate.views_for_proofs import refuse_views
 from soter.language.model.system import LEVELS_DEFAULT, claims_nothing, tower_of
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
-from soter.timing.trusted_thread import in_thread
 from soter.verify.enclose.scheme_error import NS, ORDER
 from soter.verify.induction.problem import extract_induction
 from soter.verify.problem.assumptions import assumptions_of, jumps_of
-from soter.verify.problem.axes import Axes
+from soter.verify.problem.axes import Axes, far_turns, starts_on, turned, turning_as, wrapping
 from soter.verify.problem.cause_effect_chains import is_state_of_proof, side_inputs
 from soter.verify.problem.inputs import Inputs, inputs_of
-from soter.verify.problem.left_out_states import (
-    far_turns,
-    left_out,
-    starts_on,
-    turned,
-    turning_as,
-    wrapping,
-)
+from soter.verify.problem.left_out_states import left_out
 from soter.verify.problem.other_modules import handed_back, modes_as_topics, with_module_above
 from soter.verify.problem.problem import Assumption, Interval, Problem, Times
 from soter.verify.problem.problem_times import times_of
@@ -282,8 +274,8 @@ def _may_delay_command(at: VerificationSystem, ways: Sequence[DownstreamPath]) -
     late = any(w.inner and w.inner[0] not in w.in_step for w in ways)
     on_the_way = [n for w in ways for n in w.in_step]
     keeping = [n for n in on_the_way if n.node is not None and n.node.locals]
-    followed = all(map(in_thread, on_the_way)) and all(is_state_of_proof(at, n) for n in keeping)
-    return late or not followed
+    followed = all(n.in_thread for n in on_the_way)
+    return late or not followed or not all(is_state_of_proof(at, n) for n in keeping)
 
 
 def _between(at: VerificationSystem) -> bool:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaf_name, leaves
-from soter.verify.problem.left_out_states import FAR_TURNS
+from soter.verify.enclose.enclosed_operations import FAR_TURNS
 from soter.verify.problem.problem import DiscreteParameter, Interval, Leaf, Quantities
 from soter.verify.problem.problem_times import read_by_dm
 from soter.verify.problem.supported_constructs import ttf_of_states

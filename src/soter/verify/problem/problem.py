@@ -60,7 +60,7 @@ class Quantities:
     parameters: tuple[Leaf, ...]
     """Discrete plant states that never change: exact values `param[]`, not forms."""
     turning: frozenset[int] = frozenset()
-    """States whose axis wraps: they are read modulo a full turn (`left_out_states.py`)."""
+    """States whose axis wraps: they are read modulo a full turn (`axes.py`)."""
 
     @property
     def inputs(self) -> tuple[Leaf, ...]:

@@ -23,7 +23,7 @@ from soter.language.check.constants_and_types import Calculator
 from soter.language.model.system import holder_of
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import show_ns, write_ns
-from soter.timing.trusted_thread import MISSES, in_thread, report_miss, timing_of
+from soter.timing.trusted_thread import MISSES, report_miss, timing_of
 from soter.verify.problem.cause_effect_chains import (
     CauseEffectChains,
     UnfollowedError,
@@ -91,6 +91,8 @@ def deployed(flat: System, module: Module, assumed: AssumedTimes) -> DeployedTim
     None where the thread declares none. J of SC leaves out its waiting for the DM, whose verdict
     may be as late as `assumed` says, or as it is.
     """
+    if not flat.timed:
+        return None
     dm, sc = flat.components[module.dm], flat.components[module.sc]
     steps: list[ScheduledStep] = []
     timing = timing_of(flat, lambda c, step: steps.append(step) if c.index == sc.index else None)
@@ -149,7 +151,7 @@ def _delay_behind(flat: System, sc: Component, node: Component) -> int:
         c
         for c in flat.components
         if sc.index <= c.index <= node.index
-        and in_thread(c)
+        and c.in_thread
         and (c.phase_ns - sc.phase_ns) % gcd(c.period_ns, sc.period_ns) == 0
     ]
     longest = rest = 0
@@ -321,13 +323,13 @@ def assumed_of(schedule: Schedule, chains: CauseEffectChains) -> AssumedTimes:
     at = {n: r for q in (*chains.by_dm, *chains.by_sc) for n, r in _releases_on_chain(q)}
     at.update((n, chains.releases[n]) for n in chains.behind)
     in_step = dict.fromkeys(n for w in chains.ways for n in w.in_step)
-    elsewhere = {n.name: (0, 0) for n in in_step if not in_thread(n)}
-    elsewhere |= {n.name: (r.late, r.response) for n, r in at.items() if not in_thread(n)}
+    elsewhere = {n.name: (0, 0) for n in in_step if not n.in_thread}
+    elsewhere |= {n.name: (r.late, r.response) for n, r in at.items() if not n.in_thread}
     return AssumedTimes(
         dm=(schedule.dm.late, schedule.dm.response),
         sc=(schedule.sc.late, schedule.sc.response),
-        nodes={n.name: (r.late, r.response) for n, r in at.items() if in_thread(n)},
-        in_step=tuple(n.name for n in in_step if in_thread(n)),
+        nodes={n.name: (r.late, r.response) for n, r in at.items() if n.in_thread},
+        in_step=tuple(n.name for n in in_step if n.in_thread),
         elsewhere=elsewhere,
     )
 

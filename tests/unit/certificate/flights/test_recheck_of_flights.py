@@ -221,7 +221,7 @@ def test_what_rests_on_a_certificate_that_is_not_accepted_is_not_0(
     def beyond(*_: object) -> Any:
         raise NotRecheckedError("beyond")
 
-    monkeypatch.setitem(proof_methods.MODULES, "rest", ModuleMethod(beyond, beyond))
+    monkeypatch.setitem(proof_methods.MODULES, "rest", lambda: ModuleMethod(beyond, beyond))
     assert main([*rechecked(train, log), "--json"]) == 5
     made = document(capsys)
     assert (made["verdict"], made["flights"][0]["verdict"]) == ("not re-checked", "accepted")
@@ -236,7 +236,7 @@ def test_no_flight_is_judged_by_what_is_false_or_was_changed(
         raise RejectedError("it is false")
 
     with monkeypatch.context() as patch:
-        patch.setitem(proof_methods.MODULES, "rest", ModuleMethod(false, false))
+        patch.setitem(proof_methods.MODULES, "rest", lambda: ModuleMethod(false, false))
         assert main([*rechecked(train, log), "--json"]) == 3
         assert document(capsys)["flights"] == []
     monkeypatch.setattr(Certificate, "seal", property(lambda self: str(id(self))))

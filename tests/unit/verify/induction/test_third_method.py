@@ -1,7 +1,8 @@
-"""A third method of proof needs one line in one table: enumeration of finitely many states.
+"""A third method of proof needs one row in each of two tables: enumeration of finitely many states.
 
 The toy proves groups of one axis whose state is always one of the axis's breakpoints, by looking at
-each of them. Nothing in `verify/` knows of it but `METHODS`.
+each of them. Nothing in `verify/` knows of it but `METHODS`, and nothing in `certificate/` but
+`GROUPS`.
 """
 
 from __future__ import annotations
@@ -9,11 +10,13 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pytest
 
+from soter.certificate.folder import RETURN
+from soter.certificate.proof_methods import GROUPS, GroupMethod
 from soter.language.front_end import check_file, system_of
 from soter.verify import command
 from soter.verify.claims.case import GroupProof, Method
@@ -21,7 +24,7 @@ from soter.verify.claims.product_sets import BoxPart
 from soter.verify.claims.results import VerifyReport
 from soter.verify.deploy.grid_tables import GroupTable
 from soter.verify.problem.extract import extract
-from soter.verify.proof_methods import METHODS
+from soter.verify.proof_methods import METHODS, entry_over_sets
 from soter.verify.proof_report import page
 from soter.verify.verify_module import verify_module
 
@@ -196,8 +199,9 @@ class FiniteProof(GroupProof):
 
     def entry(self, problem: Problem, stem: str, files: dict[str, bytes]) -> dict[str, object]:
         del problem
-        files[f"{stem}_K.bin"] = np.array(sorted(self.found.core)).tobytes()
-        return {"kind": "finite", "K": f"{stem}_K.bin"}
+        sets = {"K": self.found.core, "Q": self.found.home}
+        files |= {f"{stem}_{n}.bin": np.array(sorted(s)).tobytes() for n, s in sets.items()}
+        return {"kind": "finite", **{name: f"{stem}_{name}.bin" for name in sets}}
 
     def figures(self, note: str) -> list[RegionFigure]:
         del note
@@ -248,6 +252,8 @@ class Finite(Method):
 @pytest.fixture(autouse=True)
 def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(METHODS, "finite", Finite())
+    method = GroupMethod(lambda: pytest.fail("no prover reads one"), {"Q": RETURN}, ())
+    monkeypatch.setitem(GROUPS, "finite", method)
 
 
 def verified(*changes: tuple[str, str]) -> ModuleResult:
@@ -316,3 +322,13 @@ def test_certificate_and_report_are_written_by_the_method(tmp_path: Path) -> Non
     assert np.frombuffer(stored).tolist() == list(range(-5, 6))
     report = VerifyReport("walk.soter", program.sha256, "S", (module_result,), 0.0)
     assert page(report).modules[0].figures == ()
+
+
+def test_what_no_claim_rests_on_is_left_out_of_the_certificate() -> None:
+    stuck = verified(("x > 0.5 ? -1.0", "x > 0.5 ? 0.0"))
+    assert stuck.findings["P2b"].verdict == "undecided"
+    for result, parts in ((verified(), ["K", "Q"]), (stuck, ["K"])):
+        files: dict[str, bytes] = {}
+        entry: Any = entry_over_sets(result, "S", "sets/0", files)
+        (group,) = entry["cases"][0]["groups"]
+        assert group == {"kind": "finite"} | dict(zip(parts, files, strict=True))

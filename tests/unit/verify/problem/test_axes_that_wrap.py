@@ -23,10 +23,10 @@ from soter.verify.claims.grid_refinement import mesh_of
 from soter.verify.deploy.grid_tables import place_function
 from soter.verify.deploy.level_table import Writer
 from soter.verify.enclose.compiled_enclosures import library_of
+from soter.verify.enclose.enclosed_operations import FAR_TURNS, FARTHEST
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import extract
 from soter.verify.problem.inputs import errors_of
-from soter.verify.problem.left_out_states import FAR_TURNS, FARTHEST
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -19,7 +19,6 @@ from soter.api.check_report import timing_reports
 from soter.certificate.reading.module_facts import DiffersError
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.front_end import check_file, system_to_prove
-from soter.timing.trusted_thread import in_thread
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import texts
 from unit.certificate import small_proofs
@@ -215,7 +214,7 @@ def test_of_a_module_with_views_it_is_said_once_where_its_times_stand() -> None:
     checked = check_file(str(CORRIDOR))
     flat = system_to_prove(checked, None)
     for c in flat.components:
-        c.wcet_ns = 80_000 if in_thread(c) else None
+        c.wcet_ns = 80_000 if c.in_thread else None
     (timing,), untimely = timing_reports([flat])
     (problem,) = untimely
     assert problem.code == "R033"
