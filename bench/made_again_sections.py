@@ -81,13 +81,10 @@ SMALL = {
     "The rhythm that the drone follows worst": Small(
         "--sequences 20000", apart="fewer sequences find others"
     ),
-    "The drone's plans": Small("--plans 240", flights=20),
     "Coverage of the C that ships": Small(apart=MINUTES),
     "The C that ships under Frama-C's EVA": Small(apart="needs Frama-C"),
     "Filters of others on the same flights": Small(apart=PEERS),
-    "Policies of every kind against their libraries": Small(apart=PEERS),
     "Logs of strangers": Small(apart="needs a folder of public logs"),
-    "Images for a Cortex-M": Small(apart=MINUTES),
     "What a check of rest costs": Small("--draws 20", machine=CLOCK),
     "An F-16 of JSBSim beside its model": Small(apart="needs JSBSim"),
     "Dives of an F-16 of JSBSim": Small(apart="needs JSBSim"),
@@ -128,7 +125,6 @@ SMALL = {
     "Holes put back into the prover": Small(apart=MINUTES),
     "The same adversaries against an engine that is not told everything": Small("--problems 1"),
     "Verify, recheck and run against each other": Small("--modules 4 --stiff 1"),
-    "Contradictions on the examples": Small(apart="takes hours"),
     "Before and after the house was cut anew": Small(machine=BEFORE),
     "The time of soter recheck": Small(
         instead="bench/recheck/beside_verify.py examples/wall/cart.soter", machine=CLOCK
@@ -168,7 +164,6 @@ SMALL = {
         flights=1,
         times="time|x real",
     ),
-    "Safe exploration: the mapper's margins": Small("--scenes 200 --tries 100"),
     "Safe exploration: a lidar that is worse than assumed": Small(
         "--worlds 1 --workers 1", times=SIMULATED
     ),
@@ -288,9 +283,6 @@ PAGES = (
     ),
     Made("exploration.md", r"alone it hit one in (\d+) of them", LEARNED),
     Made("exploration.md", r"In (1,000) worlds frontier exploration knew", WORLDS),
-    Made(
-        "exploration.md", r"definition: (24,000) scenes", "@Safe exploration: the mapper's margins"
-    ),
     Made("fleet.md", "| bug | test", "@Bugs of the fleet's leases", given="21"),
     Made("fleet.md", "| one machine | runs", JUNCTION, spread=True, given="500 400 3 2"),
     Made("fleet.md", "| one machine, from", "@The junction as processes over DDS", given="20 70 1"),

@@ -103,7 +103,6 @@ BENCHMARKS = (
     Benchmark(
         "The rhythm that the drone follows worst", "bench/drone/rhythms.py", last=r"sequences of"
     ),
-    Benchmark("The drone's plans", "bench/drone/plans.py"),
     Benchmark(
         "Coverage of the C that ships",
         "bench/c_code/c_coverage.py",
@@ -116,7 +115,6 @@ BENCHMARKS = (
         " --gatekeeper safe_control --rtreach rtreach/src/rtreach",
         last=r"^ *soter",
     ),
-    Benchmark("Images for a Cortex-M", "bench/bare_metal/cortex_m.py"),
     Benchmark("What a check of rest costs", "bench/tubes/check_cost.py", last="mean"),
     Benchmark(
         "A check of rest on a Cortex-M7",
@@ -125,11 +123,6 @@ BENCHMARKS = (
     ),
     Benchmark("Bad files and options", "bench/hostile/bad_input.py --count 1000 --jobs 2"),
     Benchmark("Hostile files", "bench/hostile/hostile_files.py"),
-    Benchmark(
-        "Policies of every kind against their libraries",
-        "bench/policies/policy_kinds.py --peer peer/bin/python",
-        last="kinds:",
-    ),
     Benchmark(
         "Damaged logs",
         "bench/hostile/damaged_logs.py",
@@ -232,9 +225,6 @@ BENCHMARKS = (
         "bench/verify/contradictions.py --modules 300 --stiff 50",
     ),
     Benchmark(
-        "Contradictions on the examples", "bench/verify/contradictions.py --examples --seconds 600"
-    ),
-    Benchmark(
         "Before and after the house was cut anew", "bench/house/same_outputs.py --before ../before"
     ),
     Benchmark("The time of soter recheck", "bench/recheck/beside_verify.py"),
@@ -318,12 +308,6 @@ BENCHMARKS = (
         "bench/exploration/worlds.py --only 'OMPL'\"'\"'s RRTConnect' learned 'bare: learned' "
         "'boxes of an old map'",
         heads="worlds|collided|box|cells",
-    ),
-    Benchmark(
-        "Safe exploration: the mapper's margins",
-        "bench/exploration/mapper.py",
-        last="^all|caught",
-        heads="wrong",
     ),
     Benchmark(
         "Safe exploration: a lidar that is worse than assumed", "bench/exploration/sensors.py"

@@ -3,7 +3,7 @@
  * Purpose: plant, sensor, path nodes, DM, SC, gate and actuation as the definitions of the model
  * of time have them (docs/proof.md), a tick at a time; every choice that they leave open is made
  * against the module, by a policy. Shares no code with the run-time kernel or the prover.
- * Non-goals: choosing policies (policy_search.py), reading programs (random_modules.py).
+ * Non-goals: choosing policies (closed_loop.py), reading programs (random_modules.py).
  *
  * Within a tick: publications of path nodes under way (seen now or after the module, both are
  * schedules), the sensor, the DM, SC, path nodes in order, AC, acting, then the plant moves.

@@ -30,8 +30,8 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
 import numpy as np  # noqa: E402 - needs the path
+from bench.adversary.closed_loop import Attack, attack  # noqa: E402
 from bench.adversary.module_families import module, retimed  # noqa: E402
-from bench.adversary.policy_search import Attack, attack  # noqa: E402
 from bench.adversary.proofs import Proof, armed, prove, widened, written  # noqa: E402
 from bench.adversary.prover_holes import HOLES, Hole  # noqa: E402
 

@@ -29,9 +29,8 @@ sys.path.insert(0, str(ROOT))
 
 import numpy as np  # noqa: E402 - needs the path
 from bench.adversary import wrong_shields  # noqa: E402
-from bench.adversary.closed_loop import SLIPS  # noqa: E402
+from bench.adversary.closed_loop import SLIPS, attack  # noqa: E402
 from bench.adversary.module_families import FAMILIES, of_commands  # noqa: E402
-from bench.adversary.policy_search import attack  # noqa: E402
 from bench.adversary.proofs import armed, prove, widened  # noqa: E402
 from bench.adversary.wrong_shields import PROGRAM, patched  # noqa: E402
 

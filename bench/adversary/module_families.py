@@ -248,6 +248,26 @@ def swing(seed: int, rng: Rng) -> Module:
     )
 
 
+def pole(seed: int, rng: Rng) -> Module:
+    """A pole that stands up: it falls by itself, and the farther it leans the faster."""
+    bend = _between(rng, 0.5, 6.0)
+    control = _round(bend + _between(rng, 1.0, 8.0))
+    stiff = bend * rng.uniform(1.0, 3.0) + 2.0
+    return _module(
+        seed,
+        "pole",
+        rng,
+        [[0.0, 1.0], [0.0, 0.0]],
+        [[0.0], [1.0]],
+        [[[stiff, 2.0 * np.sqrt(stiff) * rng.uniform(0.5, 1.2)]]],
+        [control],
+        [0.0, _round(0.1 * rng.uniform(0.1, 1.0) * control)],
+        [0.8, _round(1.1 * np.sqrt(1.6 * control))],
+        times(rng, periods=(10, 20, 40), use=rng.choice([0.3, 1.0])),
+        terms=((BEND, 0, 1, bend), (DRAG, 1, 1, -_between(rng, 0.05, 0.5))),
+    )
+
+
 def chain(seed: int, rng: Rng) -> Module:
     """Position, speed, lagged acceleration; a polytope."""
     rate = _between(rng, 8.0, 25.0)

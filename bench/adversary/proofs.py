@@ -3,7 +3,7 @@
 Purpose: `prove(module)`: the verdict and the machine with the predicates that the DM would hold;
 `widened`: the same module with the largest start, `written` with hand-written predicates as bold
 as the sets allow. Both read the prover's sets, to stand as close to a border as can be proved.
-Non-goals: the attack (`policy_search.py`).
+Non-goals: the attack (`closed_loop.py`).
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
 """The drone's proved module on MuJoCo's rigid body: whether the plant of the proof is true of it.
 
-    python bench/drone/off_model.py [--hours H] [--minutes M] [--system S]... [-o DIR]
+    python bench/drone/off_model.py [--hours H] [--minutes M] [--system S]... [--keep FILE]
 
 Purpose: fly seeded laps of examples/drone/mujoco_quad.soter; for every step of every flight the
 model monitor's verdict (soter monitor, on true states) and the least |d| that explains it.
-Every flight is a line of a file: stopped at any time (`--minutes` does), it goes on from there.
+Every flight is kept: stopped at any time (`--minutes` does), it goes on from there.
 Non-goals: `iris.Iris` (bench/drone/conformance.py), speed.
 
 Not called mujoco.py: `import mujoco` would find it.
@@ -13,11 +13,12 @@ Not called mujoco.py: `import mujoco` would find it.
 from __future__ import annotations
 
 import argparse
-import csv
 import hashlib
+import itertools
 import sys
 import time
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from soter.report.tables import table
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from bench.drone.conformance import QUANTILES, declared, needed
+from bench.pieces import Pieces
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
 PROGRAM = DRONE / "mujoco_quad.soter"
@@ -62,47 +64,26 @@ def one(program: Program, system: str, seed: int, known: dict[str, Any]) -> dict
     return dict(zip(FIELDS, values, strict=True))
 
 
-def rows_of(path: Path) -> list[dict[str, str]]:
-    """The flights that are done; a last line that was cut off is not."""
-    if not path.exists():
-        return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return [r for r in csv.DictReader(file) if r["wall_s"]]
-
-
-def fly(system: str, hours: float, stop_s: float, folder: Path) -> list[dict[str, str]]:
+def fly(system: str, hours: float, stop_s: float, pieces: Pieces) -> list[dict[str, Any]]:
     """Fly what is left, in the order of seeds, until `stop_s` of the clock."""
     program = load(PROGRAM)
     known = {n: program._require_sound().consts[n].value  # noqa: SLF001 - as the conformance does
              for n in ("iris.BAND", "iris.FAST", "city.TUBES")}  # fmt: skip
-    path = folder / f"{system}.csv"
-    done = rows_of(path)
-    write(path, done)
-    flown = sum(float(r["flown_s"]) for r in done)
-    seed = FIRST_SEED + len(done)
-    with path.open("a", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, FIELDS)
-        while flown < hours * 3600 and time.perf_counter() < stop_s:
-            row = one(program, system, seed, known)
-            writer.writerow(row)
-            file.flush()
-            flown, seed = flown + row["flown_s"], seed + 1
-    return rows_of(path)
+    rows: list[dict[str, Any]] = []
+    for seed in itertools.count(FIRST_SEED):
+        name = f"{system} {seed}"
+        late = time.perf_counter() >= stop_s and not pieces.has(name)
+        if late or sum(r["flown_s"] for r in rows) >= hours * 3600:
+            return rows
+        rows.append(pieces.piece(name, partial(one, program, system, seed, known)))
+    raise AssertionError
 
 
-def write(path: Path, rows: list[dict[str, str]]) -> None:
-    """Head and rows."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, FIELDS)
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def told(system: str, rows: list[dict[str, str]]) -> list[str]:
+def told(system: str, rows: list[dict[str, Any]]) -> list[str]:
     """A row of the table."""
 
     def numbers(name: str) -> list[float]:
-        return [float(r[name]) for r in rows]
+        return [r[name] for r in rows]
 
     worst = [max(numbers(n)) for n in ("d_x", "d_y", "d_z")]
     steps = sum(numbers("steps"))
@@ -129,16 +110,16 @@ def main() -> int:
     parser.add_argument("--hours", type=float, default=10.0, help="of each system; by default 10")
     parser.add_argument("--minutes", type=float, default=1e9, help="stop after so many, of all")
     parser.add_argument("--system", action="append", choices=SYSTEMS, help="by default all")
-    parser.add_argument("-o", "--output", type=Path, default=Path(".soter/off_model"))
+    parser.add_argument("--keep", type=Path, default=Path(".soter/off_model.jsonl"))
     args = parser.parse_args()
-    folder = args.output / made_of()[:12]
-    folder.mkdir(parents=True, exist_ok=True)
+    args.keep.parent.mkdir(parents=True, exist_ok=True)
+    pieces = Pieces(args.keep, made_of()[:12])
     chosen = args.system or SYSTEMS
     rows_by_system = {}
     began = time.perf_counter()
     for k, system in enumerate(chosen):
         stop = began + 60 * args.minutes * (k + 1) / len(chosen)
-        rows_by_system[system] = fly(system, args.hours, stop, folder)
+        rows_by_system[system] = fly(system, args.hours, stop, pieces)
     rows_by_system = {system: rows for system, rows in rows_by_system.items() if rows}
     head = ["system", "hours", "violations", "AC share", "steps", "alarms", "in flights"]
     head += ["most used by", "|d| 50 %", "99 %", "along, x", "side, y", "up, z", "of D"]
@@ -147,13 +128,12 @@ def main() -> int:
         f"\nthe least |d| that explains 5 ms, m/s^2; D = {declared('motion_primitive.soter'):.3f}"
     )
     for system, rows in rows_by_system.items():
-        wall = sum(float(r["wall_s"]) for r in rows)
-        flown = sum(float(r["flown_s"]) for r in rows)
+        wall = sum(r["wall_s"] for r in rows)
+        flown = sum(r["flown_s"] for r in rows)
         ten = 600 * wall / flown
         print(f"{system}: {flown / wall:.1f} x real time, 10 h in {ten:.0f} min")
-    print(f"each flight: {folder}")
     bad = [r for s, rows in rows_by_system.items() if s != "InAir" for r in rows]
-    return int(any(float(r["alarms"]) or float(r["violations"]) for r in bad))
+    return int(any(r["alarms"] or r["violations"] for r in bad))
 
 
 if __name__ == "__main__":

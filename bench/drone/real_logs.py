@@ -1,10 +1,9 @@
 """Go-to legs that PX4 flew, judged by a module of the drone: when would it have switched, how near.
 
-    python bench/drone/real_logs.py [--data DIR] [--legs N] [--radius M]...
+    python bench/drone/real_logs.py [--data DIR]
 
-Purpose: per leg and per tube one row in a CSV, and a summary by set: legs without a switch, legs
-that left the tube, AC share, least distances, errors of what is derived. Positions alone are in the
-data: velocity is derived.
+Purpose: a summary by set and tube: legs without a switch, legs that left the tube, AC share, least
+distances, errors of what is derived. Positions alone are in the data: velocity is derived.
 Non-goals: single legs (`soter monitor ... --map`, docs/real-logs.md), what PX4 would have done with
 SC in the loop.
 """
@@ -35,9 +34,6 @@ DRONE = ROOT / "examples" / "drone"
 SAMPLE = DRONE / "px4_goto.csv.gz"
 HEAD = ["set", "leg", "sample", "x", "y", "z"]
 HEAD += [f"{end}_{axis}" for end in ("start", "goal") for axis in "xyz"]
-FIELDS = ["set", "leg", "radius_m", "duration_s", "steps", "ac_share", "first_switch_s", "switches"]
-FIELDS += ["ttf_share", "outside_share", "first_outside_s", "least_to_ttf", "at_s", "comparison"]
-FIELDS += ["least_to_safe", "safe_at_s"]
 RADII = (3.0, 8.0)
 Row = dict[str, str]
 Key = tuple[str, str]
@@ -49,8 +45,6 @@ class Judged:
 
     key: Key
     radius: float
-    samples: int
-    wall_s: float
     log: LogJudgement
 
     @property
@@ -77,7 +71,7 @@ def _by_leg(rows: list[Row]) -> dict[Key, list[Row]]:
     return rows_by_leg
 
 
-def judge(legs: dict[Key, list[Row]], radii: list[float], folder: Path) -> list[Judged]:
+def judge(legs: dict[Key, list[Row]], folder: Path) -> list[Judged]:
     """Every leg in every tube."""
     program = load(DRONE / "goto.soter")
     mapping = read_mapping(DRONE / "px4_goto.toml")
@@ -88,12 +82,10 @@ def judge(legs: dict[Key, list[Row]], radii: list[float], folder: Path) -> list[
             writer = csv.DictWriter(file, HEAD, extrasaction="ignore")
             writer.writeheader()
             writer.writerows(rows)
-        for radius in radii:
+        for radius in RADII:
             params = {"RADIUS": radius, "HEIGHT": radius}
-            began = time.perf_counter()
             judged = program.judge_log(path, mapping, params=params)
-            wall = time.perf_counter() - began
-            judgements.append(Judged(key, radius, len(rows), wall, judged))
+            judgements.append(Judged(key, radius, judged))
         path.unlink()
     return judgements
 
@@ -167,39 +159,16 @@ def errors(judged: list[Judged]) -> list[list[str]]:
     return rows
 
 
-def write(judged: list[Judged], path: Path) -> None:
-    """A row for each leg and tube."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(FIELDS)
-        for j in judged:
-            m = j.module
-            near = m.margin and (m.margin.distance, m.margin.time_s, m.margin.bound)
-            clear = m.clearance and (m.clearance.distance, m.clearance.time_s)
-            shares = m.ttf / max(1, m.fresh), m.outside / max(1, m.fresh)
-            row = [*j.key, j.radius, j.log.to_s, m.steps, m.ac_share, m.first_switch_s]
-            row += [len(m.switches), *shares, m.first_outside_s]
-            writer.writerow([*row, *(near or ("", "", "")), *(clear or ("", ""))])
-
-
 def main() -> int:
     """Judge the legs and print what came out."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--data", type=Path, help="a folder with legs.csv and tracks.csv.gz")
-    parser.add_argument("--legs", type=int, help="only so many, evenly chosen")
-    parser.add_argument("--radius", type=float, action="append", help=f"by default {RADII}")
-    parser.add_argument("-o", "--output", type=Path, default=Path(".soter/real_logs.csv"))
     args = parser.parse_args()
     legs = legs_of(args.data)
-    if args.legs and args.legs < len(legs):
-        keys = [list(legs)[i * len(legs) // args.legs] for i in range(args.legs)]
-        legs = {key: legs[key] for key in keys}
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
-        judged = judge(legs, args.radius or list(RADII), Path(folder))
+        judged = judge(legs, Path(folder))
     wall = time.perf_counter() - began
-    args.output.parent.mkdir(parents=True, exist_ok=True)
-    write(judged, args.output)
     head = ["set", "tube", "legs", "AC never", "AC throughout", "left the tube", "AC share"]
     head += ["switches", "to ttf 5 % 50 %", "to safe 5 % 50 %"]
     print(f"{len(legs)} legs, {sum(map(len, legs.values())):,} positions\n")
@@ -213,7 +182,6 @@ def main() -> int:
     print(
         f"\n{wall:.0f} s, {steps / wall:,.0f} steps of the DM a second, {flown / wall:.0f} x real"
     )
-    print(f"each leg: {args.output}")
     return 0
 
 

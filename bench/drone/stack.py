@@ -15,6 +15,7 @@ import argparse
 import functools
 import multiprocessing
 import os
+import statistics
 import time
 from collections import Counter
 from dataclasses import dataclass
@@ -93,15 +94,9 @@ def flight(run: Run) -> Flight:
 
 def median(flights: list[Flight]) -> float:
     """Of the charge at touch-down, to a hundredth."""
-    counts: Counter[int] = Counter()
-    for f in flights:
-        counts.update(f.charges)
-    below = 0
-    for hundredth in sorted(counts):
-        below += counts[hundredth]
-        if 2 * below >= counts.total():
-            return (hundredth + 0.5) / 100.0
-    return float("nan")
+    counts = sum((Counter(f.charges) for f in flights), Counter[int]())
+    every = list(counts.elements())
+    return (statistics.median_low(every) + 0.5) / 100.0 if every else float("nan")
 
 
 def row(name: str, flights: list[Flight]) -> list[str]:

@@ -1,34 +1,42 @@
-"""What a wrong stack is, and how it is laid out, verified, flown and flown again.
+"""Wrong stacks: what each is, and how it is laid out, verified, flown and flown again.
 
 Purpose: `Wrong` (texts that become others, what has to be verified, where it is flown), `verdict`
 and `refuted`. A refutation is a flight of the changed program, found by the compiled program and
 flown again from its seed by the reference interpreter: the same property is violated at the same
-time, and the states up to then have the same hash.
-Non-goals: which stacks are wrong (`wrong_rows.py`), tables (`wrong_stacks.py`).
+time, and the states up to then have the same hash. `WRONG` are changes that are unsafe in a world
+that is named with them, or say why no flight can show that; `ASSUMED` break what the proofs take
+for granted of the program: those are proved, and the verdict has to name what they break. Beside
+what bench/rows.py says of the text: a section is a kind, a row `NAME: WORDS`; `in` is the file that
+is changed where an edit names none, `verify` and `?` are `Wrong.verify` and `Wrong.assumed`,
+`flown` is one of `WORLDS`, `no` is `Wrong.why`.
+Non-goals: tables (`wrong_stacks.py`).
 """
 
 from __future__ import annotations
 
 import math
+import re
 import shutil
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bench.rows import edited
+from bench.rows import Groups, edited, edits_of, rows
 
 from soter import SoterError
 from soter.api import load
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.front_end import check_file
-from soter.verify.claims.results import ASSUMED, PROVED
+from soter.verify.claims import results
 from soter.verify.command import modules_of, problems_of, refuse_forced
 from soter.verify.problem.problem import texts
 from soter.verify.verify_module import verify_module
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Iterator
+
+    from bench.rows import Row
 
     from soter.api import Program
     from soter.diagnostics.diagnostic import Diagnostic
@@ -37,7 +45,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parents[2]
 DRONE = "examples/drone"
-WORLDS = ("drone_wrong_battery", "drone_wrong_planner", "drone_wrong_corridor")
+WORLD_FILES = ("drone_wrong_battery", "drone_wrong_planner", "drone_wrong_corridor")
 AFTER_S = 0.05
 """How much longer than until its violation a flight is repeated."""
 TURNS = 4
@@ -140,7 +148,7 @@ def laid_out(folder: Path, edits: Iterable[Edit]) -> Tree:
     ignored = shutil.ignore_patterns("__pycache__", ".soter")
     shutil.copytree(ROOT / DRONE, folder / DRONE, ignore=ignored)
     (folder / "bench" / "drone").mkdir(parents=True)
-    for name in WORLDS:
+    for name in WORLD_FILES:
         shutil.copy(ROOT / "bench" / "drone" / f"{name}.soter", folder / "bench" / "drone")
     for edit in edits:
         path = folder / DRONE / edit.file
@@ -175,7 +183,7 @@ def verdict(tree: Tree, verify: tuple[str, str | None]) -> Verdict:
         for problem in (p for _, p in sorted(enumerate(problems), key=lambda e: e[0] % TURNS)):
             module_result = verify_module(problem, refute=False)
             name = module_result.name.rpartition(".")[2]
-            if module_result.verdict not in (PROVED, ASSUMED):
+            if module_result.verdict not in (results.PROVED, results.ASSUMED):
                 open_ = ", ".join(c for c, f in module_result.findings.items() if not f.holds)
                 text = f"{module_result.verdict}: {open_} of {name}"
                 return Verdict(False, text, time.perf_counter() - began)
@@ -270,3 +278,60 @@ def refuted(folder: Path, edits: tuple[Edit, ...], worlds: Iterable[World]) -> R
         if again:
             return best
     return best
+
+
+RAMS = "examples/drone/corridor_adversaries.soter"
+HOSTILE = "examples/drone/surveillance_adversaries.soter"
+OWN = "bench/drone/drone_wrong_{}.soter"
+LEFT = "Contains"
+"""The box that is flown."""
+EMPTY, RESERVE = "charge > 0.0", "DRAIN"
+WORST = (
+    Edit("battery.soter", "power: float in [LEAST, MOST]", "power: float in [MOST, MOST]"),
+    Edit("battery.soter", "{ charge: charge, docked", "{ charge: charge + ERROR, docked"),
+    Edit("battery.soter", "measured battery.charge within ERROR;", ""),
+)
+"""All the time the most power there may be, and a charge that is shown as high as it may be."""
+LOW = (("battery.START_CHARGE", 0.05),)
+"""The unbroken stack stays in its dock with so little."""
+
+
+def _worlds(file: str, systems: str, *more: object, **others: object) -> tuple[World, ...]:
+    return tuple(World(file, system, *more, **others) for system in systems.split())  # type: ignore[arg-type]
+
+
+WORLDS = {
+    "late": _worlds(OWN.format("battery"), "Late Wavering", 3600.0, RESERVE, 4, narrowed=WORST),
+    "late empty": _worlds(OWN.format("battery"), "Late Wavering", 3600.0, EMPTY, 4, narrowed=WORST),
+    "lying": _worlds(OWN.format("planner"), "Lying", 40.0, "Sound", 4),
+    "rammed": _worlds(RAMS, "Ramming Pushing Jerking", 60.0, LEFT, 4),
+    "collision": _worlds(RAMS, "Ramming", 60.0, "NoCollision", 4),
+    "jumps": _worlds(OWN.format("corridor"), "Jumping", 60.0, LEFT, 4),
+    "landing": _worlds(OWN.format("corridor"), "Landing Jumping", 60.0, LEFT, 4),
+    "stack": _worlds(HOSTILE, "Ramming Twitching", 60.0, LEFT, 3),
+    "stack lying": _worlds(HOSTILE, "Lying", 60.0, "Sound", 3),
+    "airborne": _worlds(HOSTILE, "Careless", 60.0, EMPTY, 2, LOW),
+}
+GROUPS: Groups = {}
+
+
+def _edits(row: Row) -> Iterator[Edit]:
+    for line in row.said[""]:
+        file, edit = re.findall(r"(?:(\w+\.soter): )?(.*)", line)[0]
+        yield from (Edit(file or row.one("in"), *made) for made in edits_of(edit, GROUPS))
+
+
+def _wrong(row: Row) -> Wrong:
+    name, _, words = row.name.partition(": ")
+    file, _, module = row.one("verify").partition(" ")
+    why = row.one("no")
+    worlds = () if why else WORLDS[row.one("flown")]
+    verify = (file, module or None)
+    return Wrong(row.section, name, words, tuple(_edits(row)), verify, worlds, why, row.one("?"))
+
+
+_TEXT = Path(__file__).with_name("wrong_stacks.txt")
+_ALL = [_wrong(row) for row in rows(_TEXT, ("in", "verify", "flown", "no", "?"), GROUPS)]
+WRONG = tuple(wrong for wrong in _ALL if not wrong.assumed)
+ASSUMED = tuple(wrong for wrong in _ALL if wrong.assumed)
+assert len({(wrong.kind, wrong.name) for wrong in _ALL}) == len(_ALL), "two of the same name"

@@ -2,7 +2,7 @@
 
     .venv/bin/python bench/drone/wrong_stacks.py [--kind K] [--only NAME] [--quick]
 
-Purpose: every change of `wrong_rows.py` is made in a copy of
+Purpose: every change of `wrong_base.py` is made in a copy of
 `examples/drone/`, and what it touches is verified: it has to be undecided, refuted or refused. The
 changed program is flown in an admissible world until a property is violated on true states, and
 the reference interpreter flies the same seed: same property, same time, same hash of all states.
@@ -26,7 +26,9 @@ from typing import TYPE_CHECKING
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from bench.drone.wrong_base import (  # noqa: E402 - needs the path
+from bench.drone.wrong_base import (  # noqa: E402 - needs the path  # noqa: E402 - the same
+    ASSUMED,
+    WRONG,
     Refutation,
     Verdict,
     flown,
@@ -34,7 +36,6 @@ from bench.drone.wrong_base import (  # noqa: E402 - needs the path
     refuted,
     verdict,
 )
-from bench.drone.wrong_rows import ASSUMED, WRONG  # noqa: E402 - the same
 
 from soter.report.tables import table  # noqa: E402 - the same
 

@@ -1,13 +1,11 @@
 """Bad files and bad options: what every command says of them, and what it leaves behind.
 
     .venv/bin/python bench/hostile/bad_input.py [--count 1000] [--seed 1] [--only FORMAT] [--jobs 1]
-        [--keep FILE]
 
 Purpose: of every format that a command reads `--count` mutants, and as many command lines with
 wrong options, run as `soter` would run them. Counted are exits with 70, ends by a signal, hangs
 (over 20 s) and processes that outlive their command; all have to be none. What a mutant is follows
-from `--seed`, its format and its number: it does not depend on `--jobs`. What is done is written
-to `--keep`, and not done again.
+from `--seed`, its format and its number: it does not depend on `--jobs`.
 Non-goals: whether a refusal's words are good; the mutants themselves (`bad_input_mutants.py`).
 """
 
@@ -20,12 +18,10 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from concurrent.futures import Future, ProcessPoolExecutor
-from dataclasses import asdict
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from random import Random
-from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
@@ -33,7 +29,6 @@ sys.path.insert(0, str(ROOT))
 from bench.hostile.bad_input_commands import LIMIT_S, Forked, Tried  # noqa: E402 - needs the path
 from bench.hostile.bad_input_mutants import placed  # noqa: E402
 from bench.hostile.bad_input_samples import OPTIONS, formats, samples, wrong_options  # noqa: E402
-from bench.pieces import Pieces  # noqa: E402
 
 Share = tuple[str, list[Tried], float]
 """A format, some of its trials, and how long they took in seconds."""
@@ -65,19 +60,6 @@ def trials(share: tuple[str, range], *, seed: int, sample: Path, work: Path) -> 
 def shares(names: list[str], count: int, jobs: int) -> list[tuple[str, range]]:
     """Every format in as many equal parts as there are jobs."""
     return [(name, range(j, count, jobs)) for name in names for j in range(min(jobs, count))]
-
-
-def _made(future: Future[Share] | None) -> dict[str, object]:
-    """What became of a share, as JSON has it."""
-    assert future is not None
-    name, outcomes, took = future.result()
-    return {"name": name, "tried": [asdict(t) for t in outcomes], "took": took}
-
-
-def read(record: dict[str, Any]) -> Share:
-    """The same, read back."""
-    tried = [Tried(**{**t, "words": tuple(t["words"])}) for t in record["tried"]]
-    return record["name"], tried, record["took"]
 
 
 def table(rows: dict[str, tuple[list[Tried], float]]) -> int:
@@ -119,7 +101,6 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="formats, with commas")
     parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--keep", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="bad_input_") as work:
         os.environ["SOTER_CACHE"] = str(Path(work) / "cache")
@@ -131,11 +112,7 @@ def main() -> int:
         parts = shares(names, given.count, given.jobs)
         fork = multiprocessing.get_context("fork")
         with ProcessPoolExecutor(given.jobs, fork) as pool:  # of a Pool nobody may have children
-            pieces = Pieces(given.keep, f"{given.seed} {given.count} {given.jobs}")
-            begun = [(p, pool.submit(one, p)) for p in parts if not pieces.has(str(p))]
-            futures = {str(p): f for p, f in begun}
-            for p in parts:
-                name, tried, took = read(pieces.piece(str(p), partial(_made, futures.get(str(p)))))
+            for name, tried, took in pool.map(one, parts):
                 rows[name] = (rows[name][0] + tried, rows[name][1] + took)
         return 1 if table(rows) else 0
 

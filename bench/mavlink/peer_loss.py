@@ -69,7 +69,7 @@ class Flight:
         all_.bridge()
         all_.trusted()
         self.python = [sys.executable, "-u"]
-        peer = [*self.python, str(HERE / "px4_peer.py"), str(all_.port), "--loss", str(LOSS_S)]
+        peer = [*self.python, str(HERE / "px4_peer.py"), str(all_.port), str(LOSS_S)]
         all_.start("peer", *peer)
         self.start_ac()
 

@@ -1,11 +1,11 @@
 """An autopilot as PX4's documentation describes OFFBOARD, over UDP, for tests and benchmarks.
 
-    .venv/bin/python bench/mavlink/px4_peer.py PORT [--loss SECONDS] [--no-timesync] [--boot S]
+    .venv/bin/python bench/mavlink/px4_peer.py PORT [LOSS_S]
 
 It streams HEARTBEAT (1 Hz) and LOCAL_POSITION_NED (50 Hz, with its own clock since boot), answers
 TIMESYNC, and moves as the set-points say: velocities, with a lag. It enters OFFBOARD once
 set-points came more often than twice a second for a second, and leaves it where none came for
-COM_OF_LOSS_T (`--loss`); then it stops. Every set-point that changed, and every mode, is a line on
+COM_OF_LOSS_T (LOSS_S); then it stops. Every set-point that changed, and every mode, is a line on
 standard output with CLOCK_MONOTONIC in ns.
 
 Purpose: somebody to talk with. Non-goals: flying: what a real autopilot does is its own matter.
@@ -13,7 +13,6 @@ Purpose: somebody to talk with. Non-goals: flying: what a real autopilot does is
 
 from __future__ import annotations
 
-import argparse
 import socket
 import sys
 import time
@@ -21,7 +20,7 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import common as mavlink
 
-LAG_S = 0.4
+LAG_S, BOOT_S = 0.4, 100.0
 PROOF_OF_LIFE_S = 0.5
 BEFORE_OFFBOARD_S = 1.0
 PX4_OFFBOARD, PX4_HOLD = 6 << 16, (4 << 16) | (3 << 24)
@@ -30,12 +29,10 @@ ARMED = 128
 
 @dataclass
 class Peer:
-    """The autopilot; `boot_s`: how long it has been on when it begins."""
+    """The autopilot, on for `BOOT_S` when it begins."""
 
     port: int
     loss_s: float = 0.5
-    timesync: bool = True
-    boot_s: float = 100.0
     place: list[float] = field(default_factory=lambda: [0.0, 0.0, -16.0])
     speed: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     wanted: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -56,7 +53,7 @@ class Peer:
 
     def boot_ns(self) -> int:
         """Its clock."""
-        return int((time.monotonic() - self.began + self.boot_s) * 1e9)
+        return int((time.monotonic() - self.began + BOOT_S) * 1e9)
 
     def send(self, message: mavlink.MAVLink_message) -> None:
         """One frame; nobody there is no matter."""
@@ -79,7 +76,7 @@ class Peer:
     def obey(self, m: mavlink.MAVLink_message) -> None:
         """A message of the companion computer."""
         name = m.get_type()
-        if name == "TIMESYNC" and m.tc1 == 0 and self.timesync:
+        if name == "TIMESYNC" and m.tc1 == 0:
             self.send(mavlink.MAVLink_timesync_message(self.boot_ns(), m.ts1))
         if name != "SET_POSITION_TARGET_LOCAL_NED":
             return
@@ -144,14 +141,9 @@ class Peer:
 
 
 def main() -> None:
-    """Arguments, then for ever."""
-    words = argparse.ArgumentParser()
-    words.add_argument("port", type=int)
-    words.add_argument("--loss", type=float, default=0.5)
-    words.add_argument("--no-timesync", action="store_true")
-    words.add_argument("--boot", type=float, default=100.0)
-    given = words.parse_args()
-    Peer(given.port, given.loss, not given.no_timesync, given.boot).run()
+    """For ever, at the port that is named."""
+    port, loss_s = [*sys.argv[1:], "0.5"][:2]
+    Peer(int(port), float(loss_s)).run()
 
 
 if __name__ == "__main__":

@@ -9,21 +9,30 @@ ordinary processes that spin (8), for M minutes as FIFO, as DEADLINE and as an o
 turns of some seconds; beside them a thread that never sleeps, whose gaps are what no driver can
 help: the machine below takes the processor away. Late is a release more than 200 us behind. What
 the driver counted is compared, instant by instant, with what the time stamps of another clock say
-(CLOCK_MONOTONIC_RAW, each second's earliest wake-up as its zero). Faults: `ac_faults.py`,
-leases: `killed_leases.py`. Output: from the release to SC's output, AC a process beside it,
-against wake-ups with nothing to do, in the same run. Exit code 1 where a miss was not seen, a step
-did not happen, AC kept control, an old command was applied, or a property was violated.
+(CLOCK_MONOTONIC_RAW, each second's earliest wake-up as its zero). Faults: `ac_faults.py`, leases:
+the trusted part of real_time_stop.soter is killed at random instants while its commands are obeyed,
+and what the actuators say of themselves is read. Output: from the release to SC's output, AC a
+process beside it, against wake-ups with nothing to do, in the same run. Exit code 1 where a miss
+was not seen, a step did not happen, AC kept control, an old command was applied, or a property was
+violated.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+import json
 import os
+import random
+import re
+import select
+import signal
 import statistics
 import subprocess
 import sys
 import tempfile
+import time
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,10 +43,127 @@ sys.path.insert(0, str(ROOT))
 from bench.pieces import Pieces  # noqa: E402
 from bench.real_time.ac_faults import faults, killed  # noqa: E402
 from bench.real_time.driver_runs import HERE, LOOP, Line, build, busy, log_of, run, said  # noqa: E402
-from bench.real_time.killed_leases import leases  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+STOP = HERE / "real_time_stop.soter"
+SAID = re.compile(r"([0-9.]+) Guard: (armed|commands|the lease)")
+LEASE_MS = 15.0
+"""SC's period, and until its next output is due: lateness and response (printed by the build)."""
+PATIENCE_S = 20.0
+BATCH = 50
+
+
+class Actuators:
+    """Their process, and what it said last."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        self.process = process
+        self.state, self.at = "", 0.0
+
+    def wait(self, state: str, seconds: float) -> bool:
+        """Whether they come to say so in that time."""
+        end = time.monotonic() + seconds
+        assert self.process.stderr is not None
+        while self.state != state:
+            left = end - time.monotonic()
+            ready = select.select([self.process.stderr], [], [], max(left, 0.0))[0]
+            if not ready:
+                return False
+            line = self.process.stderr.readline()
+            if not line:
+                raise RuntimeError("the actuators have ended")
+            match = SAID.match(line)
+            if match:
+                self.at, self.state = float(match[1]), match[2]
+        return True
+
+
+def batch(folder: Path, channels: Path, number: int, kills: int) -> dict[str, Any]:
+    """So many kills, with one process of actuators and one world."""
+    draws = random.Random(number)  # noqa: S311 - no secret
+    common = ["--channels", str(channels), "--json"]
+    name = STOP.stem
+    lawful, after, spent = 0, [], 0
+    with ExitStack() as stack:
+
+        def start(program: Path, *options: str, **streams: Any) -> subprocess.Popen[str]:  # noqa: ANN401
+            process = subprocess.Popen(
+                [str(program), *common, *options], stdout=subprocess.PIPE, text=True, **streams
+            )
+            stack.callback(process.wait)
+            stack.callback(process.kill)
+            return process
+
+        actuator = start(folder / "Vehicle" / f"{name}_actuator", stderr=subprocess.PIPE, bufsize=1)
+        world = start(folder / "World" / name, "--quiet", "--late", "1000000")
+        told = Actuators(actuator)
+        told.wait("armed", PATIENCE_S)  # before it says so a signal would end it
+        while lawful < kills and spent < 4 * kills:
+            trusted = start(folder / "Vehicle" / name, "--quiet", "--bare", "0")
+            actuator.send_signal(signal.SIGUSR2)  # before it speaks: without a look
+            told.wait("commands", PATIENCE_S)
+            time.sleep(draws.uniform(0.02, 0.25))
+            spent += 1
+            if told.wait("the lease", 0.0):  # the machine was late: the flight had ended already
+                trusted.kill()
+                trusted.wait()
+                continue
+            trusted.kill()
+            dead = time.monotonic()
+            trusted.wait()
+            if told.wait("the lease", PATIENCE_S):
+                lawful += 1
+                after.append(1e3 * (told.at - dead))
+        reports = []
+        for process in (world, actuator):
+            process.send_signal(signal.SIGTERM)
+            reports.append(json.loads(process.communicate()[0]))
+    acted = reports[1]["modules"]["Guard"]
+    return {
+        "kills": lawful,
+        "starts": spent,
+        "after_ms": after,
+        "violations": reports[0]["violations"],
+        "older": acted["older"],
+        "taken": acted["taken"],
+        "law_after_ns": acted["law_after_ns"],
+    }
+
+
+def leases(place: Path, kills: int, pieces: Pieces) -> bool:
+    """The table of all batches; False where an old command was applied, or a law did not come."""
+    for system in ("Vehicle", "World"):
+        build(STOP, place / "stop" / system, system)
+    batches = []
+    for number, first in enumerate(range(0, kills, BATCH)):
+        channels = place / f"channels_{number}"
+        channels.mkdir(exist_ok=True)
+        count = min(BATCH, kills - first)
+        batches.append(
+            pieces.piece(
+                f"trusted part killed {first} to {first + count}",
+                partial(batch, place / "stop", channels, number, count),
+            )
+        )
+    done, older = sum(x["kills"] for x in batches), sum(x["older"] for x in batches)
+    starts, taken = sum(x["starts"] for x in batches), sum(x["taken"] for x in batches)
+    violations = sum(x["violations"] for x in batches)
+    after = sorted(t for x in batches for t in x["after_ms"])
+    worst = max(x["law_after_ns"] for x in batches) / 1e3
+    print(f"trusted part killed at {done} random instants while its commands were obeyed")
+    print(
+        f"  the law every time; from the kill to the law {after[len(after) // 2]:.1f} ms at the "
+        f"median, {after[-1]:.1f} ms at most (a lease: {LEASE_MS:g} ms at most)"
+    )
+    print(
+        f"  commands applied after the end of their lease: {older} of {taken}; the law "
+        f"{worst:.0f} us after the end of a lease at most; violations {violations}"
+    )
+    print(f"  {starts - done} of {starts} lives had ended by themselves: the machine was late")
+    return bool(older == 0 and violations == 0 and done == kills)
+
 
 LATE_US = 200
 ANEW_NS = 500_000_000

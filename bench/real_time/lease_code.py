@@ -2,7 +2,7 @@
 
 Purpose: `Engine`: both files as they ship, through cffi, for benchmarks and tests; `Grant` and
 `Lease` hold one state each. All times are integer ns, or any other unit.
-Non-goals: schedules (`delays_model.py`).
+Non-goals: schedules (`delays.py`).
 """
 
 from __future__ import annotations

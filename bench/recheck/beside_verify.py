@@ -1,11 +1,10 @@
 """`soter recheck` of every example beside the `soter verify` that wrote its certificate.
 
-    .venv/bin/python bench/recheck/beside_verify.py [FILE ...] [--certificates DIR]
+    .venv/bin/python bench/recheck/beside_verify.py [FILE ...]
 
 Every program of `examples` with a `verify` block is verified in a process of its own with an empty
 cache folder (engine, enclosures and decision module are compiled, too), and its certificate is
-checked in another one. Wall time, and processor time of all threads and children. With
-`--certificates` they are written there, and one that is there already is checked, not made anew.
+checked in another one. Wall time, and processor time of all threads and children.
 Purpose: that everybody can wait for a re-check: `MOST_S` of processor time each, `MEDIAN_S` in the
 middle. (That it takes no longer than the proof was asked until decision 283.)
 Non-goals: whether changed certificates are noticed (`corruptions.py`).
@@ -46,10 +45,10 @@ class Spent:
 
 @dataclass(frozen=True)
 class Row:
-    """Both commands for one program; `verify` is None where the certificate was there already."""
+    """Both commands for one program."""
 
     program: str
-    verify: Spent | None
+    verify: Spent
     recheck: Spent
 
     @property
@@ -77,16 +76,15 @@ def spent(arguments: list[str], cache: Path) -> Spent:
     return Spent(wall, cpu, done.returncode, done.stdout or done.stderr)
 
 
-def measure(program: Path, certificates: Path) -> Row | None:
+def measure(program: Path) -> Row | None:
     """Proves and checks a program; None where it has nothing that `verify` could write."""
-    folder = certificates / program.relative_to(ROOT / "examples").with_suffix("")
-    name, proof = str(program.relative_to(ROOT)), None
-    with tempfile.TemporaryDirectory(prefix="soter-bench-") as cache:
+    name = str(program.relative_to(ROOT))
+    with tempfile.TemporaryDirectory(prefix="soter-bench-") as place:
+        folder, cache = Path(place) / "certificate", Path(place) / "cache"
+        proof = spent(["verify", name, "--cert", str(folder)], cache)
         if not folder.exists():
-            proof = spent(["verify", name, "--cert", str(folder)], Path(cache))
-            if not folder.exists():
-                return None
-        return Row(name, proof, spent(["recheck", str(folder)], Path(cache)))
+            return None
+        return Row(name, proof, spent(["recheck", str(folder)], cache))
 
 
 def programs() -> list[Path]:
@@ -112,11 +110,11 @@ def line_of(row: Row) -> tuple[str, ...]:
     proof = row.verify
     return (
         row.program.removeprefix("examples/"),
-        f"{proof.wall_s:.1f} s" if proof else "",
-        f"{proof.cpu_s:.1f} s" if proof else "",
+        f"{proof.wall_s:.1f} s",
+        f"{proof.cpu_s:.1f} s",
         f"{row.recheck.wall_s:.1f} s",
         f"{row.recheck.cpu_s:.1f} s",
-        f"{row.recheck.cpu_s / proof.cpu_s:.1f}" if proof else "",
+        f"{row.recheck.cpu_s / proof.cpu_s:.1f}",
         "" if row.met else "missed",
         said_of(row.recheck),
     )
@@ -126,16 +124,13 @@ def main() -> int:
     """Measure and print; 1 where a re-check takes longer than it may, or does not accept."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("program", type=Path, nargs="*", help="by default every example")
-    parser.add_argument("--certificates", type=Path, help="where to keep them")
     given = parser.parse_args()
     rows: list[Row] = []
-    with tempfile.TemporaryDirectory(prefix="soter-bench-") as temporary:
-        certificates = (given.certificates or Path(temporary)).resolve()
-        for program in [p.resolve() for p in given.program] or programs():
-            row = measure(program, certificates)
-            if row is not None:
-                rows.append(row)
-                print("  ".join(line_of(row)), file=sys.stderr, flush=True)
+    for program in [p.resolve() for p in given.program] or programs():
+        row = measure(program)
+        if row is not None:
+            rows.append(row)
+            print("  ".join(line_of(row)), file=sys.stderr, flush=True)
     heads = ("program", "verify", "CPU", "recheck", "CPU", "ratio", "", "")
     print(table(heads, [line_of(r) for r in rows], color=False))
     load = ", ".join(f"{x:.1f}" for x in os.getloadavg())

@@ -1,6 +1,6 @@
 """Dives of JSBSim's F-16 with and without the module of examples/rest/dive.soter.
 
-    .venv/bin/python bench/tubes/dives.py [--dives 200] [--first-seed 1]
+    .venv/bin/python bench/tubes/dives.py [--dives 200]
 
 Purpose: the same pilots fly the aircraft of `jsbsim_f16.py` twice, once as they like and once with
 the module before them, whose decisions are those of the compiled check: how many hit the ground,
@@ -126,12 +126,11 @@ def main(argv: list[str]) -> int:
     """0; 3 where a dive with the module hit the ground."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--dives", type=int, default=200)
-    parser.add_argument("--first-seed", type=int, default=1)
     options = parser.parse_args(argv)
     jet, env, dives = Jet(), behind_module(), []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", SafetyWarning)
-        for seed in range(options.first_seed, options.first_seed + options.dives):
+        for seed in range(1, 1 + options.dives):
             dives.append((seed, alone(jet, seed), protected(env, seed)))
             if len(dives) % 20 == 0:
                 print(f"{len(dives)} dives", file=sys.stderr, flush=True)

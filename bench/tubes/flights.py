@@ -1,7 +1,6 @@
 """Flights behind a module with `rest`, every verdict of which is done again from its log.
 
     .venv/bin/python bench/tubes/flights.py [--flights 100] [--until 20] [--changed 10]
-        [--first-seed 1]
 
 Purpose: prove examples/evidence/follow.soter with an advanced controller that is wild, fly it with
 other seeds, and re-check every verdict "AC" of each log in Arb: how many there were, how many were
@@ -150,7 +149,6 @@ def main() -> int:
     parser.add_argument("--flights", type=int, default=100)
     parser.add_argument("--until", type=float, default=20.0)
     parser.add_argument("--changed", type=int, default=10)
-    parser.add_argument("--first-seed", type=int, default=1)
     args = parser.parse_args()
     every = []
     with tempfile.TemporaryDirectory() as place:
@@ -161,8 +159,7 @@ def main() -> int:
         program.verify(cert=folder / "proof")
         program.bind("Cruise", Wild())
         for k in range(args.flights):
-            seed = args.first_seed + k
-            every.append(flown(program, folder, seed, args.until, change=k < args.changed))
+            every.append(flown(program, folder, 1 + k, args.until, change=k < args.changed))
             print(_line([every[-1]]), flush=True)
     print(f"\nall     {_line(every)}")
     return 0 if all(f.confirmed == f.verdicts and f.named is not False for f in every) else 1

@@ -1,7 +1,6 @@
 """Whether `soter verify`, `soter recheck` and `soter run` contradict each other, on random modules.
 
     .venv/bin/python bench/verify/contradictions.py [--modules N] [--stiff N] [--seed N] [--seconds]
-    .venv/bin/python bench/verify/contradictions.py --examples --seconds 600
 
 Purpose: modules on grids and polytopes, inductions, instances, dials that nobody reads, jitter that
 stands alone, control arms, and groups that no command moves under schemes that may diverge. Each is
@@ -11,7 +10,7 @@ where it is not re-checked and `verify` has said so in its headline (each reason
 *accepted, not proved*; *proved, violated*: `safe` of the true state is left; *proved, stops*: a
 plant latches; *another system*: than the default one, which forces the module, is judged. A
 violation where the headline says that the scheme is assumed is `assumed`, and no contradiction.
-Programs that contradict go to `--folder`. Exit code 1 where there is one.
+A program is had again from its number (`program`). Exit code 1 where there is one.
 Non-goals: what nothing proves, or only one of them knows (`soundness.py`, `bench/recheck`).
 """
 
@@ -180,34 +179,13 @@ def _induction(number: int, rng: random.Random) -> str:
     return text
 
 
-def examples(only: list[str]) -> list[Path]:
-    """Those that have a default system with modules whose DM switches, and that runs by itself.
-
-    `only`: whose path has one of these in it; all where there is none.
-    """
-    paths = []
-    for path in sorted((ROOT / "examples").rglob("*.soter")):
-        if only and not any(name in path.as_posix() for name in only):
-            continue
-        try:
-            flat = system_to_prove(check_file(str(path)), None)
-        except SoterError:
-            continue
-        if flat.until_ns and flat.modules and all(m.forced is None for m in flat.modules):
-            paths.append(path)
-    return paths
-
-
 # ---------------------------------------------------------------- one program
 
 
-def judged(text: str | Path, work: Path) -> Found:
-    """Verified, rechecked and run: a text, or the program in a file."""
-    if isinstance(text, Path):
-        path, text = text, text.read_text(encoding="utf-8")
-    else:
-        path = work / "program.soter"
-        path.write_text(text)
+def judged(text: str, work: Path) -> Found:
+    """Verified, rechecked and run."""
+    path = work / "program.soter"
+    path.write_text(text)
     try:
         report = load(path).verify(cert=work / "cert", refute=False)
     except SoterError as error:
@@ -303,23 +281,14 @@ def main() -> int:
     parser.add_argument("--stiff", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=int, default=60, help="for one module")
-    parser.add_argument(
-        "--examples", nargs="*", metavar="NAME", help="the examples in place of these, or some"
-    )
-    parser.add_argument("--folder", type=Path, help="where programs that contradict are left")
     options = parser.parse_args()
     signal.signal(signal.SIGALRM, _too_long)
     began, verdicts, kinds = time.perf_counter(), Counter[str](), Counter[str]()
     shown = 0
-    text: str | Path
-    random = range(options.modules + options.stiff)
-    todo = random if options.examples is None else examples(options.examples)
-    for k in todo:
-        if isinstance(k, Path):
-            kind, text, number = k.relative_to(ROOT / "examples").as_posix(), k, 0
-        else:
-            number, stiff = options.seed * 10_000 + k, k >= options.modules
-            kind, text = program(number, stiff=stiff)
+    count = options.modules + options.stiff
+    for k in range(count):
+        number = options.seed * 10_000 + k
+        kind, text = program(number, stiff=k >= options.modules)
         signal.alarm(options.seconds)
         try:
             with tempfile.TemporaryDirectory() as work:
@@ -336,15 +305,11 @@ def main() -> int:
             kinds[what] += 1
             shown += 1
             print(f"{what}: {kind} {number}: {why[:200]}", flush=True)
-            if options.folder is not None and isinstance(text, str):
-                options.folder.mkdir(parents=True, exist_ok=True)
-                (options.folder / f"{number}.soter").write_text(text)
-    for line, count in sorted(verdicts.items()):
-        print(f"{count:5}  {line}")
+    for line, many in sorted(verdicts.items()):
+        print(f"{many:5}  {line}")
     for why in sorted(k for k in kinds if k.startswith(ANNOUNCED)):
         print(f"{kinds[why]:5}  {why}")
     print("  ".join(f"{what}: {kinds[what]}" for what in (*KINDS, "assumed")))
-    count = len(todo)
     took = f"{time.perf_counter() - began:.0f} s"
     print(f"contradictions: {shown} in {count} programs (target 0), {took}")
     return 1 if shown else 0

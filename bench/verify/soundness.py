@@ -71,7 +71,6 @@ class Findings:
     escapes: dict[str, int] = field(default_factory=dict)
     outside_lost: float | None = None
     """Share of runs from C without K that the adversary was seen to win."""
-    seconds: float = 0.0
     note: str = ""
 
 
@@ -149,35 +148,35 @@ class Adversary:
 
     def __init__(self, p: RandomProblem, runs: int, rng: np.random.Generator) -> None:
         self.p, self.runs, self.rng = p, runs, rng
-        n = p.states
+        self.most_wind, self.most_error = np.array([p.wind]).T, np.array([p.error]).T
         self.kind = rng.integers(0, 4, runs)
-        self.w = _sides(rng, (n, runs)) * p.wind[:, None]
-        self.e = _sides(rng, (n, runs)) * p.error[:, None]
+        self.w = _sides(rng, (p.n, runs)) * self.most_wind
+        self.e = _sides(rng, (p.n, runs)) * self.most_error
         self.push = _sides(rng, (runs,))
         self.hold = 2 ** rng.integers(0, 8, runs)
 
     def wind(self, x: Array, t: int) -> Array:
         """Constant, outward, switching, or random; (n, runs)."""
-        outward = np.where(x >= 0.0, 1.0, -1.0) * self.p.wind[:, None]
+        outward = np.where(x >= 0.0, 1.0, -1.0) * self.most_wind
         turned = np.where((t // self.hold) % 2 == 0, 1.0, -1.0) * self.w
-        chance = self.rng.uniform(-1.0, 1.0, x.shape) * self.p.wind[:, None]
+        chance = self.rng.uniform(-1.0, 1.0, x.shape) * self.most_wind
         return np.choose(self.kind[None, :] % 4, [self.w, outward, turned, chance])
 
     def error(self, x: Array) -> Array:
         """Constant, inward (the state looks better than it is), switching, or random."""
-        inward = np.where(x >= 0.0, -1.0, 1.0) * self.p.error[:, None]
-        chance = _sides(self.rng, x.shape) * self.p.error[:, None]
+        inward = np.where(x >= 0.0, -1.0, 1.0) * self.most_error
+        chance = _sides(self.rng, x.shape) * self.most_error
         late = np.where(self.rng.random(self.runs) < 0.5, 1.0, -1.0) * self.e
         return np.choose((self.kind[None, :] + 1) % 4, [self.e, inward, chance, late])
 
     def control(self, x: Array, t: int) -> Array:
         """Pushing one way, outward, switching, or random, within U; (runs,)."""
-        ahead = x[0] + (x[1] if self.p.states > 1 else 0.0)
+        ahead = x[0] + (x[1] if self.p.n > 1 else 0.0)
         outward = np.where(ahead >= 0.0, 1.0, -1.0)
         turned = np.where((t // self.hold) % 2 == 0, 1.0, -1.0) * self.push
         chance = self.rng.uniform(-1.0, 1.0, self.runs)
         chosen = np.choose(self.kind % 4, [self.push, outward, turned, chance])
-        return self.p.control * chosen
+        return self.p.control[0] * chosen
 
     def ticks(self, most: int) -> Ints:
         """A delay of 0 to `most` ticks a run, mostly at the ends."""
@@ -219,8 +218,8 @@ def attack_core(
     rng = np.random.default_rng(seed)
     runs = x0.shape[1]
     cells, foe = Cells(claims.edges), Adversary(p, runs, rng)
-    past = Past(p.states, runs, p.d)
-    before = p.control * np.where(rng.random(runs) < 0.7, foe.push, rng.uniform(-1.0, 1.0, runs))
+    past = Past(p.n, runs, p.d)
+    before = p.control[0] * np.where(rng.random(runs) < 0.7, foe.push, rng.uniform(-1.0, 1.0, runs))
     x = x0
     for age in range(1, p.d + 1):  # what led here: any command of U
         x = p.move(x, before, foe.w, -1)
@@ -246,7 +245,7 @@ def attack_core(
             u = np.where(acting, p.law(y), u)
             number = np.where(acting, number + 1, number)
             jitter = foe.ticks(2 * p.j) - p.j
-            due = np.where(acting, np.maximum(began + number * p.sc_period + jitter, t + 1), due)
+            due = np.where(acting, np.maximum(began + number * p.times.sc + jitter, t + 1), due)
         x = p.move(x, u, foe.wind(x, t))
         past.put(t + 1, x)
         left |= ~p.safe(x)
@@ -276,17 +275,17 @@ def attack_loop(  # noqa: PLR0915 - one tick of a whole loop, from top to bottom
     gated when it is made.
     """
     rng = np.random.default_rng(seed)
-    runs = estimate.shape[1]
+    runs, of = estimate.shape[1], p.times
     cells, foe = Cells(claims.edges), Adversary(p, runs, rng)
     trust, give_back = claims.levels[0], claims.levels[-1]
     x0 = estimate - foe.error(estimate)
     surprised = ~cells.has(claims.free, x0)
-    past = Past(p.states, runs, p.age)
+    past = Past(p.n, runs, of.max_age)
     past.put(0, x0)
-    for age in range(1, p.age + 1):
+    for age in range(1, of.max_age + 1):
         past.put(-age, x0)
     x, mode, sc_acts = x0, np.ones(runs, dtype=bool), np.zeros(runs, dtype=bool)
-    first = p.age + p.dm_period
+    first = of.max_age + of.dm
     never = np.int64(2**40)
     verdict_at = np.full(runs, never)
     verdict = np.ones(runs, dtype=bool)
@@ -295,32 +294,32 @@ def attack_loop(  # noqa: PLR0915 - one tick of a whole loop, from top to bottom
     wanted, coming, u_sc = np.zeros(runs), np.zeros(runs), np.zeros(runs)
     left = np.zeros(runs, dtype=bool)
     for t in range(ticks):
-        dm_due = t >= first and (t - first) % p.dm_period == 0
+        dm_due = t >= first and (t - first) % of.dm == 0
         if dm_due:
-            dm_start = t + foe.ticks(p.late_dm)
-        if (t - first) % p.sc_period == 0:
-            sc_start = t + foe.ticks(p.late_sc)
+            dm_start = t + foe.ticks(of.late_dm)
+        if (t - first) % of.sc == 0:
+            sc_start = t + foe.ticks(of.late_sc)
             if dm_due:  # one thread: SC's turn comes after the DM's
-                sc_start = np.maximum(sc_start, dm_start + p.response_dm)
+                sc_start = np.maximum(sc_start, dm_start + of.response_dm)
         now = dm_start == t
         if now.any():
-            seen = past.at(t, foe.ticks(p.age)) + foe.error(x)
+            seen = past.at(t, foe.ticks(of.max_age)) + foe.error(x)
             fine = np.where(mode, cells.has(trust, seen), cells.has(give_back, seen))
             verdict = np.where(now, fine, verdict)
-            verdict_at = np.where(now, t + foe.ticks(p.response_dm), verdict_at)
+            verdict_at = np.where(now, t + foe.ticks(of.response_dm), verdict_at)
         if (verdict_at == t).any():
             came = verdict_at == t
             mode = np.where(came, verdict, mode)
             sc_acts &= ~mode
         now = sc_start == t
         if now.any():
-            wanted = np.where(now, p.law(past.at(t, foe.ticks(p.age)) + foe.error(x)), wanted)
-            publish_at = np.where(now, t + foe.ticks(p.response_sc), publish_at)
+            wanted = np.where(now, p.law(past.at(t, foe.ticks(of.max_age)) + foe.error(x)), wanted)
+            publish_at = np.where(now, t + foe.ticks(of.response_sc), publish_at)
         now = publish_at == t
         if now.any():
             passed = now & ~mode
             coming = np.where(passed, wanted, coming)
-            act_at = np.where(passed, t + foe.ticks(p.acts), act_at)
+            act_at = np.where(passed, t + foe.ticks(of.acts), act_at)
         now = (act_at == t) & ~mode
         u_sc = np.where(now, coming, u_sc)
         sc_acts |= now
@@ -335,7 +334,7 @@ def lost_by_form(p: RandomProblem, claims: Claims) -> int:
     """Cells of K with a corner that no law could save (closed form)."""
     corners = np.argwhere(claims.witness != 0)
     loss_mask = np.zeros(len(corners), dtype=bool)
-    for side in np.ndindex(*(2,) * p.states):
+    for side in np.ndindex(*(2,) * p.n):
         x = np.array([e[corners[:, i] + side[i]] for i, e in enumerate(claims.edges)])
         if x.size:
             loss_mask |= p.surely_lost(x)
@@ -360,7 +359,7 @@ def claims_of(p: RandomProblem) -> tuple[Claims | None, str]:
     from soter.verify.problem.extract import extract  # noqa: PLC0415
 
     try:
-        system = system_of(check_file(f"random{p.number}.soter", p.text), "S")
+        system = system_of(check_file(f"random{p.seed}.soter", p.text), "S")
         problem = extract(system, system.modules[0])
         library, _ = library_of(problem)
         case = claims.open_case(problem, library, problem.groups, (), None)
@@ -382,8 +381,8 @@ def claims_of(p: RandomProblem) -> tuple[Claims | None, str]:
     free = np.asarray(group.free, dtype=bool)
     levels = tuple(np.asarray(level, dtype=bool) for level in group.levels)
     if not levels:  # a DM of our own from R(H)
-        trust = shrunk(free, edges, p.error)
-        levels = (trust, shrunk(trust, edges, 0.02 * p.box))
+        trust = shrunk(free, edges, np.array(p.error))
+        levels = (trust, shrunk(trust, edges, 0.02 * np.array(p.box)))
     core = np.asarray(group.core).reshape(free.shape)
     return Claims(edges, core, free, levels, horizon_ns // tick_ns), ""
 
@@ -408,23 +407,22 @@ def shrunk(cells: Bools, edges: tuple[Array, ...], by: Array) -> Bools:
 
 def _h_star(p: RandomProblem) -> int:
     """H* in ns, from docs/verification.md, with phases 0."""
+    t = p.times
     if p.is_map:
-        return p.dm_period * 10**9
-    step = int(np.gcd(p.dm_period, p.sc_period))
-    gap = p.sc_period - step
-    waits = max(p.late_dm + p.response_dm, gap + p.late_sc)
-    return (p.age + p.dm_period + waits + p.response_sc + p.acts) * 10**6
+        return t.dm * 10**9
+    gap = t.sc - int(np.gcd(t.dm, t.sc))
+    waits = max(t.late_dm + t.response_dm, gap + t.late_sc)
+    return (t.max_age + t.dm + waits + t.response_sc + t.acts) * 10**6
 
 
 def examine(p: RandomProblem, claims: Claims | None, steps: int, note: str = "") -> Findings:
     """Attack every claim with about `steps` simulated steps in all."""
-    began = time.perf_counter()
-    f = Findings(p.number, p.family, note=note)
+    f = Findings(p.seed, p.family, note=note)
     if claims is None:
         return f
     core = claims.witness != 0
     cells = Cells(claims.edges)
-    rng = np.random.default_rng(p.number)
+    rng = np.random.default_rng(p.seed)
     f.core_share, f.free_share = float(core.mean()), float(claims.free.mean())
     f.trust_share = float(claims.levels[0].mean()) if claims.levels else 0.0
     f.escapes = dict.fromkeys(NAMES, 0)
@@ -463,7 +461,6 @@ def examine(p: RandomProblem, claims: Claims | None, steps: int, note: str = "")
         lost, _, done = attack_core(p, claims, outside, long, 7)
         f.steps += done
         f.outside_lost = lost / RUNS
-    f.seconds = time.perf_counter() - began
     return f
 
 
@@ -471,16 +468,15 @@ def main() -> int:
     """Run, print, write; 1 if anything escaped."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--problems", type=int, default=200)
-    parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--steps", type=float, default=1e7)
     parser.add_argument(
         "--blind", action="store_true", help="hide things from the engine: there must be escapes"
     )
     arguments = parser.parse_args()
     if arguments.blind:
-        return blinded(range(arguments.first, arguments.first + arguments.problems))
+        return blinded(arguments.problems)
     findings = []
-    for k in range(arguments.first, arguments.first + arguments.problems):
+    for k in range(arguments.problems):
         p = problem(k)
         began = time.perf_counter()
         claims, note = claims_of(p)
@@ -497,41 +493,46 @@ def main() -> int:
             )
         if len(findings) % 10 == 0:
             print(f"{len(findings)} of {arguments.problems}", file=sys.stderr, flush=True)
-    summary = _summary(findings)
-    _print(findings, summary)
-    return 1 if summary["escapes"] else 0
+    return told(findings)
+
+
+def timed(p: RandomProblem, **ticks: int) -> RandomProblem:
+    """The same with other times."""
+    return replace(p, times=replace(p.times, **ticks))
 
 
 HIDDEN: dict[str, Callable[[RandomProblem], RandomProblem]] = {
     "nothing": lambda p: p,
-    "wind": lambda p: replace(p, wind=0.0 * p.wind),
-    "errors": lambda p: replace(p, error=0.0 * p.error),
-    "delay": lambda p: replace(p, age=min(p.age, p.plant_period), response_sc=0, acts=0),
-    "jitter": lambda p: replace(p, late_dm=0, late_sc=0, response_dm=0, response_sc=0, acts=0),
-    "half of H*": lambda p: replace(p, horizon=_h_star(p) // 2),
+    "wind": lambda p: replace(p, wind=(0.0,) * p.n),
+    "errors": lambda p: replace(p, error=(0.0,) * p.n),
+    "delay": lambda p: timed(
+        p, max_age=min(p.times.max_age, p.times.sensor), response_sc=0, acts=0
+    ),
+    "jitter": lambda p: timed(p, late_dm=0, late_sc=0, response_dm=0, response_sc=0, acts=0),
+    "half of H*": lambda p: replace(p, horizon=max(_h_star(p) // 2, 10**9 if p.is_map else 1)),
 }
 
 WORSE: dict[str, Callable[[RandomProblem], RandomProblem]] = {
-    "delay": lambda p: p if p.is_map else replace(p, age=200),
-    "jitter": lambda p: p if p.is_map else replace(p, late_sc=p.sc_period // 2 - 2),
+    "delay": lambda p: p if p.is_map else timed(p, max_age=200),
+    "jitter": lambda p: p if p.is_map else timed(p, late_sc=p.times.sc // 2 - 2),
 }
 """What is hidden is first made large: a cell hides a few milliseconds."""
 
 
-def blinded(numbers: range) -> int:
+def blinded(count: int) -> int:
     """Attack what is claimed by an engine that is not told everything; 1 if all is well."""
     print(f"{'hidden from the engine':24} {'problems with escapes':>22} {'escapes':>9}  which")
     wrong = 0
     for name, hide in HIDDEN.items():
         kinds: dict[str, int] = {}
         problems = 0
-        for k in numbers:
+        for k in range(count):
             p = WORSE.get(name, HIDDEN["nothing"])(problem(k))
             claims, note = claims_of(hide(p))
             f = examine(p, claims, 500_000, note)
             problems += any(f.escapes.values())
-            for kind, count in f.escapes.items():
-                kinds[kind] = kinds.get(kind, 0) + count
+            for kind, n in f.escapes.items():
+                kinds[kind] = kinds.get(kind, 0) + n
         escapes = sum(kinds.values())
         seen = ", ".join(f"{kind} {count}" for kind, count in kinds.items() if count)
         print(f"{name:24} {problems:22} {escapes:9}  {seen}", flush=True)
@@ -539,20 +540,8 @@ def blinded(numbers: range) -> int:
     return 1 if wrong else 0
 
 
-def _summary(findings: list[Findings]) -> dict[str, float]:
-    outside = [f.outside_lost for f in findings if f.outside_lost is not None]
-    return {
-        "problems": len(findings),
-        "with_core": sum(f.core_share > 0.01 for f in findings),
-        "with_free": sum(f.free_share > 0.01 for f in findings),
-        "with_trust": sum(f.trust_share > 0.01 for f in findings),
-        "steps": sum(f.steps for f in findings),
-        "escapes": sum(sum(f.escapes.values()) for f in findings),
-        "lost_outside_core": float(np.mean(outside)) if outside else 0.0,
-    }
-
-
-def _print(findings: list[Findings], summary: dict[str, float]) -> None:
+def told(findings: list[Findings]) -> int:
+    """A row a family, then of all; 1 if anything escaped."""
     print(
         f"{'family':10} {'problems':>8} {'K > 1 %':>8} {'mean K':>7} {'mean R':>7} {'escapes':>8}"
     )
@@ -563,15 +552,21 @@ def _print(findings: list[Findings], summary: dict[str, float]) -> None:
         some = sum(f.core_share > 0.01 for f in own)
         bad = sum(sum(f.escapes.values()) for f in own)
         print(f"{family:10} {len(own):8} {some:8} {core:7.3f} {free:7.3f} {bad:8}")
+    shares = np.array([(f.core_share, f.free_share, f.trust_share) for f in findings])
+    core, free, trust = (shares > 0.01).sum(axis=0)
     print(
-        f"{summary['problems']} problems, {summary['with_core']} with a K of more than 1 % of the "
-        f"grid, {summary['with_free']} with such an R(H), {summary['with_trust']} with such an S_0"
+        f"{len(findings)} problems, {core} with a K of more than 1 % of the "
+        f"grid, {free} with such an R(H), {trust} with such an S_0"
     )
-    print(f"{summary['steps']:,} adversarial steps; escapes: {summary['escapes']} (target 0)")
+    escapes = sum(sum(f.escapes.values()) for f in findings)
+    print(f"{sum(f.steps for f in findings):,} adversarial steps; escapes: {escapes} (target 0)")
+    outside = [f.outside_lost for f in findings if f.outside_lost is not None]
     print(
         f"of runs that start in C outside K the adversary was seen to win "
-        f"{summary['lost_outside_core']:.0%}: the rest is an upper bound of what K lacks"
+        f"{float(np.mean(outside)) if outside else 0.0:.0%}: "
+        f"the rest is an upper bound of what K lacks"
     )
+    return 1 if escapes else 0
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 Purpose: `Wrong`, `Base`; the control arms: small programs that are proved on coarse
 grids, and rightly so. A wrong module is one of them with a few lines changed.
-Non-goals: the wrong modules themselves (`all_modules.py`, `timing.py`), running anything
+Non-goals: the wrong modules themselves (`verdicts.py`, `timing.py`), running anything
 (`verdicts.py`).
 """
 

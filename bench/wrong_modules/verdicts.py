@@ -1,12 +1,15 @@
 """Wrong modules of many kinds: none may be called proved without a word about what is wrong.
 
-    .venv/bin/python bench/wrong_modules/verdicts.py [--kind K] [--only NAME] [--demos]
+    .venv/bin/python bench/wrong_modules/verdicts.py [--only NAME] [--demos]
 
-Purpose: run `soter verify FILE --no-refute` on every module of `all_modules.py`, and count: it
-is *refused* with a code, *undecided*, *refuted*, proved with the reason *named* in what is printed
-(what is not covered, or assumed), or *proved*, which must not happen. The right modules that the
-wrong ones are made from must be proved (control arms). With `--demos` every demonstration is run,
-too: a violation in the interpreter's own run, in `soter test`, or in a simulation of its own.
+Purpose: run `soter verify FILE --no-refute` on every module of `timing.py` and of the texts beside
+it, and count: it is *refused* with a code, *undecided*, *refuted*, proved with the reason *named*
+in what is printed (what is not covered, or assumed), or *proved*, which must not happen. The right
+modules that the wrong ones are made from must be proved (control arms). With `--demos` every
+demonstration is run, too: a violation in the interpreter's own run, in `soter test`, or in a
+simulation of its own. Beside what bench/rows.py says of the texts: `on` is the right module, `why`
+what is wrong; `?` is one of `Wrong.named` ("-": none), `$` the command that shows it ("-": nothing
+does), `~` an edit before that, `codes` and `options` are those of `Wrong`; a section is a kind.
 Non-goals: mutants of laws and predicates (`tests/generators/changed_modules.py`), of certificates.
 """
 
@@ -28,16 +31,47 @@ from typing import TYPE_CHECKING
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from bench.rows import edited  # noqa: E402 - needs the path
-from bench.wrong_modules.all_modules import WRONG  # noqa: E402
-from bench.wrong_modules.base import BASES  # noqa: E402
+from bench.rows import Edit, Groups, edited, edits_of, rows  # noqa: E402 - needs the path
+from bench.wrong_modules.base import BASES, Shown, Wrong  # noqa: E402
+from bench.wrong_modules.timing import TIMING  # noqa: E402
 
 from soter.cli.main import main as soter  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from bench.wrong_modules.base import Shown, Wrong
+    from bench.rows import Row as Text
+
+HERE = Path(__file__).parent
+FILES = ("groups.txt", "controllers.txt", "paths.txt", "systems.txt")
+WORDS = ("on", "why", "?", "$", "~", "codes", "options")
+GROUPS: Groups = {}
+
+
+def wrong_of(row: Text) -> Wrong:
+    """The module of a row: of `line`, and a run violates, where it says nothing else."""
+
+    def edits(word: str) -> tuple[Edit, ...]:
+        return tuple(edit for line in row.said.get(word, ()) for edit in edits_of(line, GROUPS))
+
+    (base,) = (b for b in BASES if b.name == (row.one("on") or "line"))
+    command = row.one("$") or "run"
+    return Wrong(
+        row.section,
+        row.name,
+        base,
+        edits(""),
+        row.one("why"),
+        None if command == "-" else Shown(tuple(command.split()), edits("~")),
+        tuple(regex for regex in row.said.get("?", ()) if regex != "-"),
+        tuple(row.one("codes").split()),
+        tuple(row.one("options").split()),
+    )
+
+
+OF_TEXTS = [wrong_of(row) for name in FILES for row in rows(HERE / name, WORDS, GROUPS)]
+WRONG = (*TIMING, *OF_TEXTS)
+
 
 PROVED, NAMED, REFUSED, UNDECIDED, REFUTED, BROKEN = (
     "proved",
@@ -137,16 +171,11 @@ def examine(wrong: Wrong, *, demos: bool) -> tuple[Row, str]:
 def main() -> int:
     """Run all, print the table; 1 unless nothing wrong is proved and the control arms are."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--kind", help="only this kind")
     parser.add_argument("--only", help="only modules with this in their name")
     parser.add_argument("--demos", action="store_true", help="run the demonstrations, too")
     arguments = parser.parse_args()
-    chosen = [
-        w
-        for w in WRONG
-        if arguments.kind in (None, w.kind) and (arguments.only is None or arguments.only in w.name)
-    ]
-    arms = {} if arguments.kind or arguments.only else _control_arms()
+    chosen = [w for w in WRONG if arguments.only is None or arguments.only in w.name]
+    arms = {} if arguments.only else _control_arms()
     rows = []
     for wrong in chosen:
         row, printed = examine(wrong, demos=arguments.demos)

@@ -15,10 +15,10 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.bare_metal import cortex_m as figures
 
 import processes
 import soter
+from generators import c_packages as images
 from generators.engine_comparison import subject
 from generators.random_programs import program
 from generators.shipped_programs import ROOT, subjects_of
@@ -175,7 +175,7 @@ def test_records_from_outside_and_in_leases_have_images(
     vehicle = soter.load(ROOT / "examples" / f"{file}.soter")
     package = vehicle.build("cortex-m", tmp_path / "out", system, board=board.name)
     assert build_image(package, board).same_as_host
-    made = make(package.folder, figures.loop_image(package).name, "CFLAGS=-Os -Werror")
+    made = make(package.folder, images.loop_image(package).name, "CFLAGS=-Os -Werror")
     assert made.returncode == 0, made.stderr
     assert b"lease" in (package.folder / "soter_loop_app.c").read_bytes()
 
@@ -294,7 +294,7 @@ def test_instants_are_counted_from_the_interrupt_to_the_commands(name: str, tmp_
     assert [done.returncode for done in runs] == [0, 0, 0], runs
     said = {done.stdout for done in runs}
     assert len(said) == 1
-    told = figures.COUNTED.search(said.pop())
+    told = images.COUNTED.search(said.pop())
     assert told is not None
     most, mean, tick, longer, stack = (int(x) for x in told.groups())
     assert longer == 0
@@ -304,12 +304,10 @@ def test_instants_are_counted_from_the_interrupt_to_the_commands(name: str, tmp_
     assert 0 < stack <= board.stack_bytes
 
 
-def test_the_dm_and_the_gate_of_the_cart_are_short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a core that computes doubles; docs/benchmarks.md has the figures of the others."""
+def test_the_dm_and_the_gate_of_the_cart_are_short() -> None:
+    """On a core that computes doubles; of M4 and M0 they are 5,418 and 8,427 (decision 368)."""
     wanted("mps2-an500")
-    monkeypatch.setattr(figures, "RUNS", 1)
-    *_, together = figures.gated("mps2-an500")
-    assert 0 < int(together.replace(",", "")) <= 2000
+    assert 0 < sum(images.dm_and_gate("mps2-an500")) <= 2000
 
 
 @pytest.mark.parametrize(
@@ -321,8 +319,8 @@ def test_the_trusted_cart_is_small_beside_the_test_of_the_arithmetic(
     board = wanted(name)
     package = soter.load(VEHICLE).build("cortex-m", tmp_path / "out", board=name)
     make(package.folder, "cart_firmware_loop.elf")
-    flash, ram = figures.sizes(figures.loop_image(package))
-    bare, doubles = figures.without_test(package, tmp_path / "bare")
+    flash, ram = images.sizes(images.loop_image(package))
+    bare, doubles = images.without_test(package, tmp_path / "bare")
     assert (doubles > 0) == (board.core in SOFT)
     assert bare < flash
     assert bare <= most, "doubles are counted here"

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from bench.drone.wrong_base import Edit, laid_out, verdict
-from bench.drone.wrong_rows import WRONG
+from bench.drone.wrong_base import WRONG, Edit, laid_out, verdict
 
 import soter
 from examples_changed import changed

@@ -8,8 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from bench.drone.wrong_base import flown, flown_again, laid_out, refuted, verdict
-from bench.drone.wrong_rows import ASSUMED, WRONG
+from bench.drone.wrong_base import ASSUMED, WRONG, flown, flown_again, laid_out, refuted, verdict
 from bench.drone.wrong_stacks import CHANGES, examine
 
 if TYPE_CHECKING:

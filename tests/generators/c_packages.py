@@ -1,20 +1,26 @@
-"""Packages of target `c`, made and built for tests.
+"""Packages of target `c`, made and built for tests; images for a Cortex-M, measured.
 
 Purpose: one way to write a package and to compile it with flags of one's choice. What `make` has
 built of exactly these files, with this compiler and these settings, is kept in Soter's cache as
 compiled programs are: many tests, and every later run, build the same package.
-Non-goals: what is in them.
+Images for a Cortex-M: how large they are, with and without the test of the arithmetic, and the cart
+whose AC is in C. Non-goals: what is in them; times: counts of an emulator are none.
 """
 
 from __future__ import annotations
 
 import hashlib
+import re
+import shutil
+import sys
 import tarfile
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import processes
 import soter
+from soter.api.deploying import image_of, stack_bound
 from soter.native.cache import cached, digest
 from soter.native.compiler import find
 
@@ -119,3 +125,99 @@ def trace(text: str) -> str:
     """The `trace_sha256` that a built program printed."""
     (line,) = [x for x in text.splitlines() if x.startswith("trace_sha256 ")]
     return line.split()[1]
+
+
+FAST = re.compile(r"^node Fast .*?^}\n", re.MULTILINE | re.DOTALL)
+FAST_IN_C = """\
+extern node Fast period 10ms from "c:fast.c:fast" {
+  subscribes motion, goal;
+  publishes accel;
+}
+"""
+FAST_SOURCE = """\
+#include "cart.h"
+int fast(const cart_SafeCart_Fast_in* in, cart_SafeCart_Fast_out* out) {
+  const double u = 4.0 * (in->goal - in->motion.x) - 1.0 * in->motion.v;
+  out->accel = u < -3.0 ? -3.0 : u > 3.0 ? 3.0 : u;
+  out->has_accel = 1;
+  return 0;
+}
+"""
+UNTESTED = "bool soter_tested(const soter_program* p) {\n  (void)p;\n  return true;\n}\n"
+SECTION = re.compile(
+    r"^ (\.(?:text|rodata)\S*)\s+0x([0-9a-f]+)\s+0x([0-9a-f]+) (\S+)$", re.MULTILINE
+)
+DOUBLES = re.compile(
+    r"_arm_muldivdf3\.o|libgcc\.a\(_\w*df\w*\.o\)|libm\w*\.a|"
+    r"compiler_rt\.(?!arm|int\b|udivmod|shift|mem|small)"
+)
+"""Of a section's name and its file; 64-bit integers and memory are not among them."""
+COUNTED = re.compile(
+    r"^interrupt to command (\d+) at most, (\d+) on average\n"
+    r"interrupt to actuators (\d+) at most\n"
+    r"\d+ instants, (\d+) longer than a tick\nstack (\d+) bytes used$",
+    re.MULTILINE,
+)
+
+
+def made(package: Package, goal: str, *words: str) -> str:
+    """What `make` says; CalledProcessError where it fails."""
+    zig = f"ZIG={sys.executable} -m ziglang"
+    command = ["make", "-s", "-C", str(package.folder), goal, zig, *words]
+    return str(processes.run(command, check=True, capture_output=True, text=True).stdout)
+
+
+def loop_image(package: Package) -> Path:
+    """Where the image against the clock comes to be."""
+    return package.folder / package.image.replace(".elf", "_loop.elf")
+
+
+def sizes(image: Path) -> tuple[int, int]:
+    """Bytes of flash, and of RAM with the stack."""
+    words = ["arm-none-eabi-size", str(image)]
+    said = str(processes.run(words, capture_output=True, text=True, check=True).stdout)
+    text, data, bss = (int(x) for x in said.splitlines()[1].split()[:3])
+    return text + data, data + bss
+
+
+def without_test(package: Package, beside: Path) -> tuple[int, int]:
+    """Flash of the loop's image without the test of the arithmetic, and of doubles in it.
+
+    All that only the test needs goes with it: its words, and the doubles that nothing else uses.
+    """
+    shutil.copytree(package.folder, beside)
+    start = beside / "soter_cortex_m.c"
+    text, number = re.subn(
+        r"static void say_bits.*\Z", UNTESTED, start.read_text(), flags=re.DOTALL
+    )
+    assert number == 1
+    start.write_text(text)
+    (program,) = [p for p in beside.glob("*.c") if ".self_test = soter_computes" in p.read_text()]
+    program.write_text(program.read_text().replace(".self_test = soter_computes", ".self_test = 0"))
+    (beside / loop_image(package).name).unlink(missing_ok=True)
+    copied = type(package)(beside)
+    made(copied, loop_image(package).name, "LOOP=-Wl,-Map=image.map")
+    listed = (beside / "image.map").read_text().partition("Linker script and memory map")[2]
+    doubles = sum(
+        int(size, 16)
+        for section, at, size, file in SECTION.findall(listed)
+        if int(at, 16) > 0 and DOUBLES.search(f"{section} {file}")
+    )
+    return sizes(beside / loop_image(package).name)[0], doubles
+
+
+def dm_and_gate(board: str) -> tuple[int, int]:
+    """Instructions at most of a DM's step, and of the gate, of the cart whose AC is in C."""
+    with tempfile.TemporaryDirectory() as folder:
+        here = Path(folder)
+        text, number = FAST.subn(FAST_IN_C, (EXAMPLES / "wall" / "cart.soter").read_text())
+        assert number == 1
+        (here / "cart.soter").write_text(text)
+        (here / "fast.c").write_text(FAST_SOURCE)
+        program = soter.load(here / "cart.soter")
+        package = program.build("cortex-m", here / "out", "Protected", board=board)
+        image = image_of(package, board, stack_bound(package, board))
+    assert image is not None
+    assert image.instant_most is not None, image.why
+    steps = {s.name: s.most for s in image.steps}
+    return steps["SafeCart.dm"], steps["SafeCart.Fast"]

@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from bench.newcomers.equations import robot_of
 from bench.newcomers.first_attempt import TRIED, followed
-from bench.newcomers.flights import lattice, left_by
-from bench.newcomers.flights_in_c import jumping, leaves, left_in_c, library
-from bench.newcomers.wrong_robots import edited
-from bench.newcomers.wrong_variants import Wrong
+from bench.newcomers.flights import jumping, lattice, leaves, left_by, left_in_c, library
+from bench.newcomers.wrong_robots import Wrong, edited
 
 from soter.verify.claims.choice import CELLS_MAX
 from unit.verify.diagnosis.tank_modules import TANK, changed, explained

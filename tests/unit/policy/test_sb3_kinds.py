@@ -170,7 +170,7 @@ def test_what_is_not_written_as_a_function_says_what_to_do(name: str) -> None:
 
 
 def test_activations_are_their_formulas() -> None:
-    """At numbers that people can work out; torch's own answers are in the bench of kinds."""
+    """At numbers that people can work out; torch's own are in decision 368."""
     at = np.array([-2.0, 0.0, 3.0], np.float32)
     wanted = {
         "ELU": [np.expm1(-2.0), 0.0, 3.0],

@@ -7,9 +7,19 @@ from random import Random
 from typing import TYPE_CHECKING
 
 import pytest
+from bench.real_time.delays import (
+    AC,
+    LAW,
+    SC,
+    Delay,
+    Flown,
+    Node,
+    Timing,
+    fly,
+    shipped,
+    stop_flights,
+)
 from bench.real_time.delays import STOP as STOP_MODULE
-from bench.real_time.delays import shipped, stop_flights
-from bench.real_time.delays_model import AC, LAW, SC, Delay, Flown, Node, Timing, fly
 from bench.real_time.lease_code import Grant, Lease
 
 import soter

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from bench.adversary.against_proofs import through
-from bench.adversary.closed_loop import POLICY, Machine
+from bench.adversary.closed_loop import POLICY, Machine, attack
 from bench.adversary.module_families import FAMILIES, module
-from bench.adversary.policy_search import attack
 from bench.adversary.proofs import armed, prove
 from bench.adversary.prover_holes import HOLES
 from bench.adversary.random_modules import Face, Module, PathNode, Times

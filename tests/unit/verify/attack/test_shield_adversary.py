@@ -10,9 +10,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bench.adversary import against_shields, wrong_shields
-from bench.adversary.closed_loop import SLIPS
+from bench.adversary.closed_loop import SLIPS, Run, attack
 from bench.adversary.module_families import FAMILIES, of_commands
-from bench.adversary.policy_search import Run, attack
 from bench.adversary.proofs import armed, prove
 from bench.adversary.random_modules import Face, Module, PathNode, Times
 

@@ -10,7 +10,6 @@ import re
 
 import pytest
 from bench.rows import edited
-from bench.wrong_modules.all_modules import WRONG
 from bench.wrong_modules.base import BASES, RING, Base
 from bench.wrong_modules.verdicts import (
     NAMED,
@@ -18,6 +17,7 @@ from bench.wrong_modules.verdicts import (
     REFUSED,
     SHOWN,
     UNDECIDED,
+    WRONG,
     call,
     demonstrated,
     judged,
