@@ -124,6 +124,11 @@ BENCHMARKS = (
     Benchmark("Bad files and options", "bench/hostile/bad_input.py --count 1000 --jobs 2"),
     Benchmark("Hostile files", "bench/hostile/hostile_files.py"),
     Benchmark(
+        "Policies of every kind against their libraries",
+        "bench/policies/policy_kinds.py --peer peer/bin/python",
+        last="kinds:",
+    ),
+    Benchmark(
         "Damaged logs",
         "bench/hostile/damaged_logs.py",
         last="damaged logs:|without a word|changed bits",
