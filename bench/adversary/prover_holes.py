@@ -323,7 +323,7 @@ HOLES = (
     Hole("the DM's age A is ignored", (_without("age"),), _old_reads),
     Hole(
         "drop-outs add nothing to the age",
-        ((Schedule, "_paths", lambda _, paths: paths),),
+        ((Schedule, "_with_dropout", lambda _, paths: paths),),
         _silent,
     ),
     Hole("half of what AC may command", ((GridGroup, "safe_for", _half_the_commands),), _on_time),

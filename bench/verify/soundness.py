@@ -353,7 +353,6 @@ def claims_of(p: RandomProblem) -> tuple[Claims | None, str]:
     from soter.diagnostics.diagnostic import SoterError  # noqa: PLC0415 - slow
     from soter.language.front_end import check_file, system_of  # noqa: PLC0415
     from soter.verify.claims import claims  # noqa: PLC0415
-    from soter.verify.claims.choice import levels as computed  # noqa: PLC0415
     from soter.verify.enclose.compiled_enclosures import library_of  # noqa: PLC0415
     from soter.verify.grid.group_model import UnboundedError  # noqa: PLC0415
     from soter.verify.problem.extract import extract  # noqa: PLC0415
@@ -363,10 +362,10 @@ def claims_of(p: RandomProblem) -> tuple[Claims | None, str]:
         problem = extract(system, system.modules[0])
         library, _ = library_of(problem)
         case = claims.open_case(problem, library, problem.groups, (), None)
-        if not (claims.constraint(case) and claims.core(case)):
+        if not (claims.compute_constraint(case) and claims.compute_core(case)):
             return None, "; ".join(f.text for f in case.failures)
-        claims.free_phase(case)
-        computed(case)
+        claims.compute_free_phase(case)
+        claims.compute_levels(case)
     except SoterError as error:
         return None, "; ".join(d.message for d in error.diagnostics)
     except UnboundedError as error:

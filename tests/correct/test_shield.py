@@ -318,7 +318,7 @@ def test_an_ac_between_the_steps_of_its_plant_is_refused_twice(
     path.write_text(STEPS.replace("node Any period 100ms", "node Any period 50ms"), "utf-8")
     with pytest.raises(soter.SoterError, match="R007"):
         soter.load(path).verify(refute=False)
-    monkeypatch.setattr(extract, "_between", lambda _: False)
+    monkeypatch.setattr(extract, "_ac_runs_between_steps", lambda _: False)
     assert soter.load(path).verify(cert=tmp_path / "cert", refute=False)["Keep"].verdict == "proved"
     assert "between the steps" in soter.recheck(tmp_path / "cert").reason
 

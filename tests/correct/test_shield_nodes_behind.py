@@ -72,7 +72,7 @@ def test_a_controller_between_module_and_plants_is_refused_twice(
     path.write_text(text.replace("passed = speed;", "passed = at > 9.0 ? 0.0 : speed;"), "utf-8")
     with pytest.raises(soter.SoterError, match="R007"):
         soter.load(path).verify(refute=False)
-    monkeypatch.setattr(extract, "_shield", lambda *_: None)
+    monkeypatch.setattr(extract, "_check_shield", lambda *_: None)
     soter.load(path).verify(cert=tmp_path / "cert", refute=False)
     assert "nodes behind the module" in soter.recheck(tmp_path / "cert").reason
 
@@ -112,6 +112,6 @@ def test_a_memory_behind_the_module_that_no_plant_of_the_proof_shows_is_refused_
     path.write_text(text, "utf-8")
     with pytest.raises(soter.SoterError, match="R007"):
         soter.load(path).verify(refute=False)
-    monkeypatch.setattr(extract, "_shield", lambda *_: None)
+    monkeypatch.setattr(extract, "_check_shield", lambda *_: None)
     soter.load(path).verify(cert=tmp_path / "cert", refute=False)
     assert "nodes behind the module" in soter.recheck(tmp_path / "cert").reason

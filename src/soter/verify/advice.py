@@ -29,17 +29,15 @@ from soter.language.model.tree_walk import nodes
 from soter.language.model.types import DURATION, show_ns, write_ns
 from soter.report.proof_page import AdvicePage, Line
 from soter.verify.claims import claims, start
-from soter.verify.claims.choice import deploy
-from soter.verify.claims.choice import levels as add_levels
-from soter.verify.claims.claims import recover
-from soter.verify.claims.grid_refinement import share
+from soter.verify.claims.claims import compute_levels, find_way_back, make_tables
+from soter.verify.claims.grid_refinement import volume_share
 from soter.verify.claims.results import PROVED
 from soter.verify.diagnosis.variations import at_periods
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.claims import Grids, grids
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import cases, extract, require_sets
-from soter.verify.problem.time_checks import late_commands_need
+from soter.verify.problem.time_checks import why_late_commands_uncovered
 from soter.verify.proof_methods import method_of
 from soter.verify.verify_module import module_method
 
@@ -224,25 +222,25 @@ def advise(
         notes = ("the sweep compares shares of grids",)
         raise SoterError((Diagnostic("U001", message, notes=notes),))
     library, _ = library_of(problem)
-    wanted = sorted({*levels, problem.levels})
-    every = _periods(problem, factors)
+    level_numbers = sorted({*levels, problem.levels})
+    periods = _periods(problem, factors)
     advice = Advice(problem.name, problem.times.delta_dm, problem.levels, [])
     opened: dict[int, list[Case]] = {}
-    for i, (delta, sc) in enumerate(every):
+    for i, (delta, sc) in enumerate(periods):
         phase(f"{problem.name}: a period of {show_ns(delta)}")
-        share_done(i / len(every))
+        share_done(i / len(periods))
         changed = at_periods(problem, delta, sc)
         times = changed.times
         row = AdviceRow(delta, times.delta_sc, times.h_star, times.horizon_ns)
-        row.why = _uncovered(changed)
+        row.why = _why_times_uncovered(changed)
         row.covered = not row.why
         advice.rows.append(row)
         if not row.covered:
             continue
         try:
             if times.delta_sc not in opened:
-                opened[times.delta_sc] = _opened(changed, library)
-            _fill(row, changed, opened[times.delta_sc], wanted)
+                opened[times.delta_sc] = _cases_with_core(changed, library)
+            _fill_row(row, changed, opened[times.delta_sc], level_numbers)
         except UnboundedError as error:
             row.why = str(error)
         if problem.levels_open and delta == advice.delta_ns and not row.verifies(advice.levels):
@@ -262,7 +260,7 @@ def advise_all(
 
 
 def _periods(problem: Problem, factors: Sequence[float]) -> list[tuple[int, int]]:
-    """(Delta, SC's period): multiples of the declared Delta, with SC's as `_scales` says.
+    """(Delta, SC's period): multiples of the declared Delta; SC's follows or stays.
 
     With SC's period left as it is they are multiples of it (a map: of the map's own).
     """
@@ -270,14 +268,14 @@ def _periods(problem: Problem, factors: Sequence[float]) -> list[tuple[int, int]
     unit = times.delta_sc if problem.kind == "flow" else problem.plant_period_ns
     every = {max(1, round(f * times.delta_dm / unit)) * unit for f in factors}
     pairs = {(delta, times.delta_sc) for delta in every}
-    if _scales(problem):
+    if _sc_period_follows(problem):
         scaled = {max(1, round(f * times.delta_dm)) for f in factors}
         longer = {(delta, sc) for delta, sc in pairs if delta > sc}
         pairs = longer | {(delta, delta) for delta in scaled}
     return sorted(pairs)
 
 
-def _scales(problem: Problem) -> bool:
+def _sc_period_follows(problem: Problem) -> bool:
     """Whether SC's period goes with Delta: a flow's where both are one, and SC reads no `dt`."""
     times = problem.times
     if problem.kind != "flow" or times.delta_sc != times.delta_dm:
@@ -286,7 +284,7 @@ def _scales(problem: Problem) -> bool:
     return node is not None and not any(isinstance(n, typed.PeriodRead) for n in nodes(node.step))
 
 
-def _uncovered(problem: Problem) -> str:
+def _why_times_uncovered(problem: Problem) -> str:
     """Why the theorem does not cover the times of a changed problem ("": it does).
 
     The conditions of `check_times` that the periods of the DM and SC enter.
@@ -303,7 +301,7 @@ def _uncovered(problem: Problem) -> str:
     if schedule.published > sc.period:
         return f"R015: SC may take {show_ns(schedule.published)}, longer than its period"
     stacked = bool(problem.above or problem.below)
-    if not schedule.ordered and late_commands_need(
+    if not schedule.ordered and why_late_commands_uncovered(
         problem.module.symbol, schedule, stacked=stacked
     ):
         return f"R015: SC may act {show_ns(jitter)} late, more than half of its period"
@@ -316,74 +314,75 @@ def _uncovered(problem: Problem) -> str:
     return ""
 
 
-def _opened(problem: Problem, library: ReachLibrary) -> list[Case]:
+def _cases_with_core(problem: Problem, library: ReachLibrary) -> list[Case]:
     """Every case with its engines, C and K, which do not depend on Delta."""
     open_cases = []
     for parameter in cases(problem):
         case = claims.open_case(problem, library, problem.groups, parameter)
-        if claims.constraint(case):
-            claims.core(case)
+        if claims.compute_constraint(case):
+            claims.compute_core(case)
         open_cases.append(case)
     return open_cases
 
 
-def _fill(row: AdviceRow, problem: Problem, opened: list[Case], wanted: list[int]) -> None:
-    done = [_at(case, problem) for case in opened]
-    row.core = _share(done, lambda g: g.core > 0)
+def _fill_row(row: AdviceRow, problem: Problem, opened: list[Case], wanted: list[int]) -> None:
+    """Computes a row from cases with K; `wanted`: the numbers of levels to try."""
+    row_cases = [_case_for_problem(case, problem) for case in opened]
+    row.core = _least_share(row_cases, lambda g: g.core > 0)
     broken = next((f for c in opened for f in c.failed("P2a")), None)
     if broken is not None:
         row.why = broken.text
         return
-    for case in done:
-        claims.free_phase(case)
-        start.start(case)
-    row.starts = not any(c.failed("start") for c in done)
+    for case in row_cases:
+        claims.compute_free_phase(case)
+        start.check_start(case)
+    row.starts = not any(c.failed("start") for c in row_cases)
     if not problem.computed:
-        row.written = all(_own(case) for case in done)
+        row.written = all(_own_predicates_verify(case) for case in row_cases)
     for m in wanted:
         computed = replace(problem, computed=True, levels=m)
-        tried = [_at(case, computed) for case in done]
+        tried = [_case_for_problem(case, computed) for case in row_cases]
         for case in tried:
-            add_levels(case)
-        deploy(tried)
-        row.allowed = _share(tried, lambda g: _held(g, 0))
-        row.levels[m] = _share(tried, lambda g: _held(g, 1))
-        row.returns[m] = row.levels[m] > 0.0 and all(_returns(case) for case in tried)
+            compute_levels(case)
+        make_tables(tried)
+        row.allowed = _least_share(tried, lambda g: _levels_in_table(g, 0))
+        row.levels[m] = _least_share(tried, lambda g: _levels_in_table(g, 1))
+        row.returns[m] = row.levels[m] > 0.0 and all(_is_return_shown(case) for case in tried)
     late = [] if row.in_time else ["the declared horizon is shorter than H*"]
-    stands = (*late, *(f.text for c in done for f in c.failures), "")
+    stands = (*late, *(f.text for c in row_cases for f in c.failures), "")
     row.why = row.why or stands[0]
 
 
-def _at(case: Case, problem: Problem) -> Case:
+def _case_for_problem(case: Case, problem: Problem) -> Case:
     """The case with the same engines and sets for another problem, without failures."""
     proofs: list[GroupProof] = [replace(p, found=replace(p.found)) for p in grids(case.proofs)]
     return replace(case, problem=problem, proofs=proofs, failures=[], spent={}, counts={})
 
 
-def _own(case: Case) -> bool:
+def _own_predicates_verify(case: Case) -> bool:
     """Whether the program's predicates verify at this period: `ttf`, `safer`, P2b."""
     for predicate in ("ttf", "safer"):
-        claims.inclusion(case, predicate)
-    return _returns(case) and not any(case.failed(c) for c in ("ttf", "safer"))
+        claims.check_inclusion(case, predicate)
+    return _is_return_shown(case) and not any(case.failed(c) for c in ("ttf", "safer"))
 
 
-def _held(part: GroupSets, which: int) -> Bools:
+def _levels_in_table(part: GroupSets, which: int) -> Bools:
     """S_0 or S_(m-2) as the DM would hold it for all cases; grids always have a table."""
     assert part.deployed is not None
     return part.deployed[which]
 
 
-def _returns(case: Case) -> bool:
+def _is_return_shown(case: Case) -> bool:
     """Whether P2b is shown, or not asked (`recover never`)."""
     if case.problem.stays:
         return True
-    recover(case)
+    find_way_back(case)
     return not case.failed("P2b")
 
 
-def _share(done: list[Case], cells: Callable[[GroupSets], Bools]) -> float:
+def _least_share(done: list[Case], cells: Callable[[GroupSets], Bools]) -> float:
     def of(part: GroupSets, engine: GridGroup) -> float:
-        return share(np.asarray(cells(part), dtype=np.bool_), engine.edges)
+        return volume_share(np.asarray(cells(part), dtype=np.bool_), engine.edges)
 
     return min((1.0, *(prod(of(g.found, g.engine) for g in grids(c.proofs)) for c in done)))
 
@@ -448,22 +447,22 @@ def largest_delay(flat: System, module: Module) -> DelayAdvice:
     advice = DelayAdvice(module.name, problem.times.acts, problem.times.acts_least)
     proved, failed = advice.declared_ns, None
     while len(advice.why_not) < TRIES_MAX:
-        at = _next(proved, failed, advice, problem.times.delta_sc)
-        if at is None:
+        acts_ns = _next_delay(proved, failed, advice, problem.times.delta_sc)
+        if acts_ns is None:
             break
-        phase(f"{module.name}: commands that act {show_ns(at)} late")
+        phase(f"{module.name}: commands that act {show_ns(acts_ns)} late")
         share_done(len(advice.why_not) / TRIES_MAX)
-        advice.why_not[at] = _what_fails(flat, module, at)
-        if advice.why_not[at]:
-            failed = at
+        advice.why_not[acts_ns] = _what_fails(flat, module, acts_ns)
+        if advice.why_not[acts_ns]:
+            failed = acts_ns
         else:
-            proved = at
+            proved = acts_ns
         if failed == advice.declared_ns:
             break
     return advice
 
 
-def _next(proved: int, failed: int | None, advice: DelayAdvice, period_ns: int) -> int | None:
+def _next_delay(proved: int, failed: int | None, advice: DelayAdvice, period_ns: int) -> int | None:
     """The value to try next: what is declared, then twice as much more, then halves between."""
     if not advice.why_not:
         return advice.declared_ns

@@ -1,9 +1,10 @@
 """A system under attack: the same plants and SC, everything else chosen by an adversary.
 
-Purpose: `attacked` makes the closed system in which `refute.py` looks for runs that leave C, the
-states where `safe` holds. Its AC publishes values drawn from its outputs' sets, so that one draw
-policy makes all choices of the environment and of AC, natively and in the interpreter alike; `safe`
-becomes a property of *true* topics, published without measurement errors beside the estimates.
+Purpose: `attacked_system` makes the closed system in which `refute.py` looks for runs that leave C,
+the states where `safe` holds. Its AC publishes values drawn from its outputs' sets, so that one
+draw policy makes all choices of the environment and of AC, natively and in the interpreter alike;
+`safe` becomes a property of *true* topics, published without measurement errors beside the
+estimates.
 Non-goals: searching (`refute.py`); delays and jitter: virtual time has none, so what only a late
 release brings about is not found here.
 """
@@ -31,18 +32,18 @@ class NotAttackableError(Exception):
     """The closed system cannot be run as an attack; the text says why."""
 
 
-def attacked(system: System, module: int, controller: str = DRAWN) -> System:
+def attacked_system(system: System, module: int, controller: str = DRAWN) -> System:
     """`system` with only "safe on the true state" of this module as its property.
 
     Raises `NotAttackableError` where `safe` reads what no plant drives, or where the AC's outputs
     have no sets to draw from (`controller` = DRAWN).
     """
     m = system.modules[module]
-    attacked_system = _inputs_drawn(_safe_watched(system, m), m)
-    return _controls_drawn(attacked_system, m) if controller == DRAWN else attacked_system
+    watched = _with_drawn_inputs(_with_safe_as_property(system, m), m)
+    return _with_drawn_controls(watched, m) if controller == DRAWN else watched
 
 
-def truths_known_ns(system: System) -> int:
+def true_topics_known_ns(system: System) -> int:
     """From this time on every true topic of an attacked system has been published."""
     return max((c.phase_ns for c in system.components if c.plant is not None), default=0)
 
@@ -69,7 +70,7 @@ def reads_time(system: System, module: int) -> bool:
 # ---------------------------------------------------------------- safe, on the truth
 
 
-def _safe_watched(system: System, module: Module) -> System:
+def _with_safe_as_property(system: System, module: Module) -> System:
     """The system with one property: `safe` over twins of its topics without measurement errors."""
     safe, scope = module.symbol.safe, module.scope
     seen = {}
@@ -115,7 +116,7 @@ def _with_driven_twin(
 # ---------------------------------------------------------------- draws
 
 
-def _inputs_drawn(system: System, module: Module) -> System:
+def _with_drawn_inputs(system: System, module: Module) -> System:
     """The system whose free inputs take values of their sets, a new one each module period."""
     already = {i.topic for i in system.inputs}
     for t in system.topics:
@@ -128,7 +129,7 @@ def _inputs_drawn(system: System, module: Module) -> System:
     return system
 
 
-def _controls_drawn(system: System, module: Module) -> System:
+def _with_drawn_controls(system: System, module: Module) -> System:
     """The system whose AC publishes, at each step, values drawn from its outputs' sets."""
     ac = system.components[module.ac]
     node = ac.node

@@ -1,8 +1,8 @@
 """`soter verify` without a terminal: which modules are proved, in which systems, in which order.
 
 Purpose: `verify` makes a `VerifyReport` of a checked program, with certificate and page on demand.
-`write` makes the folder for `soter recheck` (docs/verification.md, section 4): it puts program
-files, tables and the manifest there, and seals them.
+`write_certificate` makes the folder for `soter recheck` (docs/verification.md, section 4): it puts
+program files, tables and the manifest there, and seals them.
 Non-goals: the proofs (`verify_module.py`), printing (`cli/verify.py`); checking a certificate.
 """
 
@@ -78,11 +78,11 @@ def verify(
     chosen = modules_of(checked, module, system, params or {})
     refuse_forced(chosen)
     whole = {flat.name: flat for flat, _ in chosen}
-    chosen = _views(chosen)
+    chosen = _in_every_view(chosen)
     pairs = zip(problems_of(chosen), chosen, strict=True)
     problems = [_without_faults(checked.program, flat, problem) for problem, (flat, _) in pairs]
     coverage = coverage_of(checked, chosen, problems, params or {})
-    results = _proved(problems, refute, explain, search)
+    results = _verify_problems(problems, refute, explain, search)
     of_those_above(results)
     with settled_before(lambda: settled(*results)):
         for (flat, _), result in zip(chosen, results, strict=True):
@@ -90,7 +90,7 @@ def verify(
                 cache_sets(result)
             enter_cost(result, partial(system_of, checked, flat.name, params, exact=False))
             if find_spec("flint") is not None:
-                result.ask_rechecker = partial(_beyond_rechecker, whole[flat.name], result)
+                result.ask_rechecker = partial(_why_not_recheckable, whole[flat.name], result)
     store_verdicts([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     verification = VerifyReport(
@@ -104,7 +104,7 @@ def verify(
         contents={} if checked.loaded is None else checked.loaded.contents,
     )
     if cert is not None:
-        write(cert, checked.program, results, [flat.name for flat, _ in chosen])
+        write_certificate(cert, checked.program, results, [flat.name for flat, _ in chosen])
     if report is not None:
         from soter.verify.proof_report import write_report  # noqa: PLC0415 - only then
 
@@ -122,7 +122,7 @@ def _without_faults(program: TypedProgram, flat: System, problem: Problem) -> Pr
     return replace(problem, assumptions=(*problem.assumptions, without))
 
 
-def _beyond_rechecker(flat: System, result: ModuleResult) -> str:
+def _why_not_recheckable(flat: System, result: ModuleResult) -> str:
     """Why the re-checker cannot check a module of that system; "": it can."""
     from soter.certificate.rechecker import why_not_recheckable  # noqa: PLC0415 - an extra
 
@@ -131,7 +131,7 @@ def _beyond_rechecker(flat: System, result: ModuleResult) -> str:
     return why_not_recheckable(flat, entry, files)
 
 
-def _proved(
+def _verify_problems(
     problems: Sequence[Problem],
     refute: bool,
     explain: bool | None,
@@ -232,7 +232,7 @@ def _systems_by_preference(checked: CheckResult, params: Mapping[str, Value]) ->
     preferred = checked.default_system()
     names = [n for n, s in checked.systems.items() if s.deploys is None]
     if preferred is not None:
-        names.sort(key=lambda n: n != preferred.name and 1 + _forces(checked, n, params))
+        names.sort(key=lambda n: n != preferred.name and 1 + _forces_a_module(checked, n, params))
     return names
 
 
@@ -240,7 +240,7 @@ def modules_of(
     checked: CheckResult, module: str | None, system: str | None, params: Mapping[str, Value]
 ) -> list[tuple[System, Module]]:
     """The modules to verify, each in a flat system that has it; `SoterError` U008 for none."""
-    _not_deployed(checked, system)
+    _refuse_deployed_system(checked, system)
     names = [system] if system else _systems_by_preference(checked, params)
     modules: list[tuple[System, Module]] = []
     known: list[str] = []
@@ -261,12 +261,12 @@ def modules_of(
     return modules
 
 
-def _forces(checked: CheckResult, system: str, params: Mapping[str, Value]) -> bool:
+def _forces_a_module(checked: CheckResult, system: str, params: Mapping[str, Value]) -> bool:
     """Whether a system forces a module; the default system counts as one that does not."""
     return any(m.forced for m in system_to_prove(checked, system, params, exact=False).modules)
 
 
-def _not_deployed(checked: CheckResult, system: str | None) -> None:
+def _refuse_deployed_system(checked: CheckResult, system: str | None) -> None:
     """U008 for a deployed system: the system that it deploys has to be proved instead."""
     every = list(checked.systems.values())
     meant = [s for s in every if s.name == system or system is None]
@@ -287,7 +287,7 @@ def _no_module(module: str, known: list[str]) -> Diagnostic:
     return Diagnostic("U008", f"there is no module `{module}`", notes=(f"there are: {there}",))
 
 
-def _views(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
+def _in_every_view(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
     """Every module once for each of its views; `SoterError` with all diagnostics at once."""
     views: list[tuple[System, Module]] = []
     diagnostics = Diagnostics()
@@ -320,7 +320,7 @@ def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
     return problems
 
 
-def write(
+def write_certificate(
     folder: Path, program: TypedProgram, results: Sequence[ModuleResult], systems: Sequence[str]
 ) -> None:
     """Writes the certificate of `results`, each of a module in the system of that name.
@@ -328,8 +328,8 @@ def write(
     An old certificate in the folder is replaced. `SoterError` D008 where something else lies
     there, D006 where the system refuses.
     """
-    files = dict(_sources(program))
-    main = _main(program, files)
+    files = dict(_program_files(program))
+    main = _main_file(program, files)
     modules = []
     for k, (result, system) in enumerate(zip(results, systems, strict=True)):
         entry = module_method(result.problem).entry
@@ -346,13 +346,13 @@ def write(
     raw = (text + "\n").encode()
     files[MANIFEST] = raw
     files[SEAL] = (hashlib.sha256(raw).hexdigest() + "\n").encode()
-    _replace(folder, files)
+    _replace_folder(folder, files)
 
 
 # ---------------------------------------------------------------- the program
 
 
-def _sources(program: TypedProgram) -> Iterator[tuple[str, bytes]]:
+def _program_files(program: TypedProgram) -> Iterator[tuple[str, bytes]]:
     """The program's files, by their paths below the deepest folder that holds all of them."""
     paths = list(dict.fromkeys(p.resolve() for p in files_of(program.path)))
     root = Path(os.path.commonpath([p.parent for p in paths]))
@@ -360,7 +360,7 @@ def _sources(program: TypedProgram) -> Iterator[tuple[str, bytes]]:
         yield f"program/{path.relative_to(root).as_posix()}", path.read_bytes()
 
 
-def _main(program: TypedProgram, files: dict[str, bytes]) -> str:
+def _main_file(program: TypedProgram, files: dict[str, bytes]) -> str:
     """The path of the program's main file among `files`, the first."""
     name = next(iter(files)).removeprefix("program/")
     assert name.endswith(Path(program.path).name)
@@ -386,7 +386,7 @@ def _params(results: Sequence[ModuleResult]) -> dict[str, object]:
 # ---------------------------------------------------------------- the folder
 
 
-def _replace(folder: Path, files: dict[str, bytes]) -> None:
+def _replace_folder(folder: Path, files: dict[str, bytes]) -> None:
     """Replaces an old certificate in the folder; no other files are ever removed."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -394,7 +394,11 @@ def _replace(folder: Path, files: dict[str, bytes]) -> None:
         names = {p.relative_to(folder).as_posix() for p in old}
         strange = {n for n in names if n.split("/")[0] not in ("program", "sets", MANIFEST, SEAL)}
         if strange or (names and MANIFEST not in names):
-            raise SoterError((_in_the_way(folder, min(strange or names)),))
+            message = (
+                f"`{folder}` holds `{min(strange or names)}`, which is no part of a certificate"
+            )
+            helps = ("name a new or empty folder",)
+            raise SoterError((Diagnostic("D008", message, helps=helps),))
         for path in old:
             path.unlink()
         for path in sorted(folder.rglob("*"), reverse=True):
@@ -407,11 +411,3 @@ def _replace(folder: Path, files: dict[str, bytes]) -> None:
         why = reason(error)
         problem = Diagnostic("D006", f"cannot write the certificate `{folder}`: {why}")
         raise SoterError((problem,)) from None
-
-
-def _in_the_way(folder: Path, name: str) -> Diagnostic:
-    return Diagnostic(
-        "D008",
-        f"`{folder}` holds `{name}`, which is no part of a certificate",
-        helps=("name a new or empty folder",),
-    )

@@ -29,7 +29,13 @@ from soter.semantics.draws import ChoiceError, RecordedDraws, Recorder
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
-from soter.verify.attacked_system import DRAWN, OWN, attacked, reads_time, truths_known_ns
+from soter.verify.attacked_system import (
+    DRAWN,
+    OWN,
+    attacked_system,
+    reads_time,
+    true_topics_known_ns,
+)
 from soter.verify.problem.extract import extract
 from soter.version import other_format
 
@@ -73,13 +79,14 @@ class Counterexample:
     def __str__(self) -> str:
         """A summary for people, in lines."""
         whose = "with the program's own AC" if self.controller == OWN else "with some AC"
+        at = _seconds(self.time_ns)
         if self.shows == LEAVES:
-            head = f"{whose}, the true state leaves `safe` of {self.module} at {_s(self.time_ns)}"
+            head = f"{whose}, the true state leaves `safe` of {self.module} at {at}"
         else:
             assert self.cycle_ns is not None
             head = (
-                f"{whose}, {self.module} stays in SC for ever: at {_s(self.time_ns)} everything is "
-                f"as it was {_s(self.cycle_ns)} before, and `safer` did not hold"
+                f"{whose}, {self.module} stays in SC for ever: at {at} everything is as it was "
+                f"{_seconds(self.cycle_ns)} before, and `safer` did not hold"
             )
         lines = [head, *[f"chosen: {line}" for line in _choice_lines(self.choices)]]
         if self.steps:
@@ -94,7 +101,7 @@ class Counterexample:
         return "\n".join(lines)
 
 
-def _s(ns: int) -> str:
+def _seconds(ns: int) -> str:
     return f"{ns / 1e9:.9g} s"
 
 
@@ -122,7 +129,7 @@ class Replay:
 # ---------------------------------------------------------------- running
 
 
-def replay(c: Counterexample, system: System) -> Replay | None:
+def replay_choices(c: Counterexample, system: System) -> Replay | None:
     """Runs a counterexample in the interpreter; None where it does not show what it says.
 
     `system`: the verification system of the module, not yet attacked.
@@ -130,25 +137,25 @@ def replay(c: Counterexample, system: System) -> Replay | None:
     index = next((m.index for m in system.modules if m.name == c.module), None)
     if index is None:
         return None
-    variant = attacked(system, index, c.controller)
+    variant = attacked_system(system, index, c.controller)
     draws = RecordedDraws(c.choices)
     try:
         if c.shows == LEAVES:
-            return leaving(variant, draws, c.time_ns)
+            return run_that_leaves(variant, draws, c.time_ns)
         if any(len(chosen) != 1 for chosen in c.choices.values()) or not c.cycle_ns:
             return None
-        return cycling(variant, index, draws, c.time_ns, c.cycle_ns)
+        return run_that_repeats(variant, index, draws, c.time_ns, c.cycle_ns)
     except (ChoiceError, UnboundExternError):
         return None
 
 
-def leaving(variant: System, draws: Draws, until_ns: int) -> Replay | None:
+def run_that_leaves(variant: System, draws: Draws, until_ns: int) -> Replay | None:
     """The first instant, up to `until_ns`, at which `safe` is false on the true state.
 
     A `safe` that faults is not false: such an instant does not count.
     """
     run = _AttackedRun(variant, draws)
-    known_ns = truths_known_ns(variant)
+    known_ns = true_topics_known_ns(variant)
     while run.next_ns <= until_ns:
         c = run.instant()
         if c.ct >= known_ns and run.is_unsafe():
@@ -156,7 +163,7 @@ def leaving(variant: System, draws: Draws, until_ns: int) -> Replay | None:
     return None
 
 
-def cycling(
+def run_that_repeats(
     variant: System, module: int, draws: Draws, until_ns: int, cycle_ns: int
 ) -> Replay | None:
     """The run if at `until_ns` it is where it was `cycle_ns` before, with SC in control all along.
@@ -168,15 +175,20 @@ def cycling(
         return None
     run = _AttackedRun(variant, draws)
     began: object = None
-    known_ns = truths_known_ns(variant)
+    known_ns = true_topics_known_ns(variant)
     while run.next_ns <= until_ns:
         c = run.instant()
         if c.ct >= known_ns and run.is_unsafe():
             return None
         if c.ct == until_ns - cycle_ns:
-            began = run.place(module)
+            began = run.repeating_state(module)
             run.returned = False
-    if began is None or run.c.ct != until_ns or run.returned or began != run.place(module):
+    if (
+        began is None
+        or run.c.ct != until_ns
+        or run.returned
+        or began != run.repeating_state(module)
+    ):
         return None
     return Replay(until_ns, run.steps())
 
@@ -203,10 +215,10 @@ class _AttackedRun:
         verdicts = tuple(events.verdicts)
         self.returned |= any(v.before != SC or v.safer or v.stale or v.gate_fault for v in verdicts)
         if verdicts:
-            self._last.append((self.c, verdicts, self._chosen()))
+            self._last.append((self.c, verdicts, self._choices_so_far()))
         return self.c
 
-    def _chosen(self) -> dict[str, Value]:
+    def _choices_so_far(self) -> dict[str, Value]:
         """The value drawn last of each stream, which acts on the plants from here on."""
         return {stream: noted[-1][1] for stream, noted in self._drawn.choices.items()}
 
@@ -218,7 +230,7 @@ class _AttackedRun:
         except StepFault:
             return False
 
-    def place(self, module: int) -> object:
+    def repeating_state(self, module: int) -> object:
         """Everything that the future depends on, but for the time itself."""
         c = self.c
         ages = tuple(c.ct - c.stamps[t] for t in self.system.modules[module].inputs)
@@ -229,21 +241,21 @@ class _AttackedRun:
 
     def steps(self) -> tuple[dict[str, Any], ...]:
         """The last DM instants and the final one, for people."""
-        told = [self._told(*kept) for kept in self._last]
+        told = [self._step_document(*kept) for kept in self._last]
         if not self._last or self._last[-1][0] is not self.c:
-            told.append(self._told(self.c, (), self._chosen()))
+            told.append(self._step_document(self.c, (), self._choices_so_far()))
         return tuple(told)
 
-    def _told(
+    def _step_document(
         self, c: Configuration, verdicts: tuple[DecisionVerdict, ...], chosen: dict[str, Value]
     ) -> dict[str, Any]:
-        s = self.system
-        plants = [x for x in s.components if x.plant is not None]
+        system = self.system
+        plants = [x for x in system.components if x.plant is not None]
         return {
             "time_s": c.ct / 1e9,
-            "modes": {m.name: "AC" if c.L[m.dm] else "SC" for m in s.modules},
+            "modes": {m.name: "AC" if c.L[m.dm] else "SC" for m in system.modules},
             "decisions": {
-                s.modules[v.module].name: {"ttf": v.ttf, "safer": v.safer, "stale": v.stale}
+                system.modules[v.module].name: {"ttf": v.ttf, "safer": v.safer, "stale": v.stale}
                 for v in verdicts
             },
             "truth": {
@@ -253,7 +265,7 @@ class _AttackedRun:
                 }
                 for x in plants
             },
-            "topics": {t.name: to_json(t.type, c.Topics[t.index]) for t in s.topics},
+            "topics": {t.name: to_json(t.type, c.Topics[t.index]) for t in system.topics},
             "chosen": chosen,
         }
 
@@ -295,34 +307,35 @@ TIME_MAX = 10**15
 
 def read_counterexample(path: Path) -> Counterexample:
     """Reads a counterexample; `ValueError` where the file is none of this schema."""
-    d = parse_json(read_json_text(path))
-    if not isinstance(d, dict) or d.get("kind") != "counterexample":
+    document = parse_json(read_json_text(path))
+    if not isinstance(document, dict) or document.get("kind") != "counterexample":
         raise ValueError(f"`{path}` is no counterexample")
-    if other := other_format(d.get("schema"), SCHEMA):
+    if other := other_format(document.get("schema"), SCHEMA):
         raise ValueError(f"`{path}`: {other}: `soter verify` writes it anew")
     own = {"schema", "kind", "module", "shows", "controller", "seed", "time_ns", "cycle_ns"}
-    facts = {k: v for k, v in d.items() if k not in own | {"choices", "steps"}}
+    facts = {k: v for k, v in document.items() if k not in own | {"choices", "steps"}}
     try:
-        _checked(facts.get("params", {}), dict)
-        cycle = d["cycle_ns"]
+        _checked_type(facts.get("params", {}), dict)
+        cycle = document["cycle_ns"]
         return Counterexample(
-            module=_checked(d["module"], str),
-            shows=_one_of_known(d["shows"], (LEAVES, CYCLE)),
-            controller=_one_of_known(d["controller"], (OWN, DRAWN)),
-            seed=_checked(d["seed"], int),
-            time_ns=_checked_time(d["time_ns"]),
+            module=_checked_type(document["module"], str),
+            shows=_one_of_known(document["shows"], (LEAVES, CYCLE)),
+            controller=_one_of_known(document["controller"], (OWN, DRAWN)),
+            seed=_checked_type(document["seed"], int),
+            time_ns=_checked_time(document["time_ns"]),
             cycle_ns=None if cycle is None else _checked_time(cycle),
             choices={
-                str(s): _chosen_values(chosen) for s, chosen in _checked(d["choices"], dict).items()
+                str(s): _chosen_values(chosen)
+                for s, chosen in _checked_type(document["choices"], dict).items()
             },
-            steps=tuple(_checked(d["steps"], list)),
+            steps=tuple(_checked_type(document["steps"], list)),
             facts=facts,
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"`{path}` is a damaged counterexample: {error}") from error
 
 
-def _checked(given: Any, wanted: type) -> Any:  # noqa: ANN401 - any JSON
+def _checked_type(given: Any, wanted: type) -> Any:  # noqa: ANN401 - any JSON
     if not isinstance(given, wanted) or isinstance(given, bool):
         raise TypeError(f"{str(given)[:40]!r} is no {wanted.__name__}")
     return given
@@ -335,7 +348,7 @@ def _one_of_known(given: object, known: tuple[str, ...]) -> str:
 
 
 def _checked_time(given: object) -> int:
-    time: int = _checked(given, int)
+    time: int = _checked_type(given, int)
     if not 0 <= time <= TIME_MAX:
         raise TypeError("a time is out of range")
     return time
@@ -344,11 +357,11 @@ def _checked_time(given: object) -> int:
 def _chosen_values(given: object) -> list[tuple[int, Any]]:
     """The choices of one stream as (index, value); they are checked when they are drawn."""
     choices = []
-    for entry in _checked(given, list):
-        index, value = _checked(entry, list)
+    for entry in _checked_type(given, list):
+        index, value = _checked_type(entry, list)
         if isinstance(value, (list, dict, str)) or value is None:
             raise TypeError("a choice is no value")
-        choices.append((_checked(index, int), value))
+        choices.append((_checked_type(index, int), value))
     if not choices:
         raise TypeError("a stream without choices")
     return choices
@@ -372,7 +385,7 @@ def save_runs(report: VerifyReport, folder: Path = FOLDER) -> None:
                 path = folder / f"{stem}.counterexample.json"
                 if _system_of(path) not in {None, report.system}:
                     path = folder / f"{stem}-{report.system}.counterexample.json"
-                _write(replace(run, facts=_facts(report, module)), path)
+                _write_or_refuse(replace(run, facts=_facts(report, module)), path)
                 finding.saved = path
 
 
@@ -395,7 +408,7 @@ def _facts(report: VerifyReport, module: ModuleResult) -> dict[str, object]:
     }
 
 
-def _write(run: Counterexample, path: Path) -> None:
+def _write_or_refuse(run: Counterexample, path: Path) -> None:
     try:
         write_counterexample(run, path)
     except OSError as error:
@@ -411,7 +424,7 @@ def replay_file(path: Path) -> Replay | None:
     """
     run = read_counterexample(path)
     facts = run.facts
-    named = _program(path, str(facts.get("program", "")))
+    named = _program_path(path, str(facts.get("program", "")))
     checked = check_file(named)
     if not checked.begins:
         raise AnotherVersionError(f"`{path}` belongs to another version of `{named}`")
@@ -425,11 +438,11 @@ def replay_file(path: Path) -> Replay | None:
         flat = system_to_prove(checked, name or None, facts.get("params") or {})
         for module in flat.modules:
             if module.name == facts.get("instance"):
-                return replay(run, extract(flat, module).system)
+                return replay_choices(run, extract(flat, module).system)
     return None
 
 
-def _program(path: Path, named: str) -> str:
+def _program_path(path: Path, named: str) -> str:
     """The path of a counterexample's program: as it was named, or beside the file's folder."""
     if not Path(named).is_file():
         for folder in (path.resolve().parent.parent, path.resolve().parent):

@@ -32,7 +32,7 @@ from soter.verify.grid.grid_problem import of_problem
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.extract import extract
-from soter.verify.synthesized_sc import STRIDE, CellCommands, chosen, combinations
+from soter.verify.synthesized_sc import STRIDE, CellCommands, command_combinations, law_table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -69,7 +69,7 @@ class CommandTable:
     """For each true cell of K, bit k is set if command k, held for a period, leads back into K."""
 
 
-def _spread(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: ANN401 - int arrays
+def _and_of_masks(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: ANN401 - int arrays
     """The bitwise AND of the masks first[i]..last[i] along an axis (within the grid)."""
     n = masks.shape[axis]
     low, high = np.clip(first, 0, n - 1), np.clip(last, 0, n - 1)
@@ -110,7 +110,7 @@ class _Synthesis:
             share_done(0.0, "synthesis")  # nobody knows how many rounds are left
         return group.cells_of(self.memory["kept"])
 
-    def of_estimates(self, kept: Bools) -> Masks:
+    def masks_by_estimate(self, kept: Bools) -> Masks:
         """Masks, by estimate cell, of the commands that serve all compatible cells of K; ALL: none.
 
         Where an axis has no error, an estimate on the lower face of its cell also is of the cell
@@ -120,38 +120,38 @@ class _Synthesis:
         touched = self.group.touched(self.errors)
         exact = [not self.errors.get(s, 0.0) for s in self.group.axes]
         # exact axes first: while `masks` belong to true cells along the others, as `kept` does
-        for a in sorted(range(len(exact)), key=lambda a: not exact[a]):
-            first, last = touched[a]
-            if not exact[a]:
-                masks = _spread(masks, first, last, a)
+        for axis in sorted(range(len(exact)), key=lambda axis: not exact[axis]):
+            first, last = touched[axis]
+            if not exact[axis]:
+                masks = _and_of_masks(masks, first, last, axis)
                 continue
             below = np.full_like(masks, ALL)
             into: list[slice] = [slice(None)] * masks.ndim
             out = list(into)
-            into[a], out[a] = slice(1, None), slice(None, -1)
+            into[axis], out[axis] = slice(1, None), slice(None, -1)
             below[tuple(into)] = masks[tuple(out)]
             masks = np.where(kept, masks, masks & below)
         return masks
 
-    def conflicts(self, kept: Bools, masks: Masks) -> Bools:
+    def cells_in_conflict(self, kept: Bools, masks: Masks) -> Bools:
         """Cells to give up because some estimate of theirs has no command that serves all.
 
         Of the commands, the one that serves most of the compatible cells is kept.
         """
         wanted, lost = np.argwhere(masks == 0), np.zeros_like(kept)
         reach = self.group.touched(self.errors)
-        for at in wanted:
+        for cell in wanted:
             box = tuple(
                 slice(max(0, int(f[i]) - (not self.errors.get(s, 0.0))), int(t[i]) + 1)
-                for i, s, (f, t) in zip(at, self.group.axes, reach, strict=True)
+                for i, s, (f, t) in zip(cell, self.group.axes, reach, strict=True)
             )
-            here, fine = kept[box] & ~lost[box], self.fine[box]
+            compatible, fine = kept[box] & ~lost[box], self.fine[box]
             serves = [
-                int((here & ((fine >> np.uint64(k)) & np.uint64(1) != 0)).sum())
+                int((compatible & ((fine >> np.uint64(k)) & np.uint64(1) != 0)).sum())
                 for k in range(len(self.commands))
             ]
             best = np.uint64(int(np.argmax(serves)))
-            lost[box] |= here & ((fine >> best) & np.uint64(1) == 0)
+            lost[box] |= compatible & ((fine >> best) & np.uint64(1) == 0)
         return lost
 
     def run(self) -> CommandTable:
@@ -159,15 +159,15 @@ class _Synthesis:
         lib.soter_reach_choice_begin(group.c, self.work)
         while True:
             kept = self.settle()
-            masks = self.of_estimates(kept)
+            masks = self.masks_by_estimate(kept)
             if masks.all():
                 admits = np.where(kept, self.fine, np.uint64(0))
-                return CommandTable(kept, self.chosen(kept, masks), self.commands, admits)
-            lost = np.ascontiguousarray(self.conflicts(kept, masks)).view(np.uint8)
+                return CommandTable(kept, self.command_by_cell(kept, masks), self.commands, admits)
+            lost = np.ascontiguousarray(self.cells_in_conflict(kept, masks)).view(np.uint8)
             lib.soter_reach_choice_remove(group.c, self.work, group.pointer(lost, "uint8_t *"))
             share_done(0.0, "synthesis")
 
-    def chosen(self, kept: Bools, masks: Masks) -> Bytes:
+    def command_by_cell(self, kept: Bools, masks: Masks) -> Bytes:
         """For each cell one of the commands that serve; 255 where no state of K can be.
 
         It is the one whose image of the cell has the least `prefer` at its middle, else the first.
@@ -246,9 +246,11 @@ def synthesize(
             return list(dict.fromkeys(written))
         flat, open_module = todo[0]
         if Path(open_module.symbol.span.source.name).name not in (main.name, output.name):
-            raise _none_for(open_module, "it is declared in an imported file: synthesize it there")
+            raise _no_controller_error(
+                open_module, "it is declared in an imported file: synthesize it there"
+            )
         problem = extract(flat, open_module, synthesize=True)
-        program = synthesized_sc.written(problem, find(problem))
+        program = synthesized_sc.program_with_law(problem, find_law(problem))
         try:
             written += program.save(output)
         except OSError as error:
@@ -259,7 +261,7 @@ def synthesize(
             raise SoterError(checked.diagnostics.items)
 
 
-def _is_written(output: Path) -> bool:
+def _is_written_by_soter(output: Path) -> bool:
     """Whether soter wrote a file: its beginning says so."""
     try:
         with opened(output, pipes=False) as stream:
@@ -275,7 +277,7 @@ def _require_place(main: Path, output: Path) -> None:
         helps = ("its imports and data are looked for beside it: choose a name there",)
         raise SoterError((Diagnostic("U001", message, helps=helps),))
     ours = output.resolve() == main.resolve() or not output.exists()
-    if not ours and not _is_written(output):
+    if not ours and not _is_written_by_soter(output):
         message = f"`{output}` is there already, and soter did not write it"
         helps = ("choose another name with -o, or move it away",)
         raise SoterError((Diagnostic("D008", message, helps=helps),))
@@ -285,32 +287,34 @@ MORE = ("give more commands: `commands topic in {-1.0, 0.0, 1.0};`", "or write o
 UNSUPPORTED = ("write a controller of your own: `sc NAME;`",)
 
 
-def find(problem: Problem, stride: int = STRIDE) -> LawTable:
+def find_law(problem: Problem, stride: int = STRIDE) -> LawTable:
     """A law for the only group of a problem; `SoterError` U009 where none was found."""
     if len(problem.groups) != 1 or problem.groups[0].representation != "grid":
-        raise _none_for(
+        raise _no_controller_error(
             problem.module, "it has several groups, or one that is no grid", UNSUPPORTED
         )
     if problem.parameters or any(e.high > e.low for e in problem.errors):
         why = "parameters and measurement errors are not supported yet"
-        raise _none_for(problem.module, why, UNSUPPORTED)
-    if len(combinations(problem)) > COMMANDS_MAX:
+        raise _no_controller_error(problem.module, why, UNSUPPORTED)
+    if len(command_combinations(problem)) > COMMANDS_MAX:
         why = f"there are more than {COMMANDS_MAX} different commands"
-        raise _none_for(problem.module, why, ("give fewer values in `commands`",))
+        raise _no_controller_error(problem.module, why, ("give fewer values in `commands`",))
     edges = [np.array(a.edges) for a in problem.groups[0].axes]
     widths = [float(e[-1] - e[0]) / (len(e) - 1) for e in edges]
     library, _ = library_of(problem)
     try:
-        choices, hold = _choices(problem, library)
+        choices, hold = _commands_with_best_hold(problem, library)
     except UnboundedError as error:
-        raise _none_for(problem.module, str(error)) from error
+        raise _no_controller_error(problem.module, str(error)) from error
     if not choices.core.any():
-        raise _none_for(problem.module, "from no cell do the given commands keep the constraint")
-    steps = _Middles(problem, library, hold)
-    return chosen(choices, [float(e[0]) for e in edges], widths, steps.after, stride)
+        raise _no_controller_error(
+            problem.module, "from no cell do the given commands keep the constraint"
+        )
+    steps = _MovedPoints(problem, library, hold)
+    return law_table(choices, [float(e[0]) for e in edges], widths, steps.points_after, stride)
 
 
-def _none_for(module: Module, why: str, helps: tuple[str, ...] = MORE) -> SoterError:
+def _no_controller_error(module: Module, why: str, helps: tuple[str, ...] = MORE) -> SoterError:
     symbol = module.symbol
     at = Label(symbol.sc_span, "to be found") if symbol.sc_span is not None else None
     message = f"no safe controller was found for module `{module.name}`"
@@ -320,12 +324,12 @@ def _none_for(module: Module, why: str, helps: tuple[str, ...] = MORE) -> SoterE
 # ---------------------------------------------------------------- what the engine says
 
 
-def _choices(problem: Problem, library: ReachLibrary) -> tuple[CellCommands, int]:
+def _commands_with_best_hold(problem: Problem, library: ReachLibrary) -> tuple[CellCommands, int]:
     """The engine's answers for the hold with the largest K, and that hold."""
     best: tuple[CellCommands, int] | None = None
     for hold in HOLDS if problem.kind == "flow" else HOLDS[:1]:
         try:
-            choices = _choices_for(problem, library, hold)
+            choices = _commands_for_hold(problem, library, hold)
         except UnboundedError:
             if best is None:
                 raise
@@ -336,15 +340,15 @@ def _choices(problem: Problem, library: ReachLibrary) -> tuple[CellCommands, int
     return best
 
 
-def _choices_for(problem: Problem, library: ReachLibrary, hold: int) -> CellCommands:
-    commands = combinations(problem)
+def _commands_for_hold(problem: Problem, library: ReachLibrary, hold: int) -> CellCommands:
+    commands = command_combinations(problem)
     ranges = [(min(v), max(v)) for v in problem.commands]
-    mixed = _under(problem, library, ranges, hold)
-    core, admits = _core(mixed, mixed.constraint(hint=problem.has_core_hint), commands)
+    mixed = _grid_with_held_commands(problem, library, ranges, hold)
+    core, admits = _core_and_commands(mixed, mixed.constraint(hint=problem.has_core_hint), commands)
     return CellCommands(core, admits, mixed.safe_for(mixed.inputs.period_ns, core))
 
 
-def _core(
+def _core_and_commands(
     group: GridGroup, allowed: Bools, commands: Sequence[tuple[float, ...]]
 ) -> tuple[Bools, Bools]:
     """K, and (m, *cells): whether command m leads back into it from a cell."""
@@ -353,7 +357,7 @@ def _core(
     return table.cells, (table.admits >> bits) & np.uint64(1) != 0
 
 
-def _under(
+def _grid_with_held_commands(
     problem: Problem, library: ReachLibrary, ranges: Sequence[tuple[float, float]], hold: int
 ) -> GridGroup:
     """The engine with commands in these ranges, each held for `hold` periods.
@@ -372,26 +376,26 @@ def _under(
     return GridGroup(library, inputs, axes)
 
 
-class _Middles:
+class _MovedPoints:
     """Computes where points move in one hold of a command, all else in the middle of its range."""
 
     def __init__(self, problem: Problem, library: ReachLibrary, hold: int) -> None:
         self.problem = problem
         self.forms = CompiledEnclosures(library, problem, ())
-        self.commands = combinations(problem)
+        self.commands = command_combinations(problem)
         self.axes = [a.state for a in problem.groups[0].axes]
         middle = self.forms.whole.mean(axis=1)
         self.box: Floats = np.stack([middle, middle], axis=1)
         self.seconds = hold * problem.times.delta_sc * 1e-9
 
-    def after(self, command: int, points: Floats) -> Floats:
+    def points_after(self, command: int, points: Floats) -> Floats:
         """The points (n, d) one hold of this command later, (n, d)."""
         first = len(self.problem.states)
         for j, value in enumerate(self.commands[command]):
             self.box[first + j] = value
-        return np.stack([self._moved(p) for p in points])
+        return np.stack([self._moved_point(p) for p in points])
 
-    def _moved(self, point: Floats) -> Floats:
+    def _moved_point(self, point: Floats) -> Floats:
         if self.problem.kind == "map":
             return self._rates("next", point)
         h = self.seconds

@@ -102,8 +102,8 @@ def _cached_proof(system: System, module: str) -> Proof | None:
         return None
     if len(texts) != 1:
         return None
-    told = json.loads(texts.pop())
-    return Proof(dict(told["verdicts"]), tuple(told["assumptions"]))
+    document = json.loads(texts.pop())
+    return Proof(dict(document["verdicts"]), tuple(document["assumptions"]))
 
 
 def _mark_of_entries(name: str) -> Path:
@@ -139,19 +139,19 @@ def store_verdicts_of_file(
     `horizon_needed_ns` (None where there is none) and `properties` (verdicts by name).
     """
     file = _verdicts_file(path)
-    known = stored_verdicts_of_file(path)
-    same = next((r for r in known if r["program_sha256"] == program_sha256), None)
+    records = stored_verdicts_of_file(path)
+    same = next((r for r in records if r["program_sha256"] == program_sha256), None)
     now = {name: {**said, "when_s": time.time()} for name, said in modules.items()}
     before = {} if same is None else same["modules"]
     record = {"program_sha256": program_sha256, "modules": {**before, **now}}
-    rest = [r for r in known if r is not same]
-    text = json.dumps({"soter": soter_sha256(), "records": [record, *rest][:KEPT_TEXTS]})
+    other_records = [r for r in records if r is not same]
+    text = json.dumps({"soter": soter_sha256(), "records": [record, *other_records][:KEPT_TEXTS]})
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        handle, made = tempfile.mkstemp(dir=file.parent)
+        handle, temporary = tempfile.mkstemp(dir=file.parent)
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
             stream.write(text)
-        Path(made).replace(file)
+        Path(temporary).replace(file)
 
 
 def stored_verdicts_of_file(path: Path) -> list[dict[str, Any]]:

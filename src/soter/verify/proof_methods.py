@@ -38,7 +38,7 @@ def method_of(group: Group) -> Method:
     return METHODS[group.representation]
 
 
-def in_order(groups: Sequence[Group]) -> list[Group]:
+def in_method_order(groups: Sequence[Group]) -> list[Group]:
     """Groups in the order of the methods."""
     order = list(METHODS)
     return sorted(groups, key=lambda g: order.index(g.representation))
@@ -57,9 +57,9 @@ def pairs_of(case: CaseSets) -> Pairs:
     return [p.pair for p in case.proofs if p.pair is not None]
 
 
-def tables(problem: Problem, cases: Sequence[Pairs]) -> list[LevelTable]:
+def tables_of_groups(problem: Problem, cases: Sequence[Pairs]) -> list[LevelTable]:
     """A table for each group, in order, of what holds in every case, by its pair in each."""
-    every = zip(in_order(problem.groups), zip(*cases, strict=True), strict=True)
+    every = zip(in_method_order(problem.groups), zip(*cases, strict=True), strict=True)
     return [method_of(g).table(problem, g, pairs) for g, pairs in every]
 
 
@@ -69,7 +69,7 @@ def entry_over_sets(
     """The module's entry in a manifest; the files that it names are added to `files`."""
     problem = result.problem
     plants = [c.name for c in problem.system.components if c.role == "plant"]
-    claims = _claims(result)
+    claims = _claims_entry(result)
     recover = problem.recover_ns if claims.get("P2b") == PROVED else None
     proved = {n for n, v in claims.items() if v == PROVED}
     entry: dict[str, object] = {
@@ -77,9 +77,9 @@ def entry_over_sets(
         "module": problem.name.removesuffix(f" as {problem.view}"),
         "plants": plants,
         "parameters": [{"name": p.name, "values": list(p.values)} for p in problem.parameters],
-        "times": times_of(problem.times),
-        "inputs": _every_input(problem),
-        "cases": _cases(problem, result.cases, f"{stem}_", files, proved),
+        "times": times_entry(problem.times),
+        "inputs": _all_inputs_entries(problem),
+        "cases": _case_entries(problem, result.cases, f"{stem}_", files, proved),
         "claims": claims,
         "recover_ns": recover,
     }
@@ -88,43 +88,45 @@ def entry_over_sets(
     if around := sorted(problem.quantities.turning):
         entry["wraps"] = [problem.quantities.states[s].name for s in around]
     if result.laws:
-        entry["law"] = _cases(problem, result.laws, f"{stem}_law", files, {"P2a"})
+        entry["law"] = _case_entries(problem, result.laws, f"{stem}_law", files, {"P2a"})
     if problem.levels_open and problem.levels != LEVELS_DEFAULT:
         entry["levels"] = problem.levels
     if problem.computed:
-        entry["tables"] = _tables(result, stem, files)
+        entry["tables"] = _table_entries(result, stem, files)
     return entry
 
 
-def _claims(result: ModuleResult) -> dict[str, str]:
+def _claims_entry(result: ModuleResult) -> dict[str, str]:
     """The verdict of each claim; that of a fail-safe law only if one is declared."""
     law = bool(result.problem.module.law)
     unclaimed = UNCLAIMED if law else (*UNCLAIMED, "failsafe")
     return {n: f.verdict for n, f in result.findings.items() if n not in unclaimed}
 
 
-def _every_input(problem: Problem) -> list[dict[str, str]]:
+def _all_inputs_entries(problem: Problem) -> list[dict[str, str]]:
     q = problem.quantities
     return [
-        *inputs_of("state", q.states, problem.states),
-        *inputs_of("control", q.controls, problem.controls),
-        *inputs_of("disturbance", q.disturbances, problem.disturbances),
-        *inputs_of("error", q.errors, problem.errors),
-        *inputs_of("other", q.others, problem.others),
+        *inputs_entries("state", q.states, problem.states),
+        *inputs_entries("control", q.controls, problem.controls),
+        *inputs_entries("disturbance", q.disturbances, problem.disturbances),
+        *inputs_entries("error", q.errors, problem.errors),
+        *inputs_entries("other", q.others, problem.others),
     ]
 
 
-def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[dict[str, object]]:
+def _table_entries(
+    result: ModuleResult, stem: str, files: dict[str, bytes]
+) -> list[dict[str, object]]:
     """Entries for the tables of the module's DM: the levels of every group, as in its C."""
     cases = [pairs_of(case) for case in result.cases]
     if not cases or any(len(case) != len(result.problem.groups) for case in cases):
         return []  # not everything was computed: there is no table, and nothing to be claimed
     names = [s.name for s in result.problem.quantities.states]
-    numbered_tables = enumerate(tables(result.problem, cases))
+    numbered_tables = enumerate(tables_of_groups(result.problem, cases))
     return [each.entry(names, f"{stem}_dm{k}", files) for k, each in numbered_tables]
 
 
-def inputs_of(
+def inputs_entries(
     kind: str, leaves: Sequence[Leaf], ranges: Sequence[Interval]
 ) -> Iterator[dict[str, str]]:
     """The entries of a kind of inputs, with their ranges."""
@@ -133,7 +135,7 @@ def inputs_of(
         yield {"name": leaf.name, "kind": kind, "low": low, "high": high}
 
 
-def times_of(times: Times) -> dict[str, int]:
+def times_entry(times: Times) -> dict[str, int]:
     """The entry with every time of a module, in ns."""
     return {
         "Delta_ns": times.delta_dm,
@@ -153,13 +155,13 @@ def times_of(times: Times) -> dict[str, int]:
     }
 
 
-def _cases(
+def _case_entries(
     problem: Problem, cases: list[CaseSets], stem: str, files: dict[str, bytes], claims: set[str]
 ) -> list[dict[str, object]]:
-    return [_case(problem, case, f"{stem}{k}", files, claims) for k, case in enumerate(cases)]
+    return [_case_entry(problem, case, f"{stem}{k}", files, claims) for k, case in enumerate(cases)]
 
 
-def _case(
+def _case_entry(
     problem: Problem, case: CaseSets, stem: str, files: dict[str, bytes], claims: set[str]
 ) -> dict[str, object]:
     numbers: dict[str, int] = {}
@@ -168,13 +170,13 @@ def _case(
         k = numbers[proof.mark] = numbers.get(proof.mark, -1) + 1
         own: dict[str, bytes] = {}
         group = proof.entry(problem, f"{stem}_{proof.mark}{k}", own)
-        _only_claimed(group, own, claims, computed=problem.computed)
+        _drop_unclaimed_sets(group, own, claims, computed=problem.computed)
         files.update(own)
         groups.append(group)
     return {"parameter": list(case.parameter), "groups": groups}
 
 
-def _only_claimed(
+def _drop_unclaimed_sets(
     group: dict[str, Any], files: dict[str, bytes], claims: set[str], *, computed: bool
 ) -> None:
     """Removes sets that no proved claim needs, with their files; K is then written as empty."""

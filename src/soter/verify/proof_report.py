@@ -46,7 +46,6 @@ if TYPE_CHECKING:
     from soter.core.layout import Floats
     from soter.verify.claims.results import (
         CaseSets,
-        Finding,
         GroupSets,
         LeavingRun,
         ModuleResult,
@@ -64,7 +63,13 @@ def leaving_figures(m: ModuleResult, run: LeavingRun | None) -> Iterator[RegionF
         return
     axis = run.names.index(run.axis)
     sets = next(
-        (g for c in m.cases if c.parameter == run.parameter for g in c.groups if _has(g, axis)),
+        (
+            g
+            for c in m.cases
+            if c.parameter == run.parameter
+            for g in c.groups
+            if axis in {a.state for a in g.group.axes}
+        ),
         None,
     )
     if sets is None:
@@ -95,10 +100,6 @@ def leaving_figures(m: ModuleResult, run: LeavingRun | None) -> Iterator[RegionF
     )
     if sets is not None and len(sets.group.axes) > 1:
         yield _figure_of_plane(sets, run, axis)
-
-
-def _has(sets: GroupSets, state: int) -> bool:
-    return any(a.state == state for a in sets.group.axes)
 
 
 def _start_cells(sets: GroupSets, run: LeavingRun, without: tuple[int, ...]) -> tuple[int, ...]:
@@ -222,9 +223,9 @@ def page(report: VerifyReport) -> ProofPage:
         f"Verification of {report.path}",
         f"{names}: {report.verdict}{_vacuity_clause(report)}{under}",
         f"system {report.system}, verified in {report.seconds:.1f} s",
-        tuple(_module(m) for m in report.modules),
+        tuple(_module_proof(m) for m in report.modules),
         tuple(assumptions),
-        _trusted(report),
+        _trusted_base(report),
         not_covered=tuple(report.coverage.rest),
         provenance={
             "command": report.command,
@@ -247,7 +248,7 @@ def _names(report: VerifyReport) -> list[str]:
     return [f"{name} in {n} views" if viewed and n > 1 else name for name, n in views.items()]
 
 
-def _trusted(report: VerifyReport) -> tuple[str, ...]:
+def _trusted_base(report: VerifyReport) -> tuple[str, ...]:
     engines = dict.fromkeys(TRUSTED.get(m.problem.kind, OF_SETS) for m in report.modules)
     return (
         "Soter's front end and Core: both the proof and the code that flies come from them",
@@ -269,14 +270,15 @@ def _vacuity_clause(report: VerifyReport) -> str:
     return f", but {'; '.join(said)}"
 
 
-def _module(m: ModuleResult) -> ModuleProof:
+def _module_proof(m: ModuleResult) -> ModuleProof:
     meanings = {**MEANINGS, **OTHERWISE.get(m.problem.kind, {})}
+    methods = {n: "none" if f.verdict == ASSUMED else f.method for n, f in m.findings.items()}
     rows = tuple(
-        PropertyRow(name, meanings.get(name, ""), f.verdict, _method_text(f), f.seconds, f.text)
+        PropertyRow(name, meanings.get(name, ""), f.verdict, methods[name], f.seconds, f.text)
         for name, f in m.findings.items()
     )
     runs = filter(None, (f.counterexample for f in m.findings.values()))
-    told = dict.fromkeys(map(str, runs))  # one run may refute several
+    run_texts = dict.fromkeys(map(str, runs))  # one run may refute several
     leaving = next(filter(None, (f.leaving for f in m.findings.values())), None)
     return ModuleProof(
         name=m.name,
@@ -286,7 +288,7 @@ def _module(m: ModuleResult) -> ModuleProof:
         times=_time_rows(m),
         shares=tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),
         figures=tuple(f for case in m.cases[:1] for f in _region_figures(m, case)),
-        counterexample=tuple(line for run in told for line in run.splitlines()),
+        counterexample=tuple(line for run in run_texts for line in run.splitlines()),
         open=tuple(_open_properties(m)),
         switches=all(f.holds for n, f in m.findings.items() if n in ("ttf", "P3")),
         but=m.vacuity.text if m.verdict in HOLDING and m.vacuity else "",
@@ -297,13 +299,10 @@ def _module(m: ModuleResult) -> ModuleProof:
 
 def _headline(m: ModuleResult) -> str:
     lines = "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line)
-    head = f"{_keeps_in_words(m)} `{_safe_text(m)}`{m.whilst}; {len(m.assumptions)} assumptions, "
-    return f"{head}{_cell_count_text(m)}{m.seconds:.1f} s{lines}"
-
-
-def _method_text(f: Finding) -> str:
-    """How a finding was shown; an assumed one was not."""
-    return "none" if f.verdict == "assumed" else f.method
+    safe = " ".join(m.problem.module.symbol.safe.span.text.split())
+    head = f"{_keeps_in_words(m)} `{safe}`{m.whilst}; {len(m.assumptions)} assumptions, "
+    cells = f"{m.cells:,} cells, " if m.cells else ""
+    return f"{head}{cells}{m.seconds:.1f} s{lines}"
 
 
 def _keeps_in_words(m: ModuleResult) -> str:
@@ -314,12 +313,12 @@ def _keeps_in_words(m: ModuleResult) -> str:
 
 def _open_properties(m: ModuleResult) -> Iterator[tuple[str, tuple[str, ...]]]:
     """For each property that is not shown its lines as in the terminal: where, why, tried, help."""
-    told = [NO_CORE]
+    texts_told = [NO_CORE]
     for name in ("P2a", "ttf", "safer", *m.findings):
         f = m.findings[name]
-        if f.holds or f.text in told:
+        if f.holds or f.text in texts_told:
             continue
-        told.append(f.text)  # P3 fails like one of `ttf` and `safer`
+        texts_told.append(f.text)  # P3 fails like one of `ttf` and `safer`
         lines = [f"where: {region}" for region in f.regions[:REGIONS_SHOWN]]
         rest = len(f.regions) - REGIONS_SHOWN
         lines += [f"and {rest} more such places"] if rest > 0 else []
@@ -329,15 +328,6 @@ def _open_properties(m: ModuleResult) -> Iterator[tuple[str, tuple[str, ...]]]:
         lines += [f"costs: {f.cost}"] if f.cost is not None else []
         if lines:
             yield f"{name} is {f.verdict}: {f.text}", tuple(lines)
-
-
-def _safe_text(m: ModuleResult) -> str:
-    """The text of the module's `safe`."""
-    return " ".join(m.problem.module.symbol.safe.span.text.split())
-
-
-def _cell_count_text(m: ModuleResult) -> str:
-    return f"{m.cells:,} cells, " if m.cells else ""
 
 
 def _time_rows(m: ModuleResult) -> tuple[tuple[str, str, str], ...]:

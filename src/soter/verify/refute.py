@@ -3,8 +3,8 @@
 Purpose: `refute` makes many short native runs of the closed system under attack
 (`attacked_system.py`), with the environment and the AC at their bounds in seeded patterns
 (`semantics/draws.py`). A run found natively is run again by the interpreter, recorded as choices,
-and replayed from these alone; only that replay refutes. `refuted` does this for claims that are not
-proved, and enters what was found.
+and replayed from these alone; only that replay refutes. `enter_refutations` does this for claims
+that are not proved, and enters what was found.
 Non-goals: proving (that nothing was found means nothing); delays and jitter: virtual time has none.
 """
 
@@ -33,12 +33,18 @@ from soter.verify.attacked_system import (
     DRAWN,
     OWN,
     NotAttackableError,
-    attacked,
+    attacked_system,
     reads_time,
-    truths_known_ns,
+    true_topics_known_ns,
 )
 from soter.verify.claims.results import NO_CORE, PROVED, REFUTED, UNDECIDED
-from soter.verify.counterexample import CYCLE, LEAVES, Counterexample, leaving, replay
+from soter.verify.counterexample import (
+    CYCLE,
+    LEAVES,
+    Counterexample,
+    replay_choices,
+    run_that_leaves,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -88,6 +94,7 @@ def _search(
     budget_s: float,
     runs: Callable[[_Attack, _SearchBudget], Iterator[Counterexample]],
 ) -> RefutationSearch:
+    """Runs the attacks in turn until a run is confirmed, none has more, or the budget is spent."""
     index = next(m.index for m in system.modules if m.name == module)
     attacks, hindrance = _attacks(system, index)
     clock = _SearchBudget(budget_s)
@@ -103,7 +110,7 @@ def _search(
                 streams.remove(stream)
             elif candidate is not _NOTHING:
                 confirmations += 1
-                counterexample = _confirmed(candidate, system)
+                counterexample = _confirmed_by_interpreter(candidate, system)
                 if counterexample is not None:
                     break
     return RefutationSearch(counterexample, clock.runs, hindrance)
@@ -124,15 +131,15 @@ def _attacks(system: System, index: int) -> tuple[list[_Attack], str]:
     return attacks, "" if attacks else hindrance
 
 
-def _confirmed(candidate: Counterexample, system: System) -> Counterexample | None:
+def _confirmed_by_interpreter(candidate: Counterexample, system: System) -> Counterexample | None:
     """The counterexample with its choices, if the interpreter, given only these, agrees."""
     index = next(m.index for m in system.modules if m.name == candidate.module)
-    variant = attacked(system, index, candidate.controller)
+    variant = attacked_system(system, index, candidate.controller)
     recorder = Recorder(AdverseDraws(candidate.seed))
     try:
         # of a cycle all choices are constant: one turn meets every stream
-        turn_ns = truths_known_ns(variant) + variant.hyperperiod_ns
-        first = leaving(
+        turn_ns = true_topics_known_ns(variant) + variant.hyperperiod_ns
+        first = run_that_leaves(
             variant, recorder, candidate.time_ns if candidate.shows == LEAVES else turn_ns
         )
     except UnboundExternError:
@@ -142,7 +149,7 @@ def _confirmed(candidate: Counterexample, system: System) -> Counterexample | No
             return None
         candidate = replace(candidate, time_ns=first.time_ns)
     written = replace(candidate, choices=recorder.choices)
-    again = replay(written, system)
+    again = replay_choices(written, system)
     return None if again is None else replace(written, steps=again.steps)
 
 
@@ -166,7 +173,7 @@ class _Attack:
     """An attacked system, compiled with draws at the bounds of their sets."""
 
     def __init__(self, system: System, index: int, controller: str) -> None:
-        self.variant = attacked(system, index, controller)
+        self.variant = attacked_system(system, index, controller)
         self.index = index
         self.controller = controller
         self.module = self.variant.modules[index]
@@ -179,7 +186,7 @@ class _Attack:
     def start(self, seed: int) -> Any:  # noqa: ANN401 - bytes of a state
         return self.library.new_state(seed)
 
-    def go(self, state: Any, until_ns: int) -> Any:  # noqa: ANN401 - a numpy record
+    def run_until(self, state: Any, until_ns: int) -> Any:  # noqa: ANN401 - a numpy record
         status, _, _ = self.library.run(state, until_ns)
         assert status is RunStatus.END, status
         return state.view(self.dtype)[0]
@@ -206,7 +213,7 @@ _NOTHING = Counterexample(
 
 def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexample]:
     """Candidates that leave C: seeds, pattern by pattern, in ever longer runs, without end."""
-    known_ns = truths_known_ns(attack.variant)
+    known_ns = true_topics_known_ns(attack.variant)
     first = 1
     number = 0
     patterns = (CORNER, TURN, HOLDS, TOGETHER, MIXED, CHANCE)
@@ -216,7 +223,7 @@ def _leaving_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
         for pattern in patterns:
             for k in range(first, first + seeds):
                 seed = (pattern << 56) | k
-                row = attack.go(attack.start(seed), until_ns)
+                row = attack.run_until(attack.start(seed), until_ns)
                 clock.runs += 1
                 seen_ns = int(row["properties"][0]["first_ns"])
                 if seen_ns != NEVER and seen_ns >= known_ns:
@@ -237,21 +244,24 @@ def _cycling_runs(attack: _Attack, clock: _SearchBudget) -> Iterator[Counterexam
         for k in range(1, CYCLE_SEEDS + 1):
             seed = (CORNER << 56) | k
             state = attack.start(seed)
-            row = attack.go(state, at_ns)
-            began, returns = _place(attack, state, row), int(row["modules"][attack.index]["to_ac"])
+            row = attack.run_until(state, at_ns)
+            began, returns = (
+                _repeating_state(attack, state, row),
+                int(row["modules"][attack.index]["to_ac"]),
+            )
             clock.runs += 1
             for turn in range(1, CYCLE_TURNS + 1):
-                row = attack.go(state, at_ns + turn * turn_ns)
-                m = row["modules"][attack.index]
-                if m["mode"] or int(m["to_ac"]) != returns or m["stale"]:
+                row = attack.run_until(state, at_ns + turn * turn_ns)
+                module_row = row["modules"][attack.index]
+                if module_row["mode"] or int(module_row["to_ac"]) != returns or module_row["stale"]:
                     break
-                if _place(attack, state, row) == began:
+                if _repeating_state(attack, state, row) == began:
                     yield attack.candidate(CYCLE, seed, at_ns + turn * turn_ns, turn * turn_ns)
                     break
             yield _NOTHING
 
 
-def _place(attack: _Attack, state: Any, row: Any) -> bytes:  # noqa: ANN401 - numpy
+def _repeating_state(attack: _Attack, state: Any, row: Any) -> bytes:  # noqa: ANN401 - numpy
     """The bytes of topics, locals and plants, and the modes: equal where a run repeats itself."""
     first = min(g.offset for g in attack.layout.groups)
     flags = row["components"][["oe", "latched", "had_control"]]
@@ -262,7 +272,7 @@ def _place(attack: _Attack, state: Any, row: Any) -> bytes:  # noqa: ANN401 - nu
 SAFETY = ("P2a", "P3", "ttf", "safer", "start", "P1c")
 
 
-def refuted(problem: Problem, result: ModuleResult) -> None:
+def enter_refutations(problem: Problem, result: ModuleResult) -> None:
     """Enters counterexamples for claims that are undecided."""
     findings = result.findings
     if problem.synthesize or problem.computed:
@@ -271,20 +281,20 @@ def refuted(problem: Problem, result: ModuleResult) -> None:
         began = time.perf_counter()
         search = refute(problem.system, problem.module.name)
         if search.found is not None:
-            for name in _blamed(findings, search.found):
-                _enter(findings, name, search.found, time.perf_counter() - began)
+            for name in _refuted_properties(findings, search.found):
+                _enter_run(findings, name, search.found, time.perf_counter() - began)
         else:
-            _tell(findings, SAFETY, search)
+            _note_runs(findings, SAFETY, search)
     if findings["P2b"].verdict == UNDECIDED:
         began = time.perf_counter()
         search = refute_return(unlatched(problem.system), problem.module.name)
         if search.found is not None:
-            _enter(findings, "P2b", search.found, time.perf_counter() - began)
+            _enter_run(findings, "P2b", search.found, time.perf_counter() - began)
         else:
-            _tell(findings, ("P2b",), search)
+            _note_runs(findings, ("P2b",), search)
 
 
-def _blamed(findings: dict[str, Finding], run: Counterexample) -> list[str]:
+def _refuted_properties(findings: dict[str, Finding], run: Counterexample) -> list[str]:
     """The names of the properties that a run leaving C refutes.
 
     By the theorem one of those that are not proved is false: P2a, if it is among them and SC has
@@ -299,7 +309,9 @@ def _blamed(findings: dict[str, Finding], run: Counterexample) -> list[str]:
     return open_[:1]
 
 
-def _enter(findings: dict[str, Finding], name: str, run: Counterexample, seconds: float) -> None:
+def _enter_run(
+    findings: dict[str, Finding], name: str, run: Counterexample, seconds: float
+) -> None:
     finding = findings[name]
     finding.seconds += seconds
     finding.method = "a run, replayed in the interpreter"
@@ -314,7 +326,9 @@ def _enter(findings: dict[str, Finding], name: str, run: Counterexample, seconds
     finding.counterexample = run
 
 
-def _tell(findings: dict[str, Finding], names: tuple[str, ...], search: RefutationSearch) -> None:
+def _note_runs(
+    findings: dict[str, Finding], names: tuple[str, ...], search: RefutationSearch
+) -> None:
     """Enters in the findings how many runs were tried in vain."""
     note = search.hindrance or f"{search.runs:,} runs under attack found nothing"
     for name in names:

@@ -23,7 +23,7 @@ from soter.language.model.tree_walk import conjuncts, topic_reads
 from soter.language.model.types import RecordType, leaf_count
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import ScopeGuarantee, VerificationScope
-from soter.verify.problem.verification_system import place
+from soter.verify.problem.verification_system import verification_system_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -46,14 +46,14 @@ def topic_contract_of(flat: System, topic: int, leaf: int, low: float, high: flo
     error = sum(
         m.bound for c in flat.components for m in c.measured if (m.topic, m.leaf) == (topic, leaf)
     )
-    for module in at_all_times(flat):
-        least, most = _kept(module, topic, leaf)
+    for module in modules_without_one_above(flat):
+        least, most = _kept_range(module, topic, leaf)
         if least - error >= low and most + error <= high:
             return module.name
     return ""
 
 
-def at_all_times(flat: System) -> list[Module]:
+def modules_without_one_above(flat: System) -> list[Module]:
     """The modules whose claims hold at all times, that is, those not below another module."""
     return [m for m in flat.modules if not modules_above(flat, m.index)]
 
@@ -63,12 +63,12 @@ def publisher_of(flat: System, plant: Component) -> str:
 
     Where that proof holds the plant publishes within its sets, as that is part of C.
     """
-    for module in at_all_times(flat):
+    for module in modules_without_one_above(flat):
         verify = module.symbol.verify
         if module.forced is not None or verify.induction is not None or verify.abstracts:
             continue
         try:
-            there = place(flat, module)
+            there = verification_system_of(flat, module)
         except SoterError:
             continue
         if any(c.name == plant.name for c in there.plants):
@@ -76,7 +76,7 @@ def publisher_of(flat: System, plant: Component) -> str:
     return ""
 
 
-def _kept(module: Module, topic: int, leaf: int) -> tuple[float, float]:
+def _kept_range(module: Module, topic: int, leaf: int) -> tuple[float, float]:
     """The range in which single parts of `safe` keep a leaf."""
     symbol = module.whole or module.symbol
     low, high = -math.inf, math.inf
@@ -84,11 +84,11 @@ def _kept(module: Module, topic: int, leaf: int) -> tuple[float, float]:
     for part in conjuncts(symbol.safe):
         if not isinstance(part, typed.TypedBinary) or part.op not in TURNED:
             continue
-        for said, op, bound in (
+        for expression, op, bound in (
             (part.left, part.op, part.right),
             (part.right, TURNED[part.op], part.left),
         ):
-            if _leaf(module, said) != (topic, leaf) or topic_reads(bound):
+            if _leaf_of_expression(module, expression) != (topic, leaf) or topic_reads(bound):
                 continue
             value = calculator.value(bound, "a bound")
             if not isinstance(value, float):
@@ -100,7 +100,7 @@ def _kept(module: Module, topic: int, leaf: int) -> tuple[float, float]:
     return low, high
 
 
-def _leaf(module: Module, e: typed.TypedExpr) -> tuple[int, int] | None:
+def _leaf_of_expression(module: Module, e: typed.TypedExpr) -> tuple[int, int] | None:
     """The (topic, number of the leaf) that an expression is; None where it is no leaf."""
     path: list[int] = []
     while isinstance(e, typed.TypedField):
@@ -123,7 +123,7 @@ def coverage_of(
     checked: CheckResult, chosen: Chosen, problems: list[Problem], params: Mapping[str, Value]
 ) -> VerificationScope:
     """The scope of a verification: what else it covers beside the chosen modules, and what not."""
-    also, rest = [], []
+    covered, uncovered = [], []
     taken = {(flat.name, m.name) for flat, m in chosen}
     for name in checked.systems or [""]:
         flat = system_to_prove(checked, name, params, exact=False)
@@ -133,38 +133,39 @@ def coverage_of(
             where = f"{module.name} in system {flat.name}"
             if name and (of := checked.systems[name].deploys) is not None:
                 says = "`soter build --cert` says what it inherits"
-                rest.append(f"{where}: it deploys {of.name}, {says}")
+                uncovered.append(f"{where}: it deploys {of.name}, {says}")
                 continue
-            same, why = _same(flat, module, problems, chosen)
+            same, why = _is_covered(flat, module, problems, chosen)
             if same:
-                also.append(where)
+                covered.append(where)
             else:
-                rest.append(f"{where}: {why}")
+                uncovered.append(f"{where}: {why}")
     for flat, module in chosen:
-        rest += _contracts(flat, module)
-        rest += _plants_beside(flat)
+        uncovered += _unproved_contracts(flat, module)
+        uncovered += _plants_beside(flat)
     used = chosen[0][0].params if chosen else {}
     guarantees = [
-        g for (flat, m), p in zip(chosen, problems, strict=True) for g in _taken(flat, m, p)
+        g for (flat, m), p in zip(chosen, problems, strict=True) for g in _guarantees_of(flat, m, p)
     ]
     return VerificationScope(
-        tuple(also), tuple(dict.fromkeys(rest)), tuple(used.items()), tuple(guarantees)
+        tuple(covered), tuple(dict.fromkeys(uncovered)), tuple(used.items()), tuple(guarantees)
     )
 
 
 # ---------------------------------------------------------------- other systems
 
 
-def _posed(flat: System, module: Module, problems: list[Problem]) -> list[int]:
+def _posed_problems(flat: System, module: Module, problems: list[Problem]) -> list[int]:
     """Which problems a module poses in its first view; empty where some view poses none."""
     keys = [problem_key(extract(*seen)) for seen in systems_by_view(flat, module)]
     every = [[i for i, p in enumerate(problems) if problem_key(p) == key] for key in keys]
     return every[0] if all(every) else []
 
 
-def _same(
+def _is_covered(
     flat: System, module: Module, problems: list[Problem], chosen: Chosen
 ) -> tuple[bool, str]:
+    """Whether a chosen module poses the same problem as this one; if not, why not."""
     symbols = {p.module.symbol.name for p in problems}
     if claims_nothing(flat, module):
         above = modules_above(flat, module.index)[0].name
@@ -172,13 +173,13 @@ def _same(
     if module.forced is not None:
         return False, f"it is forced to {module.forced.upper()} there, its DM does not switch"
     try:
-        posed = _posed(flat, module, problems)
+        posed = _posed_problems(flat, module, problems)
     except SoterError as error:
         codes = ", ".join(dict.fromkeys(d.code for d in error.diagnostics))
         return False, f"it poses no problem that can be proved ({codes})"
     if posed and (module.symbol.verify.abstracts or module.symbol.verify.views):
-        there = _flying_key(flat, module)
-        if not any(_flying_key(*chosen[i]) == there for i in posed):
+        flying_key = _flying_key(flat, module)
+        if not any(_flying_key(*chosen[i]) == flying_key for i in posed):
             return False, "another vehicle, or other nodes around the module, not verified there"
     if posed:
         return True, ""
@@ -193,7 +194,7 @@ def problem_key(problem: Problem) -> object:
     It holds all that sets and claims are computed from; components are compared by their
     declaration and by all of their numbers.
     """
-    components = tuple(_component(problem.system, c) for c in problem.system.components)
+    components = tuple(_component_key(problem.system, c) for c in problem.system.components)
     forced = problem.module.forced
     symbol = problem.module.symbol if problem.whole is None else problem.whole.modules[0].symbol
     return (
@@ -215,11 +216,11 @@ def problem_key(problem: Problem) -> object:
         problem.recover_ns,
         problem.assumptions,
         problem.law_unread,
-        None if problem.law is None else _law(problem),
+        None if problem.law is None else _law_key(problem),
     )
 
 
-def _law(problem: Problem) -> object:
+def _law_key(problem: Problem) -> object:
     """The key of the fail-safe law; with the problem it determines the law's own problem."""
     law = problem.module.law
     return tuple(sorted((problem.system.topics[i].name, repr(v)) for i, v in law.items()))
@@ -229,12 +230,12 @@ def _flying_key(flat: System, module: Module) -> object:
     """The key of all that flies around a module whose plants are abstractions."""
     return (
         module.name,
-        tuple((c.name, _component(flat, c)) for c in flat.components),
+        tuple((c.name, _component_key(flat, c)) for c in flat.components),
         tuple((d.topic, d.every_ns, d.values) for d in flat.inputs),
     )
 
 
-def _component(system: System, c: Component) -> object:
+def _component_key(system: System, c: Component) -> object:
     return (
         c.role,
         c.plant or c.node,
@@ -244,13 +245,13 @@ def _component(system: System, c: Component) -> object:
         c.initial_range,
         c.substeps,
         tuple((d.low, d.high, d.hold_ns) for d in c.disturbances),
-        tuple((m.leaf, m.bound, _topic(system, m.topic)) for m in c.measured),
-        tuple((s.name, _topic(system, i)) for s, i in c.scope.topics.items()),
+        tuple((m.leaf, m.bound, _topic_key(system, m.topic)) for m in c.measured),
+        tuple((s.name, _topic_key(system, i)) for s, i in c.scope.topics.items()),
         tuple((s.name, v) for s, v in c.scope.params.items()),
     )
 
 
-def _topic(system: System, index: int) -> object:
+def _topic_key(system: System, index: int) -> object:
     topic = system.topics[index]
     return (topic.name, topic.bounds, topic.default, topic.max_age_ns, topic.driver)
 
@@ -258,7 +259,7 @@ def _topic(system: System, index: int) -> object:
 # ---------------------------------------------------------------- contracts, composition
 
 
-def _contracts(flat: System, module: Module) -> list[str]:
+def _unproved_contracts(flat: System, module: Module) -> list[str]:
     sc = flat.components[module.sc].node
     judged = "judged in runs and tests, no part of the proof"
     gaps = []
@@ -287,7 +288,7 @@ def _plants_beside(flat: System) -> list[str]:
     return gaps
 
 
-def _in_declared_sets(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
+def _set_guarantees(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
     guarantees = []
     for index in dict.fromkeys(o.owner for o in problem.quantities.others):
         topic = problem.system.topics[index]
@@ -299,11 +300,11 @@ def _in_declared_sets(flat: System, module: Module, problem: Problem) -> list[Sc
     return guarantees
 
 
-def _taken(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
+def _guarantees_of(flat: System, module: Module, problem: Problem) -> list[ScopeGuarantee]:
     """All that a module relies on outside of itself, and who guarantees it."""
-    guarantees = _in_declared_sets(flat, module, problem)
-    guarantees += _modes(problem)
-    guarantees += _moved(flat, problem)
+    guarantees = _set_guarantees(flat, module, problem)
+    guarantees += _mode_guarantees(problem)
+    guarantees += _influence_guarantees(flat, problem)
     for link in module.symbol.verify.abstracts:
         what = f"{link.instance} behaves like {link.plant.name}, whatever others do"
         guarantees.append(ScopeGuarantee(problem.name, what, link.instance, "assumed"))
@@ -326,7 +327,7 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[ScopeGuarante
     return guarantees
 
 
-def _modes(problem: Problem) -> list[ScopeGuarantee]:
+def _mode_guarantees(problem: Problem) -> list[ScopeGuarantee]:
     """Guarantees about modes of other modules: none are needed, but where P2b waits for them."""
     if problem.modes is None:
         return []
@@ -340,11 +341,11 @@ def _modes(problem: Problem) -> list[ScopeGuarantee]:
     ]
 
 
-def _moved(flat: System, problem: Problem) -> list[ScopeGuarantee]:
+def _influence_guarantees(flat: System, problem: Problem) -> list[ScopeGuarantee]:
     """Guarantees for what others publish and the module's plants read: who keeps it in its set."""
     guarantees = []
     for i in problem.influences:
-        index, by = _in_the_system(flat, problem, i.topic)
+        index, by = _flying_topic(flat, problem, i.topic)
         what = f"{i.name(problem.system)} in [{i.low:g}, {i.high:g}]"
         plant = next((c for c in flat.components if c.plant and index in c.writes), None)
         if plant is None:
@@ -361,7 +362,7 @@ def _moved(flat: System, problem: Problem) -> list[ScopeGuarantee]:
     return guarantees
 
 
-def _in_the_system(flat: System, problem: Problem, index: int) -> tuple[int, str]:
+def _flying_topic(flat: System, problem: Problem, index: int) -> tuple[int, str]:
     """The index in the flying system of a verification system's topic, and who drives it there."""
     topic = problem.system.topics[index]
     there = [t for t in flat.topics if t.symbol is topic.symbol]
@@ -392,11 +393,11 @@ def rows_of(report: VerifyReport) -> list[ComposedAssumption]:
     rows = []
     for g in report.coverage.guarantees:
         module = g.module.removesuffix(f" as {views.get(g.module, '')}")
-        rows.append(ComposedAssumption(module, g.what, *_why(g, verdicts)))
+        rows.append(ComposedAssumption(module, g.what, *_why_it_may(g, verdicts)))
     return list(dict.fromkeys(rows))
 
 
-def _why(g: ScopeGuarantee, verdicts: dict[str, str]) -> tuple[str, bool, bool]:
+def _why_it_may(g: ScopeGuarantee, verdicts: dict[str, str]) -> tuple[str, bool, bool]:
     if g.how == "guaranteed":
         verdict = verdicts.get(g.by, "not verified here")
         return f"`safe` of {g.by}: {verdict}", verdict != "proved", True

@@ -1,9 +1,9 @@
 """A synthesized safe controller: its table of commands, and its text as a node of Soter.
 
-Purpose: `chosen` picks one command for every block of a coarse table so that the law that reads it
-keeps the core, and heads for where an adversary would need longest to do harm. `written` makes the
-program with that law as a node in the place of `sc synthesized period d;`. Nothing here is trusted:
-the written node is verified like any other.
+Purpose: `law_table` picks one command for every block of a coarse table so that the law that reads
+it keeps the core, and heads for where an adversary would need longest to do harm.
+`program_with_law` makes the program with that law as a node in the place of `sc synthesized period
+d;`. Nothing here is trusted: the written node is verified like any other.
 Non-goals: the core and the images of cells (`verify/grid/sets.py`), proofs (`verify_module.py`).
 
 A law that is read off a table is analysed on closed cells, so on a border all commands of the
@@ -79,7 +79,7 @@ def block_middles(low: Sequence[float], width: Sequence[float], shape: tuple[int
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
-def chosen(
+def law_table(
     choices: CellCommands,
     low: Sequence[float],
     width: Sequence[float],
@@ -93,10 +93,10 @@ def chosen(
     admits = choices.admits & choices.core
     strict = choices.core & ~choices.free
     serves = strict & admits
-    must = blocks(np.stack([_seen(s, SEEN) for s in serves]), stride)
-    misses = blocks(np.stack([_seen(strict & ~s, SEEN) for s in serves]), stride)
-    inside = blocks(choices.core[np.newaxis], stride)[0] > 0
-    refused = blocks(choices.core & ~admits, stride) > 0
+    must = votes_by_block(np.stack([_cells_within(s, SEEN) for s in serves]), stride)
+    misses = votes_by_block(np.stack([_cells_within(strict & ~s, SEEN) for s in serves]), stride)
+    inside = votes_by_block(choices.core[np.newaxis], stride)[0] > 0
+    refused = votes_by_block(choices.core & ~admits, stride) > 0
     refused &= ~refused.all(axis=0)
     sides = tuple(w * stride for w in width)
     points = block_middles(low, sides, inside.shape)
@@ -105,14 +105,16 @@ def chosen(
         _interpolation(low, sides, after(u, flat).reshape(points.shape), inside.shape)
         for u in range(len(admits))
     ]
-    usual = _preferred(inside, refused, moves)
+    usual = _preferred_commands(inside, refused, moves)
     popular = serves.reshape(len(serves), -1).sum(axis=1)  # breaks ties: neighbours then agree
     ranked = misses * (popular.max() + 1) - popular.reshape(-1, *[1] * strict.ndim)
     entries = np.where((must + misses).any(axis=0), ranked.argmin(axis=0), usual)
-    return LawTable(tuple(low), sides, _spread(entries, inside | (must + misses).any(axis=0)))
+    return LawTable(
+        tuple(low), sides, _with_neighbours_entries(entries, inside | (must + misses).any(axis=0))
+    )
 
 
-def combinations(problem: Problem) -> list[tuple[float, ...]]:
+def command_combinations(problem: Problem) -> list[tuple[float, ...]]:
     """Every command: the product of the finite sets of the controls, the last fastest."""
     return list(product(*problem.commands))
 
@@ -120,13 +122,13 @@ def combinations(problem: Problem) -> list[tuple[float, ...]]:
 # ---------------------------------------------------------------- preferences
 
 
-def _preferred(inside: Bools, refused: Bools, moves: Sequence[Read]) -> Ints:
+def _preferred_commands(inside: Bools, refused: Bools, moves: Sequence[Read]) -> Ints:
     """For each block the command that leads soonest to where an adversary needs longest for harm.
 
     It is value iteration on the middles with multilinear interpolation: a guide, no proof.
     """
     start = np.where(inside, NEVER, 0.0)
-    margin = _settled(
+    margin = _iterated(
         start, lambda f: np.where(inside, 1.0 + np.min([m(f) for m in moves], axis=0), 0.0)
     )
     goal = inside & (margin >= GOAL_SHARE * np.where(inside, margin, 0.0).max())
@@ -138,13 +140,13 @@ def _preferred(inside: Bools, refused: Bools, moves: Sequence[Read]) -> Ints:
     def better(time: Floats) -> Floats:
         return np.where(goal, 0.0, np.where(inside, costs(time).min(axis=0), NEVER))
 
-    time = _settled(np.where(goal, 0.0, NEVER), better)
+    time = _iterated(np.where(goal, 0.0, NEVER), better)
     gain = np.where(refused, -1.0, np.stack([m(margin) for m in moves]))
     best: Ints = np.where(goal, gain.argmax(axis=0), costs(time).argmin(axis=0))
     return best
 
 
-def _settled(f: Floats, better: Callable[[Floats], Floats]) -> Floats:
+def _iterated(f: Floats, better: Callable[[Floats], Floats]) -> Floats:
     for _ in range(SWEEPS_MAX):
         following = better(f)
         moved = np.abs(following - f).max()
@@ -177,7 +179,7 @@ def _interpolation(
 # ---------------------------------------------------------------- blocks of cells
 
 
-def _seen(cells: Bools, radius: int) -> Bools:
+def _cells_within(cells: Bools, radius: int) -> Bools:
     """The cells within `radius` of a set, diagonals included."""
     for axis in range(cells.ndim):
         grown = cells.copy()
@@ -191,7 +193,7 @@ def _seen(cells: Bools, radius: int) -> Bools:
     return cells
 
 
-def blocks(votes: Bools, stride: int) -> Ints:
+def votes_by_block(votes: Bools, stride: int) -> Ints:
     """How many cells of each block vote for each command: (m, *cells) -> (m, *blocks)."""
     count: Ints = votes.astype(np.int64)
     for axis in range(1, votes.ndim):
@@ -201,7 +203,7 @@ def blocks(votes: Bools, stride: int) -> Ints:
     return count
 
 
-def _spread(entries: Ints, known: Bools) -> Ints:
+def _with_neighbours_entries(entries: Ints, known: Bools) -> Ints:
     """The entries with unknown ones copied from known neighbours, layer by layer."""
     result: Ints = entries.copy()
     left = ~known
@@ -240,25 +242,25 @@ class SynthesizedSource:
         return path, beside
 
 
-def written(problem: Problem, table: LawTable) -> SynthesizedSource:
+def program_with_law(problem: Problem, table: LawTable) -> SynthesizedSource:
     """The program in which the module's SC is a node that reads this table."""
     symbol = problem.module.symbol
     assert symbol.sc_span is not None
     source = symbol.sc_span.source
     node = free_name(f"{symbol.name.rpartition('.')[2]}SC", source.text)
     data_name = f"{node}.npy"
-    text = "\n".join(_node(problem, table, node, data_name)) + "\n\n"
-    at = source.text.rfind("\n", 0, _beginning(symbol)) + 1
+    text = "\n".join(_node_lines(problem, table, node, data_name)) + "\n\n"
+    insertion = source.text.rfind("\n", 0, _start_of_module(symbol)) + 1
     program = (
-        source.text[:at]
+        source.text[:insertion]
         + text
-        + source.text[at : symbol.sc_span.start]
+        + source.text[insertion : symbol.sc_span.start]
         + node
         + source.text[source.text.index(";", symbol.sc_span.start) :]
     )
     formatted = format_source(Source(source.name, program), Diagnostics())
     assert formatted is not None
-    return SynthesizedSource(node, formatted, data_name, _data(problem, table))
+    return SynthesizedSource(node, formatted, data_name, _table_bytes(problem, table))
 
 
 def free_name(name: str, text: str) -> str:
@@ -268,7 +270,7 @@ def free_name(name: str, text: str) -> str:
     return name
 
 
-def _beginning(symbol: ModuleSymbol) -> int:
+def _start_of_module(symbol: ModuleSymbol) -> int:
     """Where `rta Name` begins, or the comment lines right above it."""
     text = symbol.span.source.text
     at = text.rfind("\n", 0, symbol.span.start) + 1
@@ -280,7 +282,7 @@ def _beginning(symbol: ModuleSymbol) -> int:
     return at
 
 
-def _data(problem: Problem, table: LawTable) -> bytes:
+def _table_bytes(problem: Problem, table: LawTable) -> bytes:
     """The bytes of a table for each control, of indices into its own increasing commands.
 
     On a border between blocks an analysis joins indices, each control by itself; as commands
@@ -296,8 +298,8 @@ def _data(problem: Problem, table: LawTable) -> bytes:
 # ---------------------------------------------------------------- the node
 
 
-def _node(problem: Problem, table: LawTable, node: str, data: str) -> Iterator[str]:
-    reads = [_read(problem, axis) for axis in range(table.entries.ndim)]
+def _node_lines(problem: Problem, table: LawTable, node: str, data: str) -> Iterator[str]:
+    reads = [_topic_and_path(problem, axis) for axis in range(table.entries.ndim)]
     topics = list(dict.fromkeys(topic for topic, _ in reads))
     symbol = problem.module.symbol
     controls = problem.quantities.controls
@@ -314,20 +316,20 @@ def _node(problem: Problem, table: LawTable, node: str, data: str) -> Iterator[s
         element = f"{node}_Tables"
     yield f'const {node}_TABLE: {element} = data "{data}";'
     for leaf, values in zip(controls, problem.commands, strict=True):
-        name = _constant(node, leaf.owner, leaf.path, problem)
-        shown = ", ".join(_float(v) for v in values)
+        name = _constant_name(node, leaf.owner, leaf.path, problem)
+        shown = ", ".join(_float_text(v) for v in values)
         yield f"const {name}: float[{len(values)}] = [{shown}];"
     yield f"fun {node}_block(value: float, low: float, width: float, count: int): int {{"
     yield "  let place = (clamp(value, low, low + width * float(count)) - low) / width;"
     yield "  return max(0, min(int(floor(place)), count - 1));"
     yield "}"
-    yield f"node {node} period {_duration(problem.times.delta_sc)} {{"
+    yield f"node {node} period {_duration_text(problem.times.delta_sc)} {{"
     yield f"  subscribes {', '.join(topics)};"
-    published = [_local(t, symbol) for t in symbol.sc.publishes]
+    published = [_local_name(t, symbol) for t in symbol.sc.publishes]
     yield f"  publishes {', '.join(published)};"
     yield "  step {"
     for k, (topic, path) in enumerate(reads):
-        low, width = _float(table.low[k]), _float(table.width[k])
+        low, width = _float_text(table.low[k]), _float_text(table.width[k])
         count = table.entries.shape[k]
         yield f"    let i{k} = {node}_block({topic}{path}, {low}, {width}, {count});"
     index = "".join(f"[i{k}]" for k in range(len(reads)))
@@ -336,50 +338,47 @@ def _node(problem: Problem, table: LawTable, node: str, data: str) -> Iterator[s
         yield f"    let u{j} = {node}_TABLE{of_control}{index};"
     scope = problem.system.components[problem.module.sc].scope.topics
     for t in symbol.sc.publishes:
-        value = _value(t.type, node, scope[t], (), problem)
-        yield f"    publish {_local(t, symbol)} = {value};"
+        value = _value_text(t.type, node, scope[t], (), problem)
+        yield f"    publish {_local_name(t, symbol)} = {value};"
     yield "  }"
     yield "}"
 
 
-def _read(problem: Problem, axis: int) -> tuple[str, str]:
+def _topic_and_path(problem: Problem, axis: int) -> tuple[str, str]:
     """The topic and path of an axis's state, as the module's file names them."""
     state = problem.groups[0].axes[axis].state
     topic, leaf = problem.topic_leaf_of_state[state]
     state_topic = problem.system.topics[topic]
-    path = list(_paths(state_topic.type))[leaf]
-    return _local(state_topic.symbol, problem.module.symbol), _joined(path)
+    path, _ = list(leaves(state_topic.type))[leaf]
+    return _local_name(state_topic.symbol, problem.module.symbol), _path_text(path)
 
 
-def _paths(t: Type, path: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
-    for p, _ in leaves(t, path):
-        yield p
-
-
-def _joined(path: Sequence[str]) -> str:
+def _path_text(path: Sequence[str]) -> str:
     return "".join(p if p.startswith("[") else f".{p}" for p in path)
 
 
-def _value(t: Type, node: str, topic: int, path: tuple[str, ...], problem: Problem) -> str:
+def _value_text(t: Type, node: str, topic: int, path: tuple[str, ...], problem: Problem) -> str:
     """The text of the published value: the constant of each leaf at the table's entry."""
     if isinstance(t, RecordType):
-        parts = [f"{n}: {_value(f, node, topic, (*path, n), problem)}" for n, f in t.fields]
+        parts = [f"{n}: {_value_text(f, node, topic, (*path, n), problem)}" for n, f in t.fields]
         return "{ " + ", ".join(parts) + " }"
     if isinstance(t, ArrayType):
-        each = [_value(t.element, node, topic, (*path, f"[{i}]"), problem) for i in range(t.size)]
+        each = [
+            _value_text(t.element, node, topic, (*path, f"[{i}]"), problem) for i in range(t.size)
+        ]
         return "[" + ", ".join(each) + "]"
     assert isinstance(t, FloatType)
     owners = [(leaf.owner, leaf.path) for leaf in problem.quantities.controls]
-    return f"{_constant(node, topic, path, problem)}[u{owners.index((topic, path))}]"
+    return f"{_constant_name(node, topic, path, problem)}[u{owners.index((topic, path))}]"
 
 
-def _constant(node: str, topic: int, path: Sequence[str], problem: Problem) -> str:
+def _constant_name(node: str, topic: int, path: Sequence[str], problem: Problem) -> str:
     name = problem.system.topics[topic].symbol.name.rpartition(".")[2]
     parts = [name, *(p.strip("[]") for p in path)]
     return f"{node}_{'_'.join(parts).upper()}"
 
 
-def _local(topic: TopicSymbol, module: ModuleSymbol) -> str:
+def _local_name(topic: TopicSymbol, module: ModuleSymbol) -> str:
     """The name of a topic in the file that declares the module."""
     home = module.name.rpartition(".")[0]
     if home and topic.name.startswith(home + "."):
@@ -387,11 +386,11 @@ def _local(topic: TopicSymbol, module: ModuleSymbol) -> str:
     return topic.name
 
 
-def _float(x: float) -> str:
+def _float_text(x: float) -> str:
     text = repr(float(x))
     return text if any(c in text for c in ".en") else text + ".0"
 
 
-def _duration(ns: int) -> str:
+def _duration_text(ns: int) -> str:
     unit, size = next((u, n) for u, n in UNITS if ns % n == 0)
     return f"{ns // size}{unit}"

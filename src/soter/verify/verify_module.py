@@ -20,23 +20,24 @@ from soter.diagnostics.current_phase import between, phase, share_done, telling
 from soter.language.model.types import show_ns
 from soter.verify.claims import claims, start
 from soter.verify.claims.case import Case, ClaimTimer, settled, settled_before
-from soter.verify.claims.choice import after_core, choose, given_up, returned, shrunk
+from soter.verify.claims.choice import choose, given_up_note, shrink_core, with_way_back
 from soter.verify.claims.claims import (
     HOW,
     IN_PROOF,
-    in_time,
+    after_core,
+    check_return_time,
+    find_way_back,
+    find_way_back_for_report,
+    note_narrowed_leaves,
     postpone_p2b,
-    recover,
-    recover_for_report,
-    say_narrowed,
     scheme_diverges,
     shown_scheme,
-    solutions,
+    solution_assumptions,
     static_claims,
     weaken_if_waiting,
 )
-from soter.verify.claims.grid_refinement import announce_work, refined, refinement_note
-from soter.verify.claims.product_sets import NO_LAW, NOT_FOR_LAWS, FailsafeClaim, hint_of
+from soter.verify.claims.grid_refinement import announce_work, refined_groups, refinement_note
+from soter.verify.claims.product_sets import NO_LAW, NOT_FOR_LAWS, FailsafeClaim, hint_for_law
 from soter.verify.claims.results import (
     ASSUMED,
     NO_CORE,
@@ -48,7 +49,7 @@ from soter.verify.claims.results import (
     Finding,
     ModuleResult,
 )
-from soter.verify.claims.start import not_entered
+from soter.verify.claims.start import why_not_entered
 from soter.verify.deploy import deployed_sensors
 from soter.verify.diagnosis.vacuity import at_the_start, small_cores, vacuity
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
@@ -58,8 +59,8 @@ from soter.verify.induction import verify as induction
 from soter.verify.induction.verify import verify_by_induction
 from soter.verify.problem.extract import cases
 from soter.verify.problem.problem import Assumption
-from soter.verify.problem.supported_constructs import said_of_ages
-from soter.verify.proof_methods import entry_over_sets, in_order, method_of
+from soter.verify.problem.supported_constructs import note_on_ages
+from soter.verify.proof_methods import entry_over_sets, in_method_order, method_of
 from soter.verify.tubes.verify import entry as tubes_entry
 from soter.verify.tubes.verify import verify_by_tubes
 
@@ -104,54 +105,65 @@ def verify_module(
     del search
     began = time.perf_counter()
     library, prelude = compiled or library_of(problem)
-    announce_work(problem, lambda p, at: _case(p, library, p.groups, at, None))
+    announce_work(problem, lambda p, at: _examined_case(p, library, p.groups, at, None))
     with between(0.0, CASES):
-        chosen, cpu = _chosen(problem, library)
+        chosen, cpu = _choose_cells_and_levels(problem, library)
     problem, done = chosen.problem, chosen.done or []
-    entered, why = _handed_over(problem, done)
-    ages = (*said_of_ages(problem.module.symbol.ttf), *start.notes(problem))
-    scheme, others = shown_scheme(problem, done), solutions(problem, done)
-    told = (*entered.values(), *ages, *chosen.notes, *([IN_PROOF] if scheme else []))
-    result = ModuleResult(
-        problem,
-        {},
-        [c.sets for c in done],
-        notes=(*refinement_note(done), *given_up(done), *small_cores(done), *told),
-        cells_why=chosen.failed if chosen.size else "",
-        levels_why=chosen.why,
-        added=(*_prelude(prelude), *_together(problem, done), *others),
-        shown=scheme | {a.key for a in others} | set(entered),
-    )
-    _enter_verdicts(result, done, why)
-    result.findings["P2a"].tried += chosen.tried
+    result = _result_with_verdicts(chosen, prelude)
     phase(f"{problem.name}: the compiled DM")
     share_done(CASES)
-    result.findings["DM"] = _decision_module(result)
+    result.findings["DM"] = _dm_finding(result)
     result.findings = {p: result.findings[p] for p in PROPERTIES}
-    result.recover_s = _recover_s(done, result)
-    result.shares = _shares(done)
+    result.recover_s = _return_time_s(done, result)
+    result.shares = _least_shares(done)
     result.vacuity, result.at_the_start = vacuity(done), at_the_start(done)
     if refute:
         phase(f"{problem.name}: looking for a counterexample")
     share_done(ATTACKED)
     with telling(None), settled_before(lambda: settled(result)):
         if refute and problem.modes is None:  # in a run somebody has to decide what the others do
-            from soter.verify.refute import refuted  # noqa: PLC0415 - compiles all of it
+            from soter.verify.refute import enter_refutations  # noqa: PLC0415 - compiles all of it
 
-            refuted(problem, result)
+            enter_refutations(problem, result)
         if (refute if explain is None else explain) and result.verdict in (UNDECIDED, REFUTED):
             from soter.verify.diagnosis.tried_remedies import diagnose  # noqa: PLC0415 - only here
 
-            diagnose(done, result, cpu, _attempt)
-    say_narrowed(result, done, CLAIMS)
+            diagnose(done, result, cpu, _attempt_problem)
+    note_narrowed_leaves(result, done, CLAIMS)
     result.seconds = time.perf_counter() - began
+    return result
+
+
+def _result_with_verdicts(chosen: Choice, prelude: tuple[str, ...]) -> ModuleResult:
+    """The result with findings on all but DM; `prelude`: the prelude's functions in the proof."""
+    problem, done = chosen.problem, chosen.done or []
+    entered, why_unentered = _hand_over_assumptions(problem, done)
+    ages = (*note_on_ages(problem.module.symbol.ttf), *start.notes_on_module_below(problem))
+    scheme, solutions = shown_scheme(problem, done), solution_assumptions(problem, done)
+    notes = (*entered.values(), *ages, *chosen.notes, *([IN_PROOF] if scheme else []))
+    result = ModuleResult(
+        problem,
+        {},
+        [c.sets for c in done],
+        notes=(*refinement_note(done), *given_up_note(done), *small_cores(done), *notes),
+        cells_why=chosen.failed if chosen.size else "",
+        levels_why=chosen.why,
+        added=(
+            *_prelude_assumptions(prelude),
+            *_simultaneity_assumptions(problem, done),
+            *solutions,
+        ),
+        shown=scheme | {a.key for a in solutions} | set(entered),
+    )
+    _enter_verdicts(result, done, why_unentered)
+    result.findings["P2a"].tried += chosen.tried
     return result
 
 
 # ---------------------------------------------------------------- all cases
 
 
-def _chosen(problem: Problem, library: ReachLibrary) -> tuple[Choice, float]:
+def _choose_cells_and_levels(problem: Problem, library: ReachLibrary) -> tuple[Choice, float]:
     """All cases on the chosen cells and levels, and the CPU seconds of the first attempt."""
     spent: list[float] = []
 
@@ -170,27 +182,29 @@ def _all_cases(problem: Problem, library: ReachLibrary) -> list[Case]:
     done = []
     for i, parameter in enumerate(every):
         with between(i / len(every), (i + 1) / len(every), STAGES):
-            done.append(_settled(problem, library, parameter))
-    return returned(done) if problem.computed else done
+            done.append(_case_on_finer_grids(problem, library, parameter))
+    return with_way_back(done) if problem.computed else done
 
 
-def _settled(problem: Problem, library: ReachLibrary, parameter: tuple[int, ...]) -> Case:
+def _case_on_finer_grids(
+    problem: Problem, library: ReachLibrary, parameter: tuple[int, ...]
+) -> Case:
     """One case, on finer grids if only borders fail; not for computed predicates."""
-    first = case = _case(problem, library, problem.groups, parameter, None)
+    first = case = _examined_case(problem, library, problem.groups, parameter, None)
     for _ in range(0 if problem.computed else REFINEMENTS_MAX):
-        if (finer := refined(case)) is None:
+        if (finer := refined_groups(case)) is None:
             break
-        case = _case(problem, library, finer, parameter, case)
+        case = _examined_case(problem, library, finer, parameter, case)
         case.first = first
     if any(f.cut for f in case.failures):
         try:
-            _recover(case, recover_for_report)
+            _examine_return(case, find_way_back_for_report)
         except UnboundedError as error:
-            _unbounded(case, error)
+            _fail_as_unbounded(case, error)
     return case
 
 
-def _case(
+def _examined_case(
     problem: Problem,
     library: ReachLibrary,
     groups: tuple[Group, ...],
@@ -201,20 +215,20 @@ def _case(
     case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
     try:
         case = claims.open_case(problem, library, groups, parameter, before)
-        _claims(case)
+        _examine_claims(case)
     except UnboundedError as error:
-        _unbounded(case, error)
+        _fail_as_unbounded(case, error)
     return case
 
 
-def _unbounded(case: Case, error: UnboundedError) -> None:
+def _fail_as_unbounded(case: Case, error: UnboundedError) -> None:
     for claim in CLAIMS:
         case.fail(claim, str(error), hint="a smaller grid, or a shorter horizon")
 
 
-def _claims(case: Case) -> None:
+def _examine_claims(case: Case) -> None:
     with ClaimTimer(case, "P2a"):
-        has_core = claims.constraint(case) and claims.core(case)
+        has_core = claims.compute_constraint(case) and claims.compute_core(case)
     if not has_core:
         for claim in CLAIMS[1:]:
             case.fail(claim, NO_CORE)
@@ -222,16 +236,16 @@ def _claims(case: Case) -> None:
     after_core(case)
     waits_for_all = case.problem.computed  # P2b, for the sets of all cases
     if not (waits_for_all or case.problem.stays or postpone_p2b(case)):
-        _recover(case, recover)
+        _examine_return(case, find_way_back)
 
 
-def _recover(case: Case, way_back: Callable[[Case], None]) -> None:
+def _examine_return(case: Case, way_back: Callable[[Case], None]) -> None:
     """Examines P2b; where cells of K are given up for it, examines what follows from K again."""
     with ClaimTimer(case, "P2b"):
         way_back(case)
-    if shrunk(case):
+    if shrink_core(case):
         after_core(case)
-        in_time(case)
+        check_return_time(case)
 
 
 # ---------------------------------------------------------------- verdicts
@@ -241,21 +255,21 @@ def _enter_verdicts(result: ModuleResult, done: list[Case], unentered: str) -> N
     """Enters the findings on all properties but DM; `unentered`: why `enters` is not shown."""
     problem, findings = result.problem, result.findings
     static_claims(problem, result)
-    findings |= {claim: _finding(problem, done, claim) for claim in CLAIMS}
-    findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
+    findings |= {claim: _finding_on_claim(problem, done, claim) for claim in CLAIMS}
+    findings["P3"] = _p3_finding(result, sum(c.spent.get("P3", 0.0) for c in done))
     if "scheme" in result.assumed and (diverges := scheme_diverges(problem)):
-        _only_if_proved(findings["P2a"], diverges, STIFF_HINT)
+        _weaken_if_proved(findings["P2a"], diverges, STIFF_HINT)
     for claim in ("P2a", "P3") if unentered else ():
-        _only_if_proved(findings[claim], unentered, NOT_ENTERED)
+        _weaken_if_proved(findings[claim], unentered, NOT_ENTERED)
     weaken_if_waiting(problem, findings["P2b"])
-    start.while_in_ac(problem, findings["P2b"])
-    findings["failsafe"] = _failsafe(problem, result, done)
+    start.weaken_if_below(problem, findings["P2b"])
+    findings["failsafe"] = _failsafe_finding(problem, result, done)
     if findings["failsafe"].verdict == PROVED:
         result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
-        result.added += (_lease_holds(problem),)
+        result.added += (_lease_assumption(problem),)
 
 
-def _decision_module(result: ModuleResult) -> Finding:
+def _dm_finding(result: ModuleResult) -> Finding:
     """The finding that the generated C of the DM decides as declared."""
     from soter.verify.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
 
@@ -264,25 +278,27 @@ def _decision_module(result: ModuleResult) -> Finding:
     return Finding(check.verdict, time.perf_counter() - began, HOW["DM"], check.text)
 
 
-def _prelude(functions: tuple[str, ...]) -> list[Assumption]:
+def _prelude_assumptions(functions: tuple[str, ...]) -> list[Assumption]:
     text = "error bounds of the prelude's functions: tested, not proved"
     return [Assumption("prelude enclosed", text)] * bool(functions)
 
 
-def _together(problem: Problem, done: list[Case]) -> list[Assumption]:
+def _simultaneity_assumptions(problem: Problem, done: list[Case]) -> list[Assumption]:
     """The assumptions that all commands which move a group begin to act at one instant."""
     if problem.times.jitter_sc == 0:
         return []
     assumptions = []
     for proof in (p for case in done for p in case.proofs):
-        if proof.together:
-            names = ", ".join(problem.quantities.controls[k].name for k in proof.together)
+        if proof.simultaneous_controls:
+            names = ", ".join(
+                problem.quantities.controls[k].name for k in proof.simultaneous_controls
+            )
             text = f"what SC publishes begins to act in all of these at one instant: {names}"
             assumptions.append(Assumption(f"together {names}", text))
     return assumptions
 
 
-def _handed_over(problem: Problem, done: list[Case]) -> tuple[Mapping[str, str], str]:
+def _hand_over_assumptions(problem: Problem, done: list[Case]) -> tuple[Mapping[str, str], str]:
     """The assumptions about a declared `enters` that are shown, by key, and how; or why not.
 
     If they are not shown the module is undecided. It is no claim of one case, as `enters` must
@@ -290,18 +306,18 @@ def _handed_over(problem: Problem, done: list[Case]) -> tuple[Mapping[str, str],
     """
     entered, why = problem.jumps.entered, problem.jumps.unkept
     if entered and not why:
-        open_ = next(filter(None, map(not_entered, done)), "")
+        open_ = next(filter(None, map(why_not_entered, done)), "")
         why = f"nothing shows that `enters` implies R(H): {open_}" if open_ else ""
     return ({} if why else entered), why
 
 
-def _only_if_proved(finding: Finding, why: str, hint: str) -> None:
+def _weaken_if_proved(finding: Finding, why: str, hint: str) -> None:
     """Makes a proved finding undecided, with this reason; others have their own reasons."""
     if finding.verdict == PROVED:
         finding.rest_on(UNDECIDED, why, hint)
 
 
-def _lease_holds(problem: Problem) -> Assumption:
+def _lease_assumption(problem: Problem) -> Assumption:
     text = (
         "the actuators hold the law from the end of the lease on: all of them at one instant, "
         f"within {show_ns(problem.times.acts)}, and they take nothing that comes later"
@@ -309,33 +325,33 @@ def _lease_holds(problem: Problem) -> Assumption:
     return Assumption("lease", text)
 
 
-def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Finding:
+def _failsafe_finding(problem: Problem, result: ModuleResult, done: list[Case]) -> Finding:
     """The finding that the fail-safe law keeps C once the lease has ended."""
     if problem.law is None and not problem.law_unread:
         return Finding(ASSUMED, method=HOW["failsafe"], text=NO_LAW)
     lawful = [c.lawful for c in done if c.lawful is not None]
     why = next(filter(None, (x.why for x in lawful)), problem.law_unread)
     if why or len(lawful) < len(done) or not all(c.proofs for c in done):
-        hint = NOT_FOR_LAWS if problem.law_unread else hint_of(why)
+        hint = NOT_FOR_LAWS if problem.law_unread else hint_for_law(why)
         return Finding(UNDECIDED, method=HOW["failsafe"], text=why or NO_CORE, hint=hint)
     open_ = [n for n in RESTS_ON if not result.findings[n].holds]
     if open_:
         text = f"the law keeps K, and nothing says that it begins there: {', '.join(open_)}"
         return Finding(UNDECIDED, method=HOW["failsafe"], text=text)
-    return Finding(PROVED, method=HOW["failsafe"], text=_law_keeps(problem, lawful))
+    return Finding(PROVED, method=HOW["failsafe"], text=_law_in_words(problem, lawful))
 
 
-def _law_keeps(problem: Problem, lawful: list[FailsafeClaim]) -> str:
+def _law_in_words(problem: Problem, lawful: list[FailsafeClaim]) -> str:
     kept, of = (sum(x.cells[k] for x in lawful) for k in (0, 1))
     lease = show_ns(problem.times.lease_ns)
     text = f"the law keeps C from K_fs: {kept:,} of {of:,} cells; K lies in it; "
     return f"{text}each lease ends at most {lease} after its release"
 
 
-def _finding(problem: Problem, done: list[Case], claim: str) -> Finding:
+def _finding_on_claim(problem: Problem, done: list[Case], claim: str) -> Finding:
     if claim == "P2b" and problem.stays:  # nobody has to give control back, K or no K
         return Finding(ASSUMED, text=STAYS.format(problem.module.symbol.stays))
-    first = method_of(in_order(problem.groups)[0])
+    first = method_of(in_method_order(problem.groups)[0])
     finding = Finding(PROVED, method=first.how[claim])
     finding.seconds = sum(c.spent.get(claim, 0.0) for c in done)
     names = [p.name for p in problem.parameters]
@@ -358,13 +374,13 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
     many = f" for each of {len(done)} parameter values" if len(done) > 1 else ""
     if claim == "P2a":
         finding.counts = {"cells": 0, "longest": 0, "rounds": 0}
-        return f"SC keeps C from K: {'; '.join(_said(done, claim, finding))}{many}"
+        return f"SC keeps C from K: {'; '.join(_methods_in_words(done, claim, finding))}{many}"
     if claim in ("ttf", "safer"):
         if problem.computed:
             return f"`{claim}` is computed from the sets{many}"
         finding.counts = {"cells": 0, "boxes": 0}
         what = {"ttf": "not ttf", "safer": "safer"}[claim]
-        return f"{what} implies R(H), {', '.join(_said(done, claim, finding))}{many}"
+        return f"{what} implies R(H), {', '.join(_methods_in_words(done, claim, finding))}{many}"
     if claim == "P2b":
         seconds = max((c.counts.get("recover_ns", 0) for c in done), default=0)
         if problem.module.symbol.acknowledgements:
@@ -373,20 +389,20 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
             many = f" after a command of it acts first{many}"
         return f"SC gives control back within {show_ns(seconds)}{many}"
     if problem.above:
-        return start.shown(problem)
+        return start.hand_back_in_words(problem)
     return f"initial states lie in R({show_ns(problem.times.start)})"
 
 
-def _said(done: list[Case], claim: str, finding: Finding) -> list[str]:
+def _methods_in_words(done: list[Case], claim: str, finding: Finding) -> list[str]:
     """Words on what each method has proved of a claim; the finding gets the counts."""
-    used = {id(m): m for g in in_order(done[0].problem.groups) for m in (method_of(g),)}
-    said = [m.said(done, claim) for m in used.values()]
+    used = {id(m): m for g in in_method_order(done[0].problem.groups) for m in (method_of(g),)}
+    said = [m.proved_in_words(done, claim) for m in used.values()]
     for _, counts in said:
         finding.counts.update(counts)
     return [text for text, _ in said if text]
 
 
-def _p3(result: ModuleResult, seconds: float) -> Finding:
+def _p3_finding(result: ModuleResult, seconds: float) -> Finding:
     """The finding on P3, which is that both inclusions hold."""
     ttf, safer = result.findings["ttf"], result.findings["safer"]
     bad = next((f for f in (ttf, safer) if f.verdict != PROVED), None)
@@ -399,13 +415,13 @@ def _p3(result: ModuleResult, seconds: float) -> Finding:
     return finding
 
 
-def _recover_s(done: list[Case], result: ModuleResult) -> float | None:
+def _return_time_s(done: list[Case], result: ModuleResult) -> float | None:
     if result.findings["P2b"].verdict != PROVED:
         return None
     return max((c.counts.get("recover_ns", 0) for c in done), default=0) / 1e9
 
 
-def _shares(done: list[Case]) -> dict[str, float]:
+def _least_shares(done: list[Case]) -> dict[str, float]:
     """The share of each set: the product over the groups, the least over the cases."""
     shares_by_name: dict[str, list[float]] = {}
     for case in done:
@@ -421,15 +437,10 @@ def _shares(done: list[Case]) -> dict[str, float]:
 # ---------------------------------------------------------------- diagnosis
 
 
-def _attempt(problem: Problem) -> list[Case]:
+def _attempt_problem(problem: Problem) -> list[Case]:
     """Every case of a changed problem, settled as if it were declared."""
     library, _ = library_of(problem)
-
-    def settled(problem: Problem) -> list[Case]:
-        done = [_settled(problem, library, parameter) for parameter in cases(problem)]
-        return returned(done) if problem.computed else done
-
-    return choose(problem, settled).done or []
+    return choose(problem, lambda p: _all_cases(p, library)).done or []
 
 
 @dataclass(frozen=True)

@@ -80,10 +80,10 @@ def test_the_document_has_every_property(soter: Soter, here: Path) -> None:
     ("at", "told"),
     [
         (
-            "soter.verify.claims.start.start",
+            "soter.verify.claims.start.check_start",
             "P2a shown, P3 shown, ttf shown, safer shown; ended",
         ),
-        ("soter.verify.refute.refuted", "P2a proved, P2b proved, P3 proved"),
+        ("soter.verify.refute.enter_refutations", "P2a proved, P2b proved, P3 proved"),
         ("soter.verify.command.enter_cost", "P2a proved, P2b proved, P3 proved"),
         ("soter.verify.verify_module.announce_work", "no claim settled"),
     ],

@@ -54,7 +54,7 @@ def kept_by_the_law(source: str) -> bool:
     law = extract(flat, flat.modules[0]).law
     assert law is not None
     case = claims.open_case(law, library_of(law)[0], law.groups, ())
-    if not (claims.constraint(case) and claims.core(case)):
+    if not (claims.compute_constraint(case) and claims.compute_core(case)):
         return False
     (group,) = case.sets.groups
     edges = np.array(law.groups[0].axes[1].edges)

@@ -11,7 +11,7 @@ from soter.api.program import load
 from soter.api.rechecking import recheck
 from soter.language.front_end import check_file, system_of
 from soter.verify.deploy.dm_check import check_decisions
-from soter.verify.refute import refuted
+from soter.verify.refute import enter_refutations
 from unit.certificate.small_proofs import edit_program, reseal
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def test_nobody_who_acknowledges_is_no_counterexample_of_the_way_back(tmp_path: 
     module = proved(tmp_path, quiet, AFTER)
     finding = module.findings["P2b"]
     finding.rest_on("undecided", "told so")
-    refuted(module.problem, module)
+    enter_refutations(module.problem, module)
     assert finding.verdict == "undecided"
     stays = quiet.replace("clamp(-pos, -1.0, 1.0)", "0.0")
     assert proved(tmp_path, stays, AFTER, refute=True).findings["P2b"].verdict == "refuted"

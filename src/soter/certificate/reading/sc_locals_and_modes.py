@@ -7,7 +7,7 @@ combination of them, a predicate with each of them open.
 Non-goals: which of these values occur after which: any element of the set that every step keeps may
 be there at any step (docs/proof.md, "Setting"); that a step keeps it is an obligation of the step.
 What a module waits for (P2b is not claimed of one that waits); sharing code with
-`verify/problem/other_modules.py`, which reads topics in their place.
+`verify/problem/verification_system.py`, which reads topics in their place.
 
 Truths, enumerations and short ranges are taken value by value; what would make too many
 combinations becomes an input over its range.

@@ -1,12 +1,12 @@
-"""Chooses the cells, the number of levels and the core of a module that leaves them open.
+"""Chooses what a program leaves open: smaller cells, the number of levels, which cells K keeps.
 
 Purpose: `choose` tries the declared cells, then smaller ones, and the default number of levels,
-then the fewest; proofs and whatever flies use the same answer. `after_core` computes all that
-follows from K, `levels` and `deploy` the predicates of a module without `ttf` and `safer`: ttf is
-"not in S_0", safer is "in S_(m-2)", on estimates. `shrunk` and `returned` give up a few cells of K
-from which no way back to `safer` was found. Symbols: head of `verify/grid/sets.py`.
-Non-goals: finer grids (`grid_refinement.py`), the sets of a group (`verify/grid/estimate_sets.py`,
-`verify/polytope/`), W (`verify/grid/recovery.py`), tables (`verify/deploy/`).
+then the fewest; proofs and whatever flies use the same answer. `shrink_core` and `with_way_back`
+give up a few cells of K from which no way back to `safer` was found: the former where the program
+has `ttf` and `safer`, the latter, with all that follows anew, where they are computed. Symbols:
+head of `verify/grid/sets.py`.
+Non-goals: what follows from K, and the levels (`claims.py`); cells that are split near borders
+(`grid_refinement.py`); W (`verify/grid/recovery.py`); tables (`verify/deploy/`).
 
 Computed predicates depend on K: with a smaller one fewer estimates leave AC in control, and Q may
 lose cells, too. What is proved is proved of the sets of the last round, or K is as it was.
@@ -19,12 +19,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.language.model.system import LEVELS_DEFAULT, LEVELS_LEAST
-from soter.verify.claims import claims, start
+from soter.verify.claims import start
 from soter.verify.claims.case import ClaimTimer
-from soter.verify.claims.claims import recover
+from soter.verify.claims.claims import after_core, compute_levels, find_way_back, make_tables
 from soter.verify.claims.grid_refinement import cells_of, counts_of, smaller_cells
 from soter.verify.grid.group_model import UnboundedError
-from soter.verify.proof_methods import pairs_of, tables
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -37,35 +36,6 @@ if TYPE_CHECKING:
 
 OF_LEVELS = ("ttf", "safer", "P2b")
 """The claims that depend on the number of levels."""
-
-
-def levels(case: Case) -> None:
-    """Computes S_0 ... S_(m-2) of every group; enters failures where they are empty."""
-    for proof in case.fresh:
-        proof.levels(case)
-
-
-def deploy(cases: Sequence[Case]) -> None:
-    """Makes the DM's tables of all cases together, before P2b, which asks them for control back.
-
-    The DM has one table for all values of the parameters: an estimate lets AC have control only if
-    it is in S_0 of every case. Where a case has no sets there is no table.
-    """
-    problem = cases[0].problem
-    pairs = [pairs_of(case.sets) for case in cases]
-    if any(len(p) != len(problem.groups) for p in pairs) or any(withheld(c) for c in cases):
-        return
-    level_tables = tables(problem, pairs)
-    for case in cases:
-        for proof, table in zip(case.proofs, level_tables, strict=True):
-            proof.admit(case, table)
-
-
-def withheld(case: Case) -> bool:
-    """Whether some group has levels that were not proved, which no DM may use."""
-    return any(p.withheld(case) for p in case.proofs)
-
-
 SHRINK_MAX = 0.1
 """The largest share of K that may be given up because no way back from it was found."""
 ROUNDS = 4
@@ -74,35 +44,20 @@ GIVEN_UP, HAD = "given_up", "had"
 """Names of a case's counts: cells that were removed from K, and cells that K had before."""
 
 
-def after_core(case: Case) -> None:
-    """Computes and checks everything that follows from K, but P2b."""
-    with ClaimTimer(case, "P3"):
-        claims.free_phase(case)
-    if case.problem.computed:
-        with ClaimTimer(case, "ttf"):
-            levels(case)
-    else:
-        for predicate in ("ttf", "safer"):
-            with ClaimTimer(case, predicate):
-                claims.inclusion(case, predicate)
-    with ClaimTimer(case, "start"):
-        start.start(case)
-
-
-def shrunk(case: Case) -> bool:
+def shrink_core(case: Case) -> bool:
     """Takes W in the place of K if only a few cells of K lack a way back; True if it did so.
 
     At its border K has cells that SC keeps, but only by chains whose images are all of K. W is
     as good: its cells have chains in C whose images lie in W, and Q is kept.
     """
     failures = case.failed("P2b")
-    if case.problem.computed or not failures or not _few(failures):
+    if case.problem.computed or not failures or not _few_cells_stuck(failures):
         return False
     _give_up(case, failures)
     return True
 
 
-def _few(failures: list[Failure]) -> bool:
+def _few_cells_stuck(failures: list[Failure]) -> bool:
     """Whether all failures are about cells of K without a way back, few in every group."""
     return all(f.stuck and f.proof and f.proof.stuck <= SHRINK_MAX for f in failures)
 
@@ -122,24 +77,27 @@ def _give_up(case: Case, failures: list[Failure]) -> None:
 # ---------------------------------------------------------------- computed predicates
 
 
-def returned(done: list[Case]) -> list[Case]:
+def with_way_back(done: list[Case]) -> list[Case]:
     """The cases with P2b examined, where predicates are computed.
 
     Where a few cells of K have no way back they are given up and all that follows from K is
     computed anew; these sets are kept if that shows P2b and costs no other claim.
     """
-    _recovered(done)
+    _examine_way_back(done)
     if not any(case.failed("P2b") for case in done):
         return done
-    before, started = [_Before(case) for case in done], [_starts(case) for case in done]
-    shown = _shown_of_less(done)
-    if not (shown and all(_starts(case) for case, well in zip(done, started, strict=True) if well)):
+    before, started = [_CaseBackup(case) for case in done], [_is_start_shown(case) for case in done]
+    shown = _shown_with_fewer_cells(done)
+    if not (
+        shown
+        and all(_is_start_shown(case) for case, well in zip(done, started, strict=True) if well)
+    ):
         for kept in before:
             kept.restore()
     return done
 
 
-def _shown_of_less(done: list[Case]) -> bool:
+def _shown_with_fewer_cells(done: list[Case]) -> bool:
     """Gives up cells of K, `ROUNDS` times at most; whether all but the start is shown then."""
     for _ in range(ROUNDS):
         if not all(map(_may_give_up, done)):
@@ -148,20 +106,20 @@ def _shown_of_less(done: list[Case]) -> bool:
             if failures := case.failed("P2b"):
                 _give_up(case, failures)
                 after_core(case)
-        _recovered(done)
+        _examine_way_back(done)
         if not any(map(_unshown_failures, done)):
             return True
     return False
 
 
-def _recovered(done: list[Case]) -> None:
-    deploy(done)
+def _examine_way_back(done: list[Case]) -> None:
+    make_tables(done)
     for case in done:
         if case.failed("P2b") or case.problem.stays:
             continue  # there is no K, or no enclosure; or it is not asked
         try:
             with ClaimTimer(case, "P2b"):
-                recover(case)
+                find_way_back(case)
         except UnboundedError as error:
             case.fail("P2b", str(error), hint="a smaller grid, or a shorter horizon")
 
@@ -174,17 +132,17 @@ def _unshown_failures(case: Case) -> list[Failure]:
 def _may_give_up(case: Case) -> bool:
     """Whether nothing fails but P2b on a few cells of K."""
     failures = _unshown_failures(case)
-    return all(f.claim == "P2b" for f in failures) and _few(failures)
+    return all(f.claim == "P2b" for f in failures) and _few_cells_stuck(failures)
 
 
-def _starts(case: Case) -> bool:
+def _is_start_shown(case: Case) -> bool:
     """Whether the start is shown; the case itself is not changed."""
     probe = replace(case, failures=[], spent={}, counts={})
-    start.start(probe)
+    start.check_start(probe)
     return not probe.failures
 
 
-class _Before:
+class _CaseBackup:
     """A copy of a case's sets and failures, to which it can be restored."""
 
     def __init__(self, case: Case) -> None:
@@ -198,7 +156,7 @@ class _Before:
             proof.found = found
 
 
-def given_up(done: list[Case]) -> tuple[str, ...]:
+def given_up_note(done: list[Case]) -> tuple[str, ...]:
     """A note that cells of K were given up, where predicates are computed; else empty."""
     if not done or not done[0].problem.computed:
         return ()
@@ -261,7 +219,7 @@ def _on_smaller_cells(first: Choice, claim: str, attempt: Attempt) -> tuple[Choi
     found = first
     tried = []
     for size in SIZES:
-        coarse = _failing(found, claim)
+        coarse = _failing_groups(found, claim)
         if not coarse:
             break
         finer, most = smaller_cells(found.problem, coarse), CELLS_MAX[claim]
@@ -271,14 +229,14 @@ def _on_smaller_cells(first: Choice, claim: str, attempt: Attempt) -> tuple[Choi
             )
             break
         found = _with_levels(finer, attempt)
-        lost = _unshown(found.done)
+        lost = _unshown_claims(found.done)
         if found.done is not None and not ({claim, "P2a"} & lost.keys()):
             return replace(found, size=size, failed=claim), []
         tried.append(f"in vain: cells of {size} the size")
     return first, tried
 
 
-def _failing(choice: Choice, claim: str) -> list[Group]:
+def _failing_groups(choice: Choice, claim: str) -> list[Group]:
     """The groups on grids for which a claim fails in some case."""
     failures = (f for case in choice.done or () for f in case.failed(claim))
     return [f.proof.group for f in failures if f.proof is not None and f.cells is not None]
@@ -293,11 +251,11 @@ def _with_levels(problem: Problem, attempt: Attempt) -> Choice:
     if problem.levels_open and problem.levels != LEVELS_DEFAULT:
         problem = replace(problem, levels=LEVELS_DEFAULT)
     done = attempt(problem)
-    lost = _unshown(done)
+    lost = _unshown_claims(done)
     if problem.levels_open and lost and "P2a" not in lost:
         fewest = replace(problem, levels=LEVELS_LEAST)
         again = _with_other_levels(done or (), fewest) or attempt(fewest)
-        if again is not None and _unshown(again).keys() < lost.keys():
+        if again is not None and _unshown_claims(again).keys() < lost.keys():
             return Choice(fewest, again, next(lost[c] for c in OF_LEVELS if c in lost))
     return Choice(problem, done)
 
@@ -320,12 +278,12 @@ def _with_other_levels(done: Sequence[Case], problem: Problem) -> list[Case] | N
         new = replace(case, problem=problem, proofs=proofs, failures=failures)
         new.spent, new.counts = spent, dict(case.counts)
         with ClaimTimer(new, "ttf"):
-            levels(new)
+            compute_levels(new)
         again.append(new)
-    return returned(again)
+    return with_way_back(again)
 
 
-def _unshown(done: Sequence[Case] | None) -> dict[str, str]:
+def _unshown_claims(done: Sequence[Case] | None) -> dict[str, str]:
     """The text of the first failure of P2a and of each claim that depends on levels, by claim."""
     failures = [f for case in done or () for f in case.failures]
     return {f.claim: f.text for f in reversed(failures) if f.claim in (*OF_LEVELS, "P2a")}

@@ -1,11 +1,12 @@
 """The claims of one case, asked of its groups in turn (docs/verification.md, section 3).
 
 Purpose: for one combination of parameter values these functions compute C, K and R(H), check the
-inclusions of `ttf` and `safer`, and find P2b: a set Q_g for each group that SC keeps where every
-estimate satisfies `safer`, and the time T from anywhere in K until AC has control again (from SC's
-first acting output until the verdict is in force). They also say to what plants cut C (a plant
-stops rather than publish outside a topic's set), whether the proof covers the integration scheme
-that flies, and P1. Each group enters its own failures; what concerns several groups is done here.
+inclusions of `ttf` and `safer`, compute the levels and tables of a DM without them, and find P2b: a
+set Q_g for each group that SC keeps where every estimate satisfies `safer`, and the time T from
+anywhere in K until AC has control again (from SC's first acting output until the verdict is in
+force). They also say to what plants cut C (a plant stops rather than publish outside a topic's
+set), whether the proof covers the integration scheme that flies, and P1. Each group enters its own
+failures; what concerns several groups is done here.
 Symbols: head of `verify/grid/sets.py`; the index g is one group's part.
 Non-goals: where control begins (`start.py`), how a group is proved (`case.py`, `verify/grid/`,
 `verify/polytope/`), refinement and verdicts (`verify_module.py`), the error of a scheme
@@ -13,7 +14,8 @@ Non-goals: where control begins (`start.py`), how a group is proved (`case.py`, 
 
 P2b may take longer than all other claims. Where `ttf`, `safer` or the start fail, `postpone_p2b`
 leaves it to an attempt on a finer grid; if there is none, the module is undecided whatever P2b
-says, and `recover_for_report` spends about as long on it as these. CPU time decides no verdict.
+says, and `find_way_back_for_report` spends about as long on it as these. CPU time decides no
+verdict.
 """
 
 from __future__ import annotations
@@ -25,16 +27,17 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.current_phase import CancelledError, cancelled_when, passing_phase, telling
 from soter.language.evaluate.integration_stability import diverging
 from soter.language.model.types import leaf_name, leaves, show_ns
-from soter.verify.claims.case import Case
+from soter.verify.claims import start
+from soter.verify.claims.case import Case, ClaimTimer
 from soter.verify.claims.product_sets import (
     NOTHING_INSIDE,
     NOTHING_KEPT,
     VAIN,
     FailsafeClaim,
+    claim_without_law,
     cut_to_law_core,
-    law_stays_inside,
     product_holds,
-    without_law,
+    why_sc_leaves_sets_on_product,
 )
 from soter.verify.claims.results import ASSUMED, PROVED, UNDECIDED, Finding, ModuleResult
 from soter.verify.enclose.compiled_enclosures import CompiledEnclosures, library_of
@@ -42,9 +45,15 @@ from soter.verify.enclose.enclosed_steps import room_of
 from soter.verify.grid.claims import grids
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.grid.sets import RESTS
-from soter.verify.problem.problem import EVERY_SOLUTION, SCHEME, said
-from soter.verify.problem.problem_times import DELAYS, in_words
-from soter.verify.proof_methods import by_method, in_order, method_of
+from soter.verify.problem.problem import EVERY_SOLUTION, SCHEME, subjects_in_words
+from soter.verify.problem.problem_times import DELAYS, horizon_in_words
+from soter.verify.proof_methods import (
+    by_method,
+    in_method_order,
+    method_of,
+    pairs_of,
+    tables_of_groups,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -80,7 +89,7 @@ def open_case(
     """
     case = Case(problem, parameter, CompiledEnclosures(library, problem, parameter))
     case.holds = HOLDS if problem.declared_groups else 0
-    for i, group in enumerate(in_order(groups)):
+    for i, group in enumerate(in_method_order(groups)):
         old = None if before is None else before.proofs[i]
         if old is None or before is None or old.group != group:
             case.proofs.append(method_of(group).new_proof(case, group))
@@ -94,7 +103,7 @@ def open_case(
     return case
 
 
-def parts_of(case: Case, predicate: str) -> list[SetFactor] | None:
+def set_factors(case: Case, predicate: str) -> list[SetFactor] | None:
     """For every group a set of its states on which a predicate holds; None where none was found."""
     all_parts: list[SetFactor] = []
     for method, proofs in by_method(case):
@@ -105,12 +114,12 @@ def parts_of(case: Case, predicate: str) -> list[SetFactor] | None:
     return all_parts
 
 
-def constraint(case: Case) -> bool:
+def compute_constraint(case: Case) -> bool:
     """Gives every group its part of C, and checks their product; False: there is no C.
 
     Enters a failure of P2a where SC may fault or publish outside its sets on C.
     """
-    parts = parts_of(case, "constraint")
+    parts = set_factors(case, "constraint")
     if parts is None:
         case.fail("P2a", "no state was found on which `safe` holds")
         return False
@@ -120,21 +129,21 @@ def constraint(case: Case) -> bool:
         case.fail("P2a", "`safe` is no product over the groups", hint=hint)
         return False
     if case.problem.has_core_hint:
-        hinted = _hinted(case, parts)
+        hinted = _cut_to_core_hint(case, parts)
         if hinted is None:
             case.fail("P2a", "no state was found on which `core` holds")
             return False
         parts = hinted
-    case.lawful = without_law(case.problem, parts) or _kept_by_law(case, parts)
+    case.lawful = claim_without_law(case.problem, parts) or _claim_of_law(case, parts)
     for proof, part in zip(case.proofs, case.lawful.parts, strict=True):
-        proof.take(case, part)
-    why = law_stays_inside(case.problem, case.forms, parts)
+        proof.take_constraint(case, part)
+    why = why_sc_leaves_sets_on_product(case.problem, case.forms, parts)
     if why:
         case.fail("P2a", why, hint=CLAMP)
     return True
 
 
-def _kept_by_law(case: Case, parts: Sequence[SetFactor]) -> FailsafeClaim:
+def _claim_of_law(case: Case, parts: Sequence[SetFactor]) -> FailsafeClaim:
     """Computes K_fs, the core of the fail-safe law, on the same groups, and C cut to it."""
     problem = case.problem.law
     assert problem is not None
@@ -147,57 +156,99 @@ def _kept_by_law(case: Case, parts: Sequence[SetFactor]) -> FailsafeClaim:
         try:
             law = open_case(problem, library, groups, case.parameter)
             law.vain = VAIN
-            if not (constraint(law) and core(law)):
+            if not (compute_constraint(law) and compute_core(law)):
                 return FailsafeClaim(parts, parts, NOTHING_KEPT)
         except UnboundedError as error:
             return FailsafeClaim(parts, parts, str(error))
     return cut_to_law_core(law.sets, parts)
 
 
-def _hinted(case: Case, parts: Sequence[SetFactor]) -> list[SetFactor] | None:
+def _cut_to_core_hint(case: Case, parts: Sequence[SetFactor]) -> list[SetFactor] | None:
     """The parts of C on which the program's `core e;` holds, too; None where it holds nowhere."""
     left = dict(zip(map(id, case.proofs), parts, strict=True))
     core_parts: list[SetFactor] = []
     for method, proofs in by_method(case):
-        inside = method.hinted(case, proofs, [left[id(p)] for p in proofs])
+        inside = method.cut_to_hint(case, proofs, [left[id(p)] for p in proofs])
         if inside is None:
             return None
         core_parts += inside
     return core_parts
 
 
-def core(case: Case) -> bool:
+def compute_core(case: Case) -> bool:
     """Computes K of every group; False where one is empty.
 
     Where SC keeps nothing inside what the fail-safe law keeps, K is computed without the law.
     """
-    whole = _cores(case)
+    whole = _compute_cores(case)
     if whole or case.lawful is None or not case.lawful.is_smaller:
         return whole
     case.lawful.give_up(NOTHING_INSIDE)
     for proof, part in zip(case.proofs, case.lawful.parts, strict=True):
         case.again(proof)
-        proof.take(case, part)
-    return _cores(case)
+        proof.take_constraint(case, part)
+    return _compute_cores(case)
 
 
-def _cores(case: Case) -> bool:
+def _compute_cores(case: Case) -> bool:
     whole = True
     for proof in case.fresh:
         whole = proof.core(case) and whole
     return whole
 
 
-def free_phase(case: Case) -> None:
+def compute_free_phase(case: Case) -> None:
     """Computes R(H) of every group."""
     for proof in case.fresh:
         proof.free_phase(case)
 
 
-def inclusion(case: Case, predicate: str) -> None:
+def check_inclusion(case: Case, predicate: str) -> None:
     """Checks that `ttf` or `safer` lets AC have control only at estimates of states in R(H)."""
     for proof in case.fresh:
         proof.inclusion(case, predicate)
+
+
+def compute_levels(case: Case) -> None:
+    """Computes S_0 ... S_(m-2) of every group; enters failures where they are empty."""
+    for proof in case.fresh:
+        proof.levels(case)
+
+
+def make_tables(cases: Sequence[Case]) -> None:
+    """Makes the DM's tables of all cases together, before P2b, which asks them for control back.
+
+    The DM has one table for all values of the parameters: an estimate lets AC have control only if
+    it is in S_0 of every case. Where a case has no sets there is no table.
+    """
+    problem = cases[0].problem
+    pairs = [pairs_of(case.sets) for case in cases]
+    if any(len(p) != len(problem.groups) for p in pairs) or any(map(has_unproved_levels, cases)):
+        return
+    level_tables = tables_of_groups(problem, pairs)
+    for case in cases:
+        for proof, table in zip(case.proofs, level_tables, strict=True):
+            proof.take_table(case, table)
+
+
+def has_unproved_levels(case: Case) -> bool:
+    """Whether some group has levels that were not proved, which no DM may use."""
+    return any(p.has_unproved_levels(case) for p in case.proofs)
+
+
+def after_core(case: Case) -> None:
+    """Computes and checks everything that follows from K, but P2b."""
+    with ClaimTimer(case, "P3"):
+        compute_free_phase(case)
+    if case.problem.computed:
+        with ClaimTimer(case, "ttf"):
+            compute_levels(case)
+    else:
+        for predicate in ("ttf", "safer"):
+            with ClaimTimer(case, predicate):
+                check_inclusion(case, predicate)
+    with ClaimTimer(case, "start"):
+        start.check_start(case)
 
 
 GIVE_BACK = "let one of them give control back whatever the other one does"
@@ -205,7 +256,7 @@ MS = 1_000_000
 """Nanoseconds in a millisecond: times in hints are rounded up to whole ones."""
 
 
-def recover(case: Case) -> None:
+def find_way_back(case: Case) -> None:
     """Computes Q, W and the time to Q of every group; enters failures of P2b."""
     targets = _targets(case)
     if targets is None:
@@ -215,20 +266,20 @@ def recover(case: Case) -> None:
     times = case.problem.times
     longest = max((p.return_ns for p in case.proofs), default=0)
     case.counts["recover_ns"] = longest + times.decision + times.response_dm
-    in_time(case)
+    check_return_time(case)
 
 
 def _targets(case: Case) -> list[SetFactor] | None:
     """For each group the states all of whose estimates satisfy `safer`; None: a failure of P2b."""
     if case.problem.computed:
-        held = [p.held(case) for p in case.proofs]
-        target_parts = [part for part in held if part is not None]
-        if len(target_parts) < len(held):
+        parts_by_proof = [p.states_given_back(case) for p in case.proofs]
+        target_parts = [part for part in parts_by_proof if part is not None]
+        if len(target_parts) < len(parts_by_proof):
             case.fail("P2b", "not every case has sets: the DM never gives control back")
             return None
         return target_parts
     predicate = case.problem.returning
-    parts = parts_of(case, predicate)
+    parts = set_factors(case, predicate)
     if parts is None:
         case.fail("P2b", "no state was found on which `safer` surely holds")
         return None
@@ -238,7 +289,7 @@ def _targets(case: Case) -> list[SetFactor] | None:
     return parts
 
 
-def in_time(case: Case) -> None:
+def check_return_time(case: Case) -> None:
     """Enters a failure of P2b where the time T is longer than the one declared, if one is."""
     wanted, needed = case.problem.recover_ns, case.counts["recover_ns"]
     if wanted is not None and needed > wanted and not case.failed("P2b"):
@@ -257,12 +308,14 @@ def weaken_if_waiting(problem: Problem, finding: Finding) -> None:
     if modes.never:
         finding.rest_on(UNDECIDED, modes.never, GIVE_BACK)
     else:
-        finding.rest_on(ASSUMED, f"{finding.text} while {said(modes.waits)} in AC: not proved")
+        finding.rest_on(
+            ASSUMED, f"{finding.text} while {subjects_in_words(modes.waits)} in AC: not proved"
+        )
 
 
 CHEAPER = ("ttf", "safer", "start")
 LEAST_S = 4.0
-"""CPU seconds that `recover_for_report` may take in any case."""
+"""CPU seconds that `find_way_back_for_report` may take in any case."""
 
 
 def postpone_p2b(case: Case) -> bool:
@@ -273,8 +326,8 @@ def postpone_p2b(case: Case) -> bool:
     return failing is not None
 
 
-def recover_for_report(case: Case) -> None:
-    """Runs `recover` for a case that put it off, for a limited time; a part of it is not kept.
+def find_way_back_for_report(case: Case) -> None:
+    """Runs a postponed `find_way_back` for a limited time; a part of an answer is not kept.
 
     With groups that are not on grids there is no limit.
     """
@@ -282,12 +335,12 @@ def recover_for_report(case: Case) -> None:
     assert not_looked_at, "a case that may be proved has no budget"
     case.failures = [f for f in case.failures if not f.cut]
     if len(list(grids(case.proofs))) < len(case.proofs):
-        recover(case)
+        find_way_back(case)
         return
     until = time.process_time() + max(LEAST_S, sum(case.spent.values()))
     try:
         with cancelled_when(lambda: time.process_time() > until):
-            recover(case)
+            find_way_back(case)
     except CancelledError:
         for part in case.sets.groups:
             part.target = part.home = part.rank = part.rank_holds = None
@@ -297,9 +350,9 @@ def recover_for_report(case: Case) -> None:
 FAULT = "what plants drive may fault"
 
 
-def narrowed(problem: Problem, forms: CompiledEnclosures) -> list[str]:
+def narrowed_leaves(problem: Problem, forms: CompiledEnclosures) -> list[str]:
     """A text for each leaf that a plant may leave the set of, within the ranges of states."""
-    driven = list(_driven(problem))
+    driven = list(_driven_leaves(problem))
     if len(driven) > forms.results:
         return []
     ends = forms.numbers("drives", forms.whole, len(driven))
@@ -317,9 +370,9 @@ def narrowed(problem: Problem, forms: CompiledEnclosures) -> list[str]:
     return messages
 
 
-def say_narrowed(result: ModuleResult, done: Sequence[Case], claims: Iterable[str]) -> None:
+def note_narrowed_leaves(result: ModuleResult, done: Sequence[Case], claims: Iterable[str]) -> None:
     """Notes that C is cut to what plants can publish; open claims get a hint to widen the set."""
-    texts = narrowed(result.problem, done[0].forms)
+    texts = narrowed_leaves(result.problem, done[0].forms)
     if not texts:
         return
     result.notes += (
@@ -331,7 +384,7 @@ def say_narrowed(result: ModuleResult, done: Sequence[Case], claims: Iterable[st
             finding.hint = f"{finding.hint}; or {wider}" if finding.hint else wider
 
 
-def _driven(problem: Problem) -> Iterator[tuple[str, Bound | None, float, bool]]:
+def _driven_leaves(problem: Problem) -> Iterator[tuple[str, Bound | None, float, bool]]:
     """Name, set, error of every driven leaf, in the order of `drives`, and whether it is a number.
 
     Lists, and arrays too long to be numbered, are none; that they stay in their sets is assumed.
@@ -342,12 +395,12 @@ def _driven(problem: Problem) -> Iterator[tuple[str, Bound | None, float, bool]]
     measured = {(m.topic, m.leaf): m.bound for c in plants for m in c.measured}
     for index in sorted(topics):
         topic = system.topics[index]
-        every = [path for path, _ in leaves(topic.type)]
+        leaf_paths = [path for path, _ in leaves(topic.type)]
         for path, _ in leaves(topic.type, whole_lists=True):
-            at = every.index(path) if path in every else None
-            bound = None if at is None else topic.bounds[at]
-            error = 0.0 if at is None else measured.get((index, at), 0.0)
-            yield leaf_name(topic.name, path), bound, error, at is not None
+            number = leaf_paths.index(path) if path in leaf_paths else None
+            bound = None if number is None else topic.bounds[number]
+            error = 0.0 if number is None else measured.get((index, number), 0.0)
+            yield leaf_name(topic.name, path), bound, error, number is not None
 
 
 IN_PROOF = (
@@ -358,10 +411,10 @@ IN_PROOF = (
 def shown_scheme(problem: Problem, done: Sequence[Case]) -> frozenset[str]:
     """The key of the assumption SCHEME where the proof shows it: all flows are linear."""
     assumed = SCHEME in problem.assumptions
-    return frozenset((SCHEME.key,)) if assumed and all(map(_follows_scheme, done)) else frozenset()
+    return frozenset((SCHEME.key,)) if assumed and all(map(_covers_scheme, done)) else frozenset()
 
 
-def solutions(problem: Problem, done: Sequence[Case]) -> list[Assumption]:
+def solution_assumptions(problem: Problem, done: Sequence[Case]) -> list[Assumption]:
     """The assumption in the place of SCHEME where SC comes to rest: there a rate may jump."""
     groups = [g for c in done for g in c.sets.groups]
     rests = SCHEME in problem.assumptions and any((g.core == RESTS).any() for g in groups)
@@ -382,7 +435,7 @@ def scheme_diverges(problem: Problem) -> str:
     return ""
 
 
-def _follows_scheme(case: Case) -> bool:
+def _covers_scheme(case: Case) -> bool:
     """Whether the simulator's steps are solutions of every group's model."""
     if len(case.proofs) < len(case.problem.groups):
         return False
@@ -412,10 +465,10 @@ def static_claims(problem: Problem, result: ModuleResult) -> None:
         PROVED, method=HOW["P1b"], text="AC and SC publish the same topics"
     )
     enough = times.horizon_ns >= times.h_star
-    held = PROVED if all(n in times.declared for n in (*DELAYS, "nodes")) else ASSUMED
+    verdict = PROVED if all(n in times.declared for n in (*DELAYS, "nodes")) else ASSUMED
     result.findings["P1c"] = Finding(
-        held if enough else UNDECIDED,
+        verdict if enough else UNDECIDED,
         method=HOW["P1c"],
-        text=in_words(times),
+        text=horizon_in_words(times),
         hint="" if enough else f"a horizon of {show_ns(times.h_star)} or more, or less delay",
     )

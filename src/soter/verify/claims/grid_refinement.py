@@ -1,11 +1,10 @@
 """Cells of grids: boxes of them, finer and coarser ones, and how long a proof on them will take.
 
-Purpose: `regions_of` gives boxes for people around a set of cells, `mesh_of` the cells that hold a
-box of states. `refined` splits cells near borders where claims fail only there, `smaller_cells`
-halves all of them, `merged` makes the same problem on fewer cells. `matrix` and `axes` write the
-parts that all groups' certificate entries have. `announce_work` computes the first case on merged
-cells, twice; how its time grows tells how long the declared grid takes. It says that only where
-somebody waits for progress, and where it is long.
+Purpose: `regions_of` gives boxes for people around a set of cells, `cells_of_box` the cells that
+hold a box of states. `refined_groups` splits cells near borders where claims fail only there,
+`smaller_cells` halves all of them, `with_merged_cells` makes the same problem on fewer cells.
+`announce_work` computes the first case on merged cells, twice; how its time grows tells how long
+the declared grid takes. It says that only where somebody waits for progress, and where it is long.
 Non-goals: verdicts (another grid is a new attempt, no more); sets (`verify/grid/sets.py`). The
 estimate counts neither finer grids nor what comes after the sets, such as counterexamples.
 """
@@ -17,7 +16,7 @@ import time
 from dataclasses import replace
 from itertools import islice
 from math import prod
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -39,22 +38,6 @@ if TYPE_CHECKING:
     Settle = Callable[[Problem, tuple[int, ...]], object]
 
 
-def matrix(path: str, values: NDArray[Any], files: dict[str, bytes]) -> dict[str, object]:
-    """An entry that names a file of doubles and their shape; the file is added to `files`."""
-    files[path] = np.ascontiguousarray(values, dtype="<f8").tobytes()
-    return {"file": path, "shape": list(values.shape)}
-
-
-def axes(problem: Problem, group: Group, stem: str, files: dict[str, bytes]) -> dict[str, Any]:
-    """An entry with a group's kind and axes; the breakpoints are added to `files`."""
-    entry: dict[str, Any] = {"kind": group.representation, "axes": []}
-    for k, axis in enumerate(group.axes):
-        name = f"{stem}_axis{k}.bin"
-        files[name] = np.array(axis.edges, dtype="<f8").tobytes()
-        entry["axes"].append({"state": problem.quantities.states[axis.state].name, "edges": name})
-    return entry
-
-
 REGIONS_MAX = 12
 
 
@@ -71,7 +54,7 @@ def regions_of(
     regions: list[Region] = []
     left = cells.copy()
     while left.any() and len(regions) < REGIONS_MAX - 1:
-        box = _grown(left)
+        box = _grown_box(left)
         regions.append(_region(box, names, edges, parameters))
         left[tuple(slice(a, b) for a, b in box)] = False
     if left.any():
@@ -81,7 +64,7 @@ def regions_of(
     return regions
 
 
-def _grown(cells: Bools) -> list[tuple[int, int]]:
+def _grown_box(cells: Bools) -> list[tuple[int, int]]:
     """A box around the first cell, grown while the next layer on some side has one of the set."""
     first = np.unravel_index(int(np.argmax(cells)), cells.shape)
     box = [(int(i), int(i) + 1) for i in first]
@@ -94,9 +77,9 @@ def _grown(cells: Bools) -> list[tuple[int, int]]:
                 layer = low - 1 if side == 0 else high
                 if not 0 <= layer < cells.shape[axis]:
                     continue
-                at = [slice(a, b) for a, b in box]
-                at[axis] = slice(layer, layer + 1)
-                if cells[tuple(at)].any():
+                slices = [slice(a, b) for a, b in box]
+                slices[axis] = slice(layer, layer + 1)
+                if cells[tuple(slices)].any():
                     box[axis] = (min(low, layer), max(high, layer + 1))
                     grows = True
     return box
@@ -114,7 +97,7 @@ def _region(
     return Region(tuple(axes), tuple(parameters))
 
 
-def holding(edges: NDArray[np.float64], low: float, high: float) -> slice | None:
+def cells_holding(edges: NDArray[np.float64], low: float, high: float) -> slice | None:
     """The cells, in a row, whose union holds [low, high]; None where it is not inside the grid.
 
     `edges`: breakpoints of an axis, (cells + 1,), rising.
@@ -126,7 +109,7 @@ def holding(edges: NDArray[np.float64], low: float, high: float) -> slice | None
     return slice(first, last + 1)
 
 
-def mesh_of(
+def cells_of_box(
     spans: Sequence[NDArray[np.float64]], turns: Sequence[bool], box: Sequence[Interval]
 ) -> list[list[int] | None]:
     """The cells of each axis that hold its interval of `box`; None where it leaves the grid.
@@ -135,14 +118,14 @@ def mesh_of(
     """
     cells: list[list[int] | None] = []
     for edges, wraps, i in zip(spans, turns, box, strict=True):
-        at = None if wraps else holding(edges, i.low, i.high)
+        at = None if wraps else cells_holding(edges, i.low, i.high)
         own = None if at is None else [*range(len(edges) - 1)[at]]
-        cells.append(_holding_around(edges, i.low, i.high) if wraps else own)
+        cells.append(_cells_holding_around(edges, i.low, i.high) if wraps else own)
     return cells
 
 
-def _holding_around(edges: NDArray[np.float64], low: float, high: float) -> list[int] | None:
-    """`holding` on an axis that wraps around: beyond one end it goes on at the other."""
+def _cells_holding_around(edges: NDArray[np.float64], low: float, high: float) -> list[int] | None:
+    """`cells_holding` on an axis that wraps around: beyond one end it goes on at the other."""
     if not edges[0] - TURN < low <= high < edges[-1] + TURN:
         return None
     turned = [(low, high)]
@@ -152,7 +135,7 @@ def _holding_around(edges: NDArray[np.float64], low: float, high: float) -> list
         turned.append((low - TURN - FAR_TURNS, high - TURN + FAR_TURNS))
     cells: set[int] = set()
     for a, b in turned:
-        at = holding(edges, max(a, edges[0]), min(b, edges[-1]))
+        at = cells_holding(edges, max(a, edges[0]), min(b, edges[-1]))
         cells |= set(range(len(edges) - 1)[at]) if at is not None else set()
     return sorted(cells)
 
@@ -168,7 +151,7 @@ def drawn_edges(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
     return edges_by_axis
 
 
-def share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
+def volume_share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
     """The share of a grid's volume that `cells`, of its shape, have; `edges` are (cells + 1,)."""
     weight = cells.astype(np.float64)
     for e in reversed(edges):
@@ -185,9 +168,9 @@ AROUND = 2
 """How many cells on each side of a failing one are split, too."""
 
 
-def refined(case: Case) -> tuple[Group, ...] | None:
+def refined_groups(case: Case) -> tuple[Group, ...] | None:
     """The groups with finer axes near failing cells; None where that cannot help or is too much."""
-    wrong = _failing(case)
+    wrong = _failing_cells(case)
     if not wrong:
         return None
     groups = []
@@ -200,7 +183,7 @@ def refined(case: Case) -> tuple[Group, ...] | None:
     return tuple(groups)
 
 
-def _failing(case: Case) -> dict[int, Bools] | None:
+def _failing_cells(case: Case) -> dict[int, Bools] | None:
     """The cells on which claims fail, by `id` of the proof; None: they do not fail on few cells."""
     wrong: dict[int, Bools] = {}
     for failure in case.failures:
@@ -225,12 +208,12 @@ def _split(group: Group, cells: Bools) -> Group | None:
         for _ in range(AROUND):
             near[1:] |= near[:-1].copy()
             near[:-1] |= near[1:].copy()
-        axes.append(halved(axis, near))
+        axes.append(with_halved_cells(axis, near))
     size = int(np.prod([len(a.edges) - 1 for a in axes], dtype=np.int64))
     return None if size > CELLS_MAX else replace(group, axes=tuple(axes))
 
 
-def halved(axis: Axis, near: Bools) -> Axis:
+def with_halved_cells(axis: Axis, near: Bools) -> Axis:
     """The axis with its `near` intervals cut in two, but never an outer one without an end."""
     edges: list[float] = []
     outer = (0, len(near) - 1) if axis.unbounded else ()
@@ -263,7 +246,7 @@ def _all_halved(group: Group) -> Group:
     for axis in group.axes:
         near = np.ones(len(axis.edges) - 1, dtype=np.bool_)
         near[-1] = not axis.open
-        axes.append(halved(axis, near))
+        axes.append(with_halved_cells(axis, near))
     return replace(group, axes=tuple(axes))
 
 
@@ -290,12 +273,12 @@ def refinement_note(done: Sequence[Case]) -> tuple[str, ...]:
             text = f"the grid was refined where a claim failed only at borders: {finer}"
             names = tuple(a.name for a in proof.group.axes)
             worst[names] = max(worst.get(names, (0, "")), (size, text))
-    told = (*(text for _, text in worst.values()), *_finer_notes(done))
+    notes = (*(text for _, text in worst.values()), *_finer_notes(done))
     groups = done[0].problem.groups if done else ()
     if all(g.span is None for g in groups):
-        return told
+        return notes
     alone = (g.axes[0] for g in groups if g.span is None)
-    return told + tuple(
+    return notes + tuple(
         f"{a.name} stands on no axis: a group of its own, {len(a.edges) - 1:,} cells over "
         f"[{a.edges[0]:.6g}, {a.edges[-1]:.6g}]; another `grid` line says otherwise"
         for a in alone
@@ -316,7 +299,7 @@ def _finer_notes(done: Sequence[Case]) -> dict[str, None]:
     return lines
 
 
-def merged(problem: Problem, most: int) -> Problem:
+def with_merged_cells(problem: Problem, most: int) -> Problem:
     """The problem with cells merged along every axis, so that each group has at most `most`."""
     groups = tuple(_merged_group(g, most) for g in problem.groups)
     return replace(problem, groups=groups, declared_groups=())
@@ -330,10 +313,10 @@ def _merged_group(group: Group, most: int) -> Group:
     if group.representation != "grid" or _size(group) <= most:
         return group
     step = int(np.ceil((_size(group) / most) ** (1 / len(group.axes))))
-    return replace(group, axes=tuple(_every(a, step) for a in group.axes))
+    return replace(group, axes=tuple(_every_nth_edge(a, step) for a in group.axes))
 
 
-def _every(axis: Axis, step: int) -> Axis:
+def _every_nth_edge(axis: Axis, step: int) -> Axis:
     edges = axis.edges[::step]
     last = axis.edges[-1]
     return replace(axis, edges=edges if edges[-1] == last else (*edges, last))
@@ -355,7 +338,7 @@ def announce_work(problem: Problem, settle: Settle) -> None:
     """Tells how long the sets of a problem will take; `settle` computes a case of a problem."""
     if cells_of(problem) >= FROM_CELLS:
         with passing_phase(f"{problem.name}: how long it will take"):
-            announce(lambda: _said(problem, _estimate(problem, settle)))
+            announce(lambda: _estimate_in_words(problem, _estimate(problem, settle)))
 
 
 def _estimate(problem: Problem, settle: Settle) -> float:
@@ -364,20 +347,24 @@ def _estimate(problem: Problem, settle: Settle) -> float:
     count = sum(1 for _ in islice(cases(problem), 100_000))
     tries = []
     for most in PILOTS:
-        small = merged(problem, most)
+        small = with_merged_cells(problem, most)
         began = time.process_time()
         try:
             settle(small, first)
         except UnboundedError:
             return 0.0
         tries.append((cells_of(small), time.process_time() - began))
-    (n, t), (m, s) = tries
-    slope = math.log(s / t) / math.log(m / n) if m > n and s > t > 0.0 else GROWTH[0]
+    (fewer_cells, fewer_s), (more_cells, more_s) = tries
+    slope = (
+        math.log(more_s / fewer_s) / math.log(more_cells / fewer_cells)
+        if more_cells > fewer_cells and more_s > fewer_s > 0.0
+        else GROWTH[0]
+    )
     growth = min(max(slope, GROWTH[0]), GROWTH[1])
-    return float(s * (cells_of(problem) / m) ** growth * count)
+    return float(more_s * (cells_of(problem) / more_cells) ** growth * count)
 
 
-def _said(problem: Problem, seconds: float) -> str:
+def _estimate_in_words(problem: Problem, seconds: float) -> str:
     """The line to tell; "" where the time is too short for one."""
     if seconds < FROM_S:
         return ""

@@ -1,10 +1,10 @@
 """Sets that are products over groups, and the check that a predicate holds on such a product.
 
 Purpose: a `SetFactor` is one group's part of a set. `product_holds` checks that a predicate is true
-all over the product of such parts (docs/verification.md, Groups); `law_stays_inside`, that SC does
-not fault there nor publish outside its sets. `FailsafeClaim` cuts C to K_fs, the core of the module
-with its fail-safe law in the place of SC: SC then has to keep that instead of C, so that the law
-may take over at any time (docs/proof.md, "When the trusted part stops").
+all over the product of such parts (docs/verification.md, Groups); `why_sc_leaves_sets`, that SC
+does not fault there nor publish outside its sets. `FailsafeClaim` cuts C to K_fs, the core of the
+module with its fail-safe law in the place of SC: SC then has to keep that instead of C, so that the
+law may take over at any time (docs/proof.md, "When the trusted part stops").
 Non-goals: dynamics; computing K_fs (`claims.py`), its problem
 (`verify/problem/verification_system.py`), the lease.
 """
@@ -45,7 +45,7 @@ def states_elsewhere(
     }
 
 
-def candidates(problem: Problem) -> list[Floats]:
+def points_to_try(problem: Problem) -> list[Floats]:
     """Points, (states,) each, where a predicate may hold: the start, zero, the ranges' middle."""
     low = np.array([r.low for r in problem.states])
     high = np.array([r.high for r in problem.states])
@@ -142,10 +142,13 @@ def product_holds(forms: CompiledEnclosures, parts: Sequence[SetFactor], predica
     if len(divisible) == 1 and divisible[0].suffices(predicate):
         return True
     conjuncts = forms.conjuncts(predicate)
-    return all(_holds(forms, parts, part) for part in conjuncts or [predicate])
+    return all(_holds_on_product(forms, parts, part) for part in conjuncts or [predicate])
 
 
-def _holds(forms: CompiledEnclosures, parts: Sequence[SetFactor], predicate: str) -> bool:
+def _holds_on_product(
+    forms: CompiledEnclosures, parts: Sequence[SetFactor], predicate: str
+) -> bool:
+    """`product_holds` for one conjunct: splits blocks until it is true on each of them."""
     todo = [tuple(p.hull() for p in parts)]
     looked = 0
     while todo:
@@ -186,7 +189,7 @@ def _box(forms: CompiledEnclosures, parts: Sequence[SetFactor], blocks: Sequence
     return box
 
 
-def _cells(block: Block) -> int:
+def _longest_side(block: Block) -> int:
     """The number of cells of a block along its longest axis."""
     return max((p.stop - p.start for p in block), default=1)
 
@@ -197,7 +200,7 @@ def _split(
     """The two products that a split makes; None where all blocks are single cells."""
     best: int | None = None
     for g, block in enumerate(blocks):
-        if _cells(block) == 1:
+        if _longest_side(block) == 1:
             continue
         # does this group matter? with it at one cell of its set the rest may be decided
         alone = list(blocks)
@@ -205,7 +208,7 @@ def _split(
         if forms.true(predicate, _box(forms, parts, alone)):
             best = g
             break
-        if best is None or _cells(block) > _cells(blocks[best]):
+        if best is None or _longest_side(block) > _longest_side(blocks[best]):
             best = g
     if best is None:
         return None
@@ -223,7 +226,7 @@ def _split(
     return products
 
 
-def law_stays_inside(
+def why_sc_leaves_sets_on_product(
     problem: Problem, forms: CompiledEnclosures, parts: Sequence[SetFactor]
 ) -> str:
     """Why SC might publish outside its sets, or fault, on the hull of the sets; "" if it cannot.
@@ -234,10 +237,10 @@ def law_stays_inside(
     blocks = [b for b in hulls if b is not None]
     if len(blocks) < len(hulls):
         return ""
-    return law_within(problem, forms, _box(forms, parts, blocks))
+    return why_sc_leaves_sets(problem, forms, _box(forms, parts, blocks))
 
 
-def law_within(problem: Problem, forms: CompiledEnclosures, box: Floats) -> str:
+def why_sc_leaves_sets(problem: Problem, forms: CompiledEnclosures, box: Floats) -> str:
     """Why SC might fault or publish outside its sets on a box of inputs, (inputs, 2); else ""."""
     count = len(problem.controls)
     limits = np.array([(c.low, c.high) for c in problem.controls])
@@ -245,8 +248,8 @@ def law_within(problem: Problem, forms: CompiledEnclosures, box: Floats) -> str:
     todo = [box]
     looked = 0
     while todo:
-        at = todo.pop()
-        answer = forms.numbers("law", at, count)
+        part = todo.pop()
+        answer = forms.numbers("law", part, count)
         if (
             answer is not None
             and np.all(answer[:, 0] >= limits[:, 0])
@@ -257,14 +260,14 @@ def law_within(problem: Problem, forms: CompiledEnclosures, box: Floats) -> str:
         if looked > LAW_SPLITS_MAX:
             if answer is None:
                 return "SC might fault, or publish outside its set"
-            out = np.flatnonzero((answer[:, 0] < limits[:, 0]) | (answer[:, 1] > limits[:, 1]))
-            name = problem.quantities.controls[int(out[0])].name
+            outside = np.flatnonzero((answer[:, 0] < limits[:, 0]) | (answer[:, 1] > limits[:, 1]))
+            name = problem.quantities.controls[int(outside[0])].name
             return f"SC could publish {name} outside its set"
-        widths = [(at[i, 1] - at[i, 0]) / (box[i, 1] - box[i, 0]) for i in moving]
+        widths = [(part[i, 1] - part[i, 0]) / (box[i, 1] - box[i, 0]) for i in moving]
         i = moving[int(np.argmax(widths))]
-        middle = at[i, 0] / 2 + at[i, 1] / 2
-        for low, high in ((at[i, 0], middle), (middle, at[i, 1])):
-            half = at.copy()
+        middle = part[i, 0] / 2 + part[i, 1] / 2
+        for low, high in ((part[i, 0], middle), (middle, part[i, 1])):
+            half = part.copy()
             half[i] = low, high
             todo.append(half)
     return ""
@@ -289,7 +292,7 @@ in the examples and the tests, there was not one such cell.
 NOTHING_INSIDE = "SC keeps nothing inside what the law keeps"
 
 
-def hint_of(why: str) -> str:
+def hint_for_law(why: str) -> str:
     """Advice where the fail-safe law is not shown; `why`: that of its `FailsafeClaim`."""
     if why.startswith(OTHER_CELLS):
         return "a `grid` for what the law moves"
@@ -325,7 +328,7 @@ class FailsafeClaim:
         self.parts, self.why = self.whole, why
 
 
-def without_law(problem: Problem, parts: Sequence[SetFactor]) -> FailsafeClaim | None:
+def claim_without_law(problem: Problem, parts: Sequence[SetFactor]) -> FailsafeClaim | None:
     """The claim where no law has to be examined; None: there is one."""
     if problem.law is not None:
         return None

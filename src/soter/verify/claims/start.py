@@ -1,11 +1,12 @@
 """Where control begins: the start, hand-backs and hand-overs, and an SC that reads defaults.
 
-Purpose: `start` checks that initial states lie in R(h_0); `handed_back`, for a module below another
-one, that this one gives control back only in R(H) (docs/proof-modules.md, "Towers"). `not_entered`
-checks the set part of a hand-over (docs/proof-sets.md): where `enters` holds of an estimate the
-state lies in R(H), on cells and outside the grid. `fault_on_defaults` runs SC's steps before all
-that it reads shows a state. Their outputs are in U, the declared sets, so R(h_0) covers them; but a
-step that faults latches SC, and then it never publishes again. Symbols: `verify/grid/sets.py`.
+Purpose: `check_start` checks that initial states lie in R(h_0); `check_hand_back`, for a module
+below another one, that this one gives control back only in R(H) (docs/proof-modules.md, "Towers").
+`why_not_entered` checks the set part of a hand-over (docs/proof-sets.md): where `enters` holds of
+an estimate the state lies in R(H), on cells and outside the grid. `fault_on_defaults` runs SC's
+steps before all that it reads shows a state. Their outputs are in U, the declared sets, so R(h_0)
+covers them; but a step that faults latches SC, and then it never publishes again. Symbols:
+`verify/grid/sets.py`.
 Non-goals: that a node changes a view in no other step (`induction/handover.py`); H, which covers
 the time until SC's first output after a hand-back (`verify/problem/schedule.py`).
 """
@@ -23,17 +24,15 @@ from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import leaves, show_ns
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import ac_or_sc_step
-from soter.verify.claims.product_sets import law_within
+from soter.verify.claims.product_sets import why_sc_leaves_sets
 from soter.verify.claims.results import ASSUMED, PROVED
-from soter.verify.problem.other_modules import AC, SC
-from soter.verify.problem.verification_system import sc_reads
+from soter.verify.problem.verification_system import AC, SC, sc_reads
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Sequence
 
     from soter.core.layout import Floats
     from soter.language.model.system import Component, System
-    from soter.language.model.typed import TopicSymbol
     from soter.semantics.configuration import Configuration
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import Finding
@@ -49,27 +48,28 @@ def fault_on_defaults(problem: Problem) -> str:
     steps = schedule.defaults_read
     if not steps:
         return ""
-    system, sc = _alone(problem)
+    system, sc = _without_plants(problem)
     component = system.components[sc]
     assert component.node is not None
-    modes = [component.scope.topics[t] for t in sc_reads(component.node) if t in _modes(problem)]
+    modes_read = {} if problem.modes is None else problem.modes.topics
+    modes = [component.scope.topics[t] for t in sc_reads(component.node) if t in modes_read]
     topics = {component.scope.topics[t] for t in sc_reads(component.node)} - {*modes}
     if steps > STEPS_MAX:
         return "SC reads defaults for too long to try them all"
     if not _published_together(problem, {system.topics[t].name for t in topics}):
         return "SC may read the default of one topic beside a value of another"
-    known = {p.topic for p in schedule.read_by_dm}
+    read_by_dm = {p.topic for p in schedule.read_by_dm}
     if component.node.locals or component.node.takeover is not None:  # it keeps something
         if modes:
             return "SC steps on defaults in any mode of others, with what it keeps: not followed"
-        if any(p.topic not in known for p in schedule.read_by_sc):
+        if any(p.topic not in read_by_dm for p in schedule.read_by_sc):
             return "SC may lose control and take it over, with what it keeps, before it has read"
     return _first_fault(system, component, steps, modes)
 
 
 def _first_fault(system: System, sc: Component, steps: int, modes: Sequence[int]) -> str:
     """The first fault in SC's first steps, in words; "": none."""
-    dummies = {c.name: _silent for c in system.components if c.extern}
+    dummies = {c.name: _no_outputs for c in system.components if c.extern}
     interpreter = Interpreter(system, 0, dummies)
     c = interpreter.initial()
     for k in range(steps):
@@ -91,10 +91,6 @@ def _published_together(problem: Problem, topics: set[str]) -> bool:
     return at_once and topics <= {p.topic for p in paths} | with_them
 
 
-def _modes(problem: Problem) -> Mapping[TopicSymbol, str]:
-    return {} if problem.modes is None else problem.modes.topics
-
-
 def _in_every_mode(c: Configuration, modes: Sequence[int]) -> Iterator[Configuration]:
     """The configuration with every combination of other modules' modes."""
     for combination in product((SC, AC), repeat=len(modes)):
@@ -102,22 +98,22 @@ def _in_every_mode(c: Configuration, modes: Sequence[int]) -> Iterator[Configura
         yield replace(c, Topics=tuple(by.get(i, value) for i, value in enumerate(c.Topics)))
 
 
-def _alone(problem: Problem) -> tuple[System, int]:
+def _no_outputs(_: object) -> dict[str, object]:
+    return {}
+
+
+def _without_plants(problem: Problem) -> tuple[System, int]:
     """The module's system without plants, so that nobody publishes what SC reads."""
     system = derived_systems.module_alone(problem.system, problem.module)
     system = derived_systems.with_module(system, replace(system.modules[0], shield=None))
     return derived_systems.forced(system, 0, "sc"), system.modules[0].sc
 
 
-def _silent(_: object) -> dict[str, object]:
-    return {}
-
-
 ENTERS = "enters"
 MAY_HOLD = 2
 
 
-def not_entered(case: Case) -> str:
+def why_not_entered(case: Case) -> str:
     """Why it is not shown that `enters` implies R(H), in words; "": it is shown."""
     problem, library = case.problem, case.forms.library
     if library.symbol(ENTERS) == library.ffi.NULL:
@@ -126,18 +122,18 @@ def not_entered(case: Case) -> str:
         return "there is no R(H)"
     if {a.state for p in case.proofs for a in p.group.axes} != set(range(len(problem.states))):
         return "not every state is on an axis"
-    reach = reach_of(problem)
+    reach = ranges_of_entry(problem)
     for s, range_ in enumerate(reach):
         if range_ is None:
             return f"nothing that it reads bounds {problem.quantities.states[s].name}"
-    for where, box in _outside(case, np.array(reach, dtype=np.float64)):
+    for where, box in _boxes_outside_grid(case, np.array(reach, dtype=np.float64)):
         if case.forms.truth(ENTERS, box) & MAY_HOLD:
             return f"it may hold where {where}, outside the grid"
-    reasons = [proof.entered(case) for proof in case.proofs]
+    reasons = [proof.why_not_entered(case) for proof in case.proofs]
     return next(filter(None, reasons), "")
 
 
-def reach_of(problem: Problem) -> list[tuple[float, float] | None]:
+def ranges_of_entry(problem: Problem) -> list[tuple[float, float] | None]:
     """The range of each state where `enters` is judged, by the sets of the topics that it reads.
 
     None where none of them shows the state. Below another module every topic counts: a plant stops
@@ -150,20 +146,20 @@ def reach_of(problem: Problem) -> list[tuple[float, float] | None]:
         bounds = problem.system.topics[topic].bounds[leaf]
         if (topic not in read and not problem.above) or bounds is None:
             continue
-        error = _error(problem, topic, leaf)
+        error = _measurement_error(problem, topic, leaf)
         error += 2.0**-50 * (error + max(abs(bounds.low), abs(bounds.high)))  # rounding
         ranges[state] = (bounds.low - error, bounds.high + error)
     return ranges
 
 
-def _error(problem: Problem, topic: int, leaf: int) -> float:
+def _measurement_error(problem: Problem, topic: int, leaf: int) -> float:
     """The largest error of what is published on a leaf of a topic."""
     path = list(leaves(problem.system.topics[topic].type))[leaf][0]
     every = zip(problem.quantities.errors, problem.errors, strict=True)
     return sum(max(-r.low, r.high) for e, r in every if (e.owner, e.path) == (topic, path))
 
 
-def _outside(case: Case, reach: Floats) -> Iterator[tuple[str, Floats]]:
+def _boxes_outside_grid(case: Case, reach: Floats) -> Iterator[tuple[str, Floats]]:
     """Boxes of all inputs, (inputs, 2), that cover the states outside the grid, with a text each.
 
     `reach`: the range of each state, of shape (states, 2).
@@ -185,30 +181,35 @@ NARROWER = "a `safer` above that gives control back at fewer states, or a wider 
 SETS = "declare the sets of what plants drive, and let SC answer all of them"
 
 
-def handed_back(case: Case) -> None:
+def _fails_on_defaults(case: Case) -> bool:
+    """Whether SC may fault on defaults; then a failure of `start` is entered."""
+    why = fault_on_defaults(case.problem)
+    if why:
+        case.fail("start", why, hint="let SC step only after what it reads was published: `phase`")
+    return bool(why)
+
+
+def check_hand_back(case: Case) -> None:
     """Enters a failure of `start` where a module above may give control back outside R(H).
 
     It is asked for every value of the parameters, as that may happen at any time.
     """
-    wrong_read = fault_on_defaults(case.problem)
-    if wrong_read:
-        hint = "let SC step only after what it reads was published: `phase`"
-        case.fail("start", wrong_read, hint=hint)
+    if _fails_on_defaults(case):
         return
-    why = not_entered(case)
+    why = why_not_entered(case)
     if why:
         text = f"{case.problem.above} gives control back outside R(H), or may: {why}"
         case.fail("start", text, hint=NARROWER)
         return
     box = np.array(case.forms.whole)
-    box[: len(case.problem.states)] = reach_of(case.problem)
-    why = law_within(case.problem, case.forms, box)
+    box[: len(case.problem.states)] = ranges_of_entry(case.problem)
+    why = why_sc_leaves_sets(case.problem, case.forms, box)
     if why:
         text = f"while {case.problem.above} is in SC, whatever is published: {why}"
         case.fail("start", text, hint=SETS)
 
 
-def shown(problem: Problem) -> str:
+def hand_back_in_words(problem: Problem) -> str:
     """The sentence that says what is proved of a hand-back."""
     return (
         f"wherever {problem.above} may give control back the state lies in "
@@ -216,34 +217,31 @@ def shown(problem: Problem) -> str:
     )
 
 
-def while_in_ac(problem: Problem, finding: Finding) -> None:
+def weaken_if_below(problem: Problem, finding: Finding) -> None:
     """Weakens P2b of a module below another one: it is proved only while that one is in AC."""
     if problem.above and finding.verdict == PROVED:
         text = f"{finding.text} while {problem.above} is in AC: not proved"
         finding.rest_on(ASSUMED, text)
 
 
-def notes(problem: Problem) -> list[str]:
+def notes_on_module_below(problem: Problem) -> list[str]:
     """A note for a module above another one: how little is assumed of that one."""
     text = "{} stands in the place of AC: nothing is assumed of it, its controllers and its DM, "
     text += "but that what they publish lies in the declared sets, which each step checks"
     return [text.format(name) for name in problem.below[:1]]
 
 
-def start(case: Case) -> None:
+def check_start(case: Case) -> None:
     """Checks that the initial states lie in R(h_0); by h_0 an output of SC has acted.
 
     Below another module, which has control first, it checks the states where that gives it back.
     """
     if case.problem.above:
-        handed_back(case)
+        check_hand_back(case)
         return
     if not case.problem.starts_with(case.parameter):
         return
-    wrong_read = fault_on_defaults(case.problem)
-    if wrong_read:
-        hint = "let SC step only after what it reads was published: `phase`"
-        case.fail("start", wrong_read, hint=hint)
+    _fails_on_defaults(case)
     until_ns = case.problem.in_horizon(case.problem.times.start)
     for proof in case.proofs:
         proof.start(case, until_ns)

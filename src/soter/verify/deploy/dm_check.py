@@ -44,7 +44,7 @@ from soter.verify.deploy.dm_test_cases import (
 from soter.verify.deploy.grid_tables import GroupTable
 from soter.verify.deploy.missing_predicates import install
 from soter.verify.deploy.shield_tables import command_edges
-from soter.verify.proof_methods import pairs_of, tables
+from soter.verify.proof_methods import pairs_of, tables_of_groups
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -162,7 +162,7 @@ def check_module(result: ModuleResult) -> DMCheck:
     problem = result.problem
     sets = [pairs_of(case) for case in result.cases]
     if problem.computed and all(len(pairs) == len(problem.groups) for pairs in sets):
-        return check_problem(problem, tables(problem, sets))
+        return check_problem(problem, tables_of_groups(problem, sets))
     return check_problem(problem, [])
 
 

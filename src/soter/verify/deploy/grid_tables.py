@@ -22,10 +22,10 @@ import numpy as np
 
 from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT, leaf_name, leaves
-from soter.verify.claims.grid_refinement import drawn_edges, share
+from soter.verify.claims.grid_refinement import drawn_edges, volume_share
 from soter.verify.deploy.level_table import EstimateSamples, LevelTable, Writer
 from soter.verify.enclose.enclosed_operations import FARTHEST, TURN
-from soter.verify.problem.inputs import seen
+from soter.verify.problem.inputs import topics_seen_by_dm
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -90,7 +90,7 @@ class GroupTable(LevelTable):
     def share(self, group: Group) -> float:
         """The share of the volume of cells that S_0 has."""
         axes = [a for a in group.axes if a.state in self.states]
-        return share(self.entries > 0, drawn_edges(axes))
+        return volume_share(self.entries > 0, drawn_edges(axes))
 
     @property
     def full(self) -> tuple[float, ...] | None:
@@ -149,7 +149,7 @@ def table(problem: Problem, group: Group, pairs: Sequence[Estimates]) -> GroupTa
 
     All sets have the grid's shape.
     """
-    shown = seen(problem)
+    shown = topics_seen_by_dm(problem)
     sure = np.logical_and.reduce([np.asarray(p.outer) for p in pairs])
     inner = np.logical_and.reduce([np.asarray(p.inner) for p in pairs]) & sure
     entries = sure.astype(np.uint8) + inner.astype(np.uint8)
@@ -207,7 +207,7 @@ def predicates(
 
 def estimate(w: Writer, problem: Problem, table: LevelTable) -> list[t.TypedExpr]:
     """The leaves of topics that are the estimate for a table."""
-    shown, arguments = seen(problem), []
+    shown, arguments = topics_seen_by_dm(problem), []
     for state in table.states:
         topic, leaf = problem.topic_leaf_of_state[state]
         path = list(leaves(problem.system.topics[topic].type))[leaf][0]
@@ -219,7 +219,7 @@ def grid_ends(
     problem: Problem, level_tables: Sequence[LevelTable]
 ) -> dict[str, tuple[float, float]]:
     """By leaf of a topic both ends of its axis, where that does not wrap around."""
-    shown, ends = seen(problem), {}
+    shown, ends = topics_seen_by_dm(problem), {}
     for x in level_tables:
         if isinstance(x, GroupTable):
             for k, (state, edges) in enumerate(zip(x.states, x.edges, strict=True)):

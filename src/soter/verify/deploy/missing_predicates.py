@@ -26,15 +26,16 @@ from soter.language.model.typed import Literal, TypedUnary
 from soter.language.model.types import BOOL
 from soter.native.cache import SOTER, digest, files_below, find_cached, store
 from soter.verify.claims import claims
-from soter.verify.claims.choice import choose, levels, returned, withheld
+from soter.verify.claims.choice import choose, with_way_back
+from soter.verify.claims.claims import compute_levels, has_unproved_levels
 from soter.verify.claims.grid_refinement import announce_work, cells_of
 from soter.verify.deploy.grid_tables import GroupTable, grid_ends, predicates
 from soter.verify.deploy.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import cases, extract
-from soter.verify.problem.inputs import seen
-from soter.verify.proof_methods import in_order, method_of, pairs_of, tables
+from soter.verify.problem.inputs import topics_seen_by_dm
+from soter.verify.proof_methods import in_method_order, method_of, pairs_of, tables_of_groups
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, show_rest_claims, too_long
@@ -111,14 +112,14 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
         if sets is None:
             with between(i / len(todo), (i + 1) / len(todo)):
                 problem, sets = sets_of(problem)
-        level_tables = None if sets is None else tables(problem, sets)
+        level_tables = None if sets is None else tables_of_groups(problem, sets)
         if known is not None:
             known.built(problem, level_tables or [])
         if level_tables is None:
             notes.append(f"{module.name}: SC keeps no set that could be found: {NEVER}")
             continue
         install(flat, module, problem, level_tables)
-        every = zip(in_order(problem.groups), level_tables, strict=True)
+        every = zip(in_method_order(problem.groups), level_tables, strict=True)
         share = prod(table.share(group) for group, table in every)
         what = f"AC may have control on {share:.1%} of the estimates (S_0)"
         if problem.levels_open and problem.levels != LEVELS_DEFAULT:
@@ -322,7 +323,7 @@ def _computed(problem: Problem, library: ReachLibrary) -> Sets | None:
     pairs = [pairs_of(case.sets) for case in chosen.done or ()]
     if not pairs or any(len(of_case) != len(problem.groups) for of_case in pairs):
         return None
-    return None if any(map(withheld, chosen.done or ())) else (problem, pairs)
+    return None if any(map(has_unproved_levels, chosen.done or ())) else (problem, pairs)
 
 
 def _cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
@@ -339,19 +340,19 @@ def _cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
         except UnboundedError:
             return None
         done.append(case)
-    return done if any(case.failed("P2a") for case in done) else returned(done)
+    return done if any(case.failed("P2a") for case in done) else with_way_back(done)
 
 
 def _case(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...]) -> Case:
     """One case with its levels, if it has a K."""
     case = claims.open_case(problem, library, problem.groups, parameter)
-    within = claims.constraint(case)
+    within = claims.compute_constraint(case)
     phase(f"{problem.name}: what SC keeps")
-    kept = within and claims.core(case)
+    kept = within and claims.compute_core(case)
     phase(f"{problem.name}: where AC may have control")
     if kept:
-        claims.free_phase(case)
-        levels(case)
+        claims.compute_free_phase(case)
+        compute_levels(case)
     return case
 
 
@@ -385,7 +386,7 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
         problem.module.symbol.toward_sc,
         problem.has_core_hint,
         sorted(problem.topic_leaf_of_state.items()),
-        sorted(seen(problem)),
+        sorted(topics_seen_by_dm(problem)),
         problem.law_unread,
         *_of_the_law(problem),
     ):
@@ -417,8 +418,8 @@ def _keep(key: str, problem: Problem, pairs: list[Pairs]) -> None:
     for k, axis in enumerate(a for group in problem.groups for a in group.axes):
         arrays[f"{EDGES}{k}"] = np.array(axis.edges)
     for i, case in enumerate(pairs):
-        for j, (group, pair) in enumerate(zip(in_order(problem.groups), case, strict=True)):
-            for name, array in method_of(group).packed(pair).items():
+        for j, (group, pair) in enumerate(zip(in_method_order(problem.groups), case, strict=True)):
+            for name, array in method_of(group).pack(pair).items():
                 arrays[f"{i}_{j}_{name}"] = array
 
     def make(work: Path) -> None:
@@ -436,7 +437,7 @@ def _kept(key: str, problem: Problem) -> Sets | None:
     try:
         with np.load(folder / FILE) as data:
             problem = replace(_on_its_cells(data, problem), levels=int(data[LEVELS]))
-            groups = in_order(problem.groups)
+            groups = in_method_order(problem.groups)
             return problem, [
                 [_pair(data, f"{i}_{j}_", group) for j, group in enumerate(groups)]
                 for i, _ in enumerate(cases(problem))
@@ -460,4 +461,4 @@ def _on_its_cells(data: Any, problem: Problem) -> Problem:  # noqa: ANN401 - an 
 
 def _pair(data: Any, name: str, group: Group) -> object:  # noqa: ANN401 - an open archive
     own = {key.removeprefix(name): data[key] for key in data.files if key.startswith(name)}
-    return method_of(group).unpacked(group, own)
+    return method_of(group).unpack(group, own)

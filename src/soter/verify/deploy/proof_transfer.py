@@ -20,7 +20,7 @@ from soter.language.elaborate.derived_systems import faultless, without_held_top
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.verify.problem.extract import cases, extract
 from soter.verify.problem.problem import texts
-from soter.verify.proof_methods import in_order, method_of
+from soter.verify.proof_methods import in_method_order, method_of
 from soter.verify.verify_module import module_method
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def certified_sets(
     given, every = entries[0].get("cases", []), list(cases(problem))
     if [tuple(c["parameter"]) for c in given] != every:
         return None
-    groups = in_order(problem.groups)
+    groups = in_method_order(problem.groups)
     case_pairs = []
     for case in given:
         if len(case["groups"]) != len(groups):
@@ -129,7 +129,7 @@ def _boundary_sets(
         edges = [certificate.edges(a["edges"]) for a in entry["axes"]]
         if edges != [tuple(a.edges) for a in group.axes]:
             return None
-        return method_of(group).certified(certificate, group, entry)
+        return method_of(group).pair_in_certificate(certificate, group, entry)
     except (RejectedError, ValueError):
         return None
 

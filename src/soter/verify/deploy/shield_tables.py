@@ -30,7 +30,7 @@ from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT, IntType, leaves
 from soter.verify.deploy.grid_tables import GroupTable, cell_of, estimate, place_function
 from soter.verify.deploy.level_table import Writer
-from soter.verify.problem.inputs import seen
+from soter.verify.problem.inputs import topics_seen_by_dm
 from soter.verify.problem.supported_constructs import map_topics
 
 if TYPE_CHECKING:
@@ -353,7 +353,7 @@ class ShieldWriter(ShieldParts):
     def fresh(self) -> list[t.TypedExpr]:
         """The expressions that what the DM reads is fresh, as its own look requires."""
         maps = map_topics(self.problem.system, self.problem.module)
-        shown = {*seen(self.problem).values(), *maps}
+        shown = {*topics_seen_by_dm(self.problem).values(), *maps}
         conditions: list[t.TypedExpr] = []
         for topic in self.problem.system.topics:
             if topic.symbol in shown and topic.max_age_ns is not None:

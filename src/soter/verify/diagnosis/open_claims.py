@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.verify.claims.grid_refinement import holding
+from soter.verify.claims.grid_refinement import cells_holding
 from soter.verify.claims.results import REFUTED, UNDECIDED, Cause
 from soter.verify.diagnosis.model_runs import (
     FALSE,
@@ -365,7 +365,7 @@ class _WayBack:
     def _in(self, cells: Bools, x: Floats) -> bool:
         """Whether all cells that hold a state, (states,), are in a set of the grid's shape."""
         pairs = zip(self.grid.engine.axes, self.grid.engine.edges, strict=True)
-        at = [holding(edges, float(x[state]), float(x[state])) for state, edges in pairs]
+        at = [cells_holding(edges, float(x[state]), float(x[state])) for state, edges in pairs]
         inside = tuple(b for b in at if b is not None)
         return len(inside) == len(at) and bool(cells[inside].all())
 

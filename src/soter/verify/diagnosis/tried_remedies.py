@@ -32,7 +32,7 @@ from soter.language.elaborate.derived_systems import faultless, with_changed_top
 from soter.language.model.system import LEVELS_DEFAULT
 from soter.native.shared_library import Library, library
 from soter.verify.claims.case import SPENT, settled
-from soter.verify.claims.grid_refinement import cells_of, merged
+from soter.verify.claims.grid_refinement import cells_of, with_merged_cells
 from soter.verify.claims.results import (
     ASSUMED,
     PROVED,
@@ -49,7 +49,7 @@ from soter.verify.diagnosis.variations import HALVED, OTHERS, NotProved, remedie
 from soter.verify.enclose.enclosure_emitter import EnclosureError
 from soter.verify.grid.group_model import UnboundedError
 from soter.verify.problem.extract import extract
-from soter.verify.proof_methods import tables
+from soter.verify.proof_methods import tables_of_groups
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -175,7 +175,7 @@ def _flown(flat: System, tried: Problem, until_ns: int) -> FlownFigures | None:
         problem = replace(problem, declared_groups=tried.declared_groups)
         problem = replace(problem, levels_open=tried.levels_open, cells_open=tried.cells_open)
         problem, sets = sets_of(problem)
-        level_tables = None if sets is None else tables(problem, sets)
+        level_tables = None if sets is None else tables_of_groups(problem, sets)
         if level_tables is None:
             return None
         install(flat, module, problem, level_tables)
@@ -244,7 +244,7 @@ class Trials:
 
     def stays(self, problem: Problem, leaving: LeavingRun | None) -> bool:
         """Whether the undisturbed run of a problem stays in C longer than the given run."""
-        done = self._done(merged(problem, PILOT))
+        done = self._done(with_merged_cells(problem, PILOT))
         if leaving is None or not done:
             return False
         model, until_s = PointModel(done[0]), LONGER * float(leaving.time_s[-1])
@@ -263,7 +263,7 @@ def in_order(changes: Iterable[Remedy]) -> list[tuple[Remedy, Problem]]:
     """
     trials = []
     for change in changes:
-        coarse = merged(change.problem, COARSE)
+        coarse = with_merged_cells(change.problem, COARSE)
         if coarse.groups != change.problem.groups:
             trials.append((change, coarse))
         trials.append((change, change.problem))

@@ -19,7 +19,7 @@ from soter.language.evaluate.topic_ranges import always_by_parts, narrowed
 from soter.language.model.tree_walk import nodes, topic_reads
 from soter.language.model.typed import AgeRead
 from soter.language.model.types import show_ns
-from soter.verify.claims.product_sets import candidates
+from soter.verify.claims.product_sets import points_to_try
 from soter.verify.claims.results import Vacuity
 from soter.verify.problem.inputs import errors_of
 
@@ -145,7 +145,7 @@ def _never_kept(case: Case) -> Iterator[Vacuity]:
     If no cell has `safer` possibly true and `ttf` possibly false, AC never keeps control.
     """
     for proof in case.proofs:
-        share, anything = proof.both or (1.0, True)
+        share, anything = proof.overlap_of_predicates or (1.0, True)
         if share < RARE_SHARE:
             how = HARDLY_EVER if anything else NEVER
             span = show_ns(case.problem.times.delta_dm)
@@ -244,7 +244,7 @@ class _Drawer:
         self.case, self.predicate = case, predicate
         self.chance = np.random.default_rng(0)
         self.groups = case.proofs
-        self.drawn = {id(g): g.drawn(self.chance, DRAWN) for g in self.groups}
+        self.drawn = {id(g): g.random_states(self.chance, DRAWN) for g in self.groups}
         self.anchors = self._anchors()
 
     def share(self, own: GroupProof) -> float:
@@ -278,7 +278,7 @@ class _Drawer:
 
     def _anchors(self) -> list[Floats]:
         """Places for the other groups: usual points, and drawn ones at which AC has control."""
-        anchors = candidates(self.case.problem)
+        anchors = points_to_try(self.case.problem)
         if len(self.groups) < 2:
             return anchors[:1]
         for k in range(DRAWN):
@@ -287,7 +287,7 @@ class _Drawer:
                 point[[a.state for a in part.group.axes]] = self.drawn[id(part)][k]
             if self._lets(point):
                 anchors.append(point)
-            if len(anchors) >= len(candidates(self.case.problem)) + ANCHORS_MAX:
+            if len(anchors) >= len(points_to_try(self.case.problem)) + ANCHORS_MAX:
                 break
         return anchors[::-1]
 

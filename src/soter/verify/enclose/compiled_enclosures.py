@@ -46,8 +46,8 @@ from soter.native.shared_library import (
 from soter.verify.enclose.enclosed_operations import EnclosureOperations
 from soter.verify.enclose.enclosed_steps import Enclosed
 from soter.verify.enclose.enclosure_emitter import Emitter, EnclosureError, framed, given, names_in
-from soter.verify.problem.other_modules import in_ac
 from soter.verify.problem.supported_constructs import ttf_of_states
+from soter.verify.problem.verification_system import with_other_modes_in_ac
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -394,7 +394,7 @@ def _back(problem: Problem) -> TypedExpr | None:
     safer = problem.module.symbol.safer
     if safer is None or problem.modes is None or not problem.modes.waits:
         return None
-    return in_ac(safer, problem.modes)
+    return with_other_modes_in_ac(safer, problem.modes)
 
 
 class CompiledEnclosures:

@@ -15,9 +15,14 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from soter.language.model.types import show_ns
-from soter.verify.claims.case import GroupProof, Method
-from soter.verify.claims.grid_refinement import axes, drawn_edges, mesh_of, regions_of, share
-from soter.verify.claims.product_sets import CellsPart, candidates, states_elsewhere
+from soter.verify.claims.case import GroupProof, Method, axes_entry
+from soter.verify.claims.grid_refinement import (
+    cells_of_box,
+    drawn_edges,
+    regions_of,
+    volume_share,
+)
+from soter.verify.claims.product_sets import CellsPart, points_to_try, states_elsewhere
 from soter.verify.claims.results import GroupSets
 from soter.verify.deploy.grid_tables import CommandTable, Estimates, GroupTable, table
 from soter.verify.enclose.scheme_error import STIFF_HINT
@@ -26,7 +31,7 @@ from soter.verify.grid.recovery import cells_in_way
 from soter.verify.grid.resting import resting
 from soter.verify.grid.set_figures import deepest, figure
 from soter.verify.grid.sets import RESTS, GridGroup
-from soter.verify.problem.problem_times import looking_ahead
+from soter.verify.problem.problem_times import look_ahead_advice
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -49,7 +54,7 @@ def entry(
     problem: Problem, group: GroupSets, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
     """A group's entry; its tables are added to `files`: witnesses as bytes, sets as bits."""
-    group_entry = axes(problem, group.group, stem, files)
+    group_entry = axes_entry(problem, group.group, stem, files)
     rank, holds = group.rank, group.rank_holds
     if rank is not None and holds is not None and group.home is not None:
         rank = np.where(group.home > 0, 1, rank)
@@ -62,7 +67,7 @@ def entry(
         "W_N": _table_bytes(holds, "<u1"),
     }
     if group.finer is not None:
-        own = axes(problem, group.finer[1], f"{stem}_Q", files)
+        own = axes_entry(problem, group.finer[1], f"{stem}_Q", files)
         group_entry["Q_axes"] = [axis["edges"] for axis in own["axes"]]
     for key, data in tables.items():
         if data is not None:
@@ -118,7 +123,7 @@ class GridProof(GroupProof):
 
     # ------------------------------------------------------------ claims
 
-    def take(self, case: Case, part: SetFactor) -> None:
+    def take_constraint(self, case: Case, part: SetFactor) -> None:
         """Takes C_g, this group's part of C; the proof starts anew where it is another one."""
         assert isinstance(part, CellsPart)
         if not self.fresh and not np.array_equal(self.found.allowed, part.cells):
@@ -170,10 +175,10 @@ class GridProof(GroupProof):
             says = "may be false" if predicate == "ttf" else "may be true"
             count = int(wrong.sum())
             text = f"`{predicate}` {says} on {count} cells from which AC could leave K within H"
-            hint = looking_ahead(case.problem.times, predicate)
+            hint = look_ahead_advice(case.problem.times, predicate)
             case.fail(predicate, text, self, hint).cells = wrong
 
-    def entered(self, case: Case) -> str:
+    def why_not_entered(self, case: Case) -> str:
         """Why `enters` may hold outside R(H); "": it does not. After a jump `safe` is not known."""
         del case
         assert self.found.free is not None
@@ -191,7 +196,7 @@ class GridProof(GroupProof):
         found = GroupSets(f.group, f.allowed, f.core, f.free, f.possible, solver=f.solver)
         return GridProof(self.group, self.engine, found)
 
-    def admit(self, case: Case, table: LevelTable) -> None:
+    def take_table(self, case: Case, table: LevelTable) -> None:
         """Takes the DM's table and computes the states from which AC may have control by it."""
         assert isinstance(table, GroupTable)
         estimate_sets.admit(case, self, self.engine, self.found, table)
@@ -214,11 +219,11 @@ class GridProof(GroupProof):
     def at_start(self, case: Case) -> tuple[NDArray[np.intp], ...] | None:
         """The cells of the initial states, one index an axis; None where the grid lacks some."""
         starts = [case.problem.initial[s] for s in self.engine.axes]
-        box = mesh_of(self.engine.spans, self.engine.turns, starts)
+        box = cells_of_box(self.engine.spans, self.engine.turns, starts)
         at = [b for b in box if b is not None]
         return np.ix_(*at) if len(at) == len(box) else None
 
-    def held(self, case: Case) -> CellsPart | None:
+    def states_given_back(self, case: Case) -> CellsPart | None:
         """The states at which the DM's table gives AC control on any estimate."""
         cells = estimate_sets.held(case, self.engine, self.found)
         return None if cells is None else CellsPart(self.engine, cells)
@@ -232,7 +237,7 @@ class GridProof(GroupProof):
 
     @property
     def stuck(self) -> float:
-        """The share of K's cells from which no way to Q was found."""
+        """The volume_share of K's cells from which no way to Q was found."""
         core, rank = self.found.core > 0, self.found.rank
         if rank is None:
             return 0.0
@@ -270,7 +275,7 @@ class GridProof(GroupProof):
         return self.engine.covers_scheme
 
     @property
-    def together(self) -> tuple[int, ...]:
+    def simultaneous_controls(self) -> tuple[int, ...]:
         """The commands that a chain takes to act at one instant: all, if several move the group."""
         c = self.engine.c
         moved = tuple(int(c.command[a]) for a in range(c.commands))
@@ -279,7 +284,7 @@ class GridProof(GroupProof):
     # ------------------------------------------------------------ how much it says
 
     def shares(self, case: Case) -> dict[str, float]:
-        """The share of the grid's volume of each set; `estimates`: S_0, if it is computed."""
+        """The volume_share of the grid's volume of each set; `estimates`: S_0, if it is computed."""
         del case
         part, edges = self.found, drawn_edges(self.found.group.axes)
         sets = {
@@ -289,9 +294,9 @@ class GridProof(GroupProof):
             "gives_back": part.gives_back,
             "estimates": part.deployed[0] if part.levels and part.deployed is not None else None,
         }
-        return {n: share(np.asarray(s), edges) for n, s in sets.items() if s is not None}
+        return {n: volume_share(np.asarray(s), edges) for n, s in sets.items() if s is not None}
 
-    def drawn(self, chance: np.random.Generator, count: int) -> Floats:
+    def random_states(self, chance: np.random.Generator, count: int) -> Floats:
         """Random states, uniform on the cells of K, of shape (count, axes)."""
         core, edges = np.argwhere(self.found.core > 0), drawn_edges(self.found.group.axes)
         sizes = np.prod([np.diff(e)[core[:, k]] for k, e in enumerate(edges)], axis=0)
@@ -302,25 +307,25 @@ class GridProof(GroupProof):
 
     @property
     def core_share(self) -> float | None:
-        """The share of C's volume that K has; 0 where C is empty."""
+        """The volume_share of C's volume that K has; 0 where C is empty."""
         part, edges = self.found, drawn_edges(self.found.group.axes)
-        whole = share(part.allowed, edges)
-        return share((part.core > 0) & part.allowed, edges) / whole if whole else 0.0
+        whole = volume_share(part.allowed, edges)
+        return volume_share((part.core > 0) & part.allowed, edges) / whole if whole else 0.0
 
     @property
     def free_share(self) -> float | None:
-        """The share of the grid's cells that R(H) has; None before it is known."""
+        """The volume_share of the grid's cells that R(H) has; None before it is known."""
         return None if self.found.free is None else float(np.mean(self.found.free))
 
     @property
-    def both(self) -> tuple[float, bool] | None:
-        """The share of K where `safer` may be true and `ttf` false; whether any state is so."""
+    def overlap_of_predicates(self) -> tuple[float, bool] | None:
+        """The volume_share of K where `safer` may be true and `ttf` false; whether any state is so."""
         part, edges = self.found, drawn_edges(self.found.group.axes)
         if part.lets_ac is None or part.gives_back is None:
             return None
         core, lets = part.core > 0, part.lets_ac & part.gives_back
-        whole = share(core, edges)
-        return share(lets & core, edges) / whole if whole else 1.0, bool(lets.any())
+        whole = volume_share(core, edges)
+        return volume_share(lets & core, edges) / whole if whole else 1.0, bool(lets.any())
 
     def excludes(self, predicate: str) -> bool:
         """Whether no cell of K lets AC have control."""
@@ -329,13 +334,15 @@ class GridProof(GroupProof):
         return lets is not None and not (lets & (part.core > 0)).any()
 
     def lets_share(self, case: Case, predicate: str) -> float | None:
-        """K's share where a predicate lets AC have control, by the DM's table if there is one."""
+        """K's volume_share where a predicate lets AC have control, by the DM's table if there is one."""
         del case
         part, edges = self.found, drawn_edges(self.found.group.axes)
         by_predicate = part.deployed or (part.lets_ac, part.gives_back)
         cells = by_predicate[0 if predicate == "ttf" else 1]
         core = part.core > 0
-        return None if cells is None else share(cells & core, edges) / share(core, edges)
+        return (
+            None if cells is None else volume_share(cells & core, edges) / volume_share(core, edges)
+        )
 
     def waits_at_start(self, case: Case) -> bool:
         """Whether AC surely gets no control at some initial states, by their cells."""
@@ -403,7 +410,7 @@ class Grids(Method):
         engines = [p.engine for p in grids(proofs)]
         if len(engines) == len(case.problem.groups) == 1:
             return [CellsPart(engines[0], engines[0].definitely(predicate))]
-        for point in candidates(case.problem):
+        for point in points_to_try(case.problem):
             parts = []
             for engine in engines:
                 elsewhere = states_elsewhere(case.problem, engine, point)
@@ -412,7 +419,7 @@ class Grids(Method):
                 return parts
         return None
 
-    def hinted(
+    def cut_to_hint(
         self, case: Case, proofs: Sequence[GroupProof], parts: Sequence[SetFactor]
     ) -> list[CellsPart] | None:
         """The cells of `parts` on which `core` holds, too; None where it holds at no point."""
@@ -422,7 +429,7 @@ class Grids(Method):
         both = zip(cast("Sequence[CellsPart]", parts), hints, strict=True)
         return [CellsPart(part.engine, part.cells & hint.cells) for part, hint in both]
 
-    def said(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
+    def proved_in_words(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
         """The text of a finding that was proved, with its counts of cells."""
         every = [p.found for c in done for p in grids(c.proofs)]
         if claim == "P2a":
@@ -442,7 +449,7 @@ class Grids(Method):
         """The DM's table of a group, of the levels in every case."""
         return table(problem, group, cast("Sequence[Estimates]", pairs))
 
-    def packed(self, pair: object) -> dict[str, NDArray[np.generic]]:
+    def pack(self, pair: object) -> dict[str, NDArray[np.generic]]:
         """The levels as arrays to store: sets as bits, eight cells a byte, of shape (bytes,)."""
         every = cast("Estimates", pair)
         both = (every.outer, every.inner)
@@ -457,7 +464,7 @@ class Grids(Method):
                 packed["lasting"] = every.commands.lasting
         return packed
 
-    def unpacked(self, group: Group, arrays: Arrays) -> Estimates:
+    def unpack(self, group: Group, arrays: Arrays) -> Estimates:
         """The levels that `packed` stored: two sets of the grid's shape, and the shield's part."""
         shape = tuple(len(a.edges) - 1 for a in group.axes)
         outer, inner = (_unpacked_cells(np.asarray(arrays[k], np.uint8), shape) for k in ("0", "1"))
@@ -469,7 +476,7 @@ class Grids(Method):
         commands = CommandTable(None if moved < 0 else moved, tops, lasting=lasting)
         return Estimates(outer, inner, commands)
 
-    def certified(
+    def pair_in_certificate(
         self, certificate: Certificate, group: Group, entry: Mapping[str, Any]
     ) -> Estimates | None:
         """The levels that a certificate has of a group, without what a shield permits."""

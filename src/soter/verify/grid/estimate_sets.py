@@ -26,7 +26,7 @@ import numpy as np
 from soter.verify.deploy.grid_tables import FULL
 from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.grid.sets import GridGroup
-from soter.verify.problem.inputs import errors_of, seen
+from soter.verify.problem.inputs import errors_of, topics_seen_by_dm
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -54,7 +54,7 @@ def permitted(
     assert problem.module.shield is not None
     n = problem.module.shield.cells
     part.tops = np.zeros((*part.allowed.shape, n), dtype=np.uint8)
-    ages = {t.name for t in seen(problem).values() if _max_age(problem, t) is None}
+    ages = {t.name for t in topics_seen_by_dm(problem).values() if _max_age(problem, t) is None}
     if ages:
         names = ", ".join(sorted(ages))
         text = f"a shield asks how old an estimate may be, which {names} does not say"
@@ -129,7 +129,7 @@ def between(engine: GridGroup, control: int, low: float, high: float) -> GridGro
 def find(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets) -> None:
     """Fills in S_0 ... S_(m-2); enters failures of `ttf` and `safer` where they are empty."""
     problem = case.problem
-    errors, shown = errors_of(problem), seen(problem)
+    errors, shown = errors_of(problem), topics_seen_by_dm(problem)
     window = problem.in_horizon(problem.times.decision)
     assert part.free is not None
     blind = tuple(k for k, a in enumerate(engine.axes) if a not in shown)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.current_phase import share_done
-from soter.verify.claims.grid_refinement import halved
+from soter.verify.claims.grid_refinement import with_halved_cells
 from soter.verify.grid import sets as grids
 from soter.verify.grid.sets import LONGEST, GridGroup
 from soter.verify.problem.inputs import errors_of
@@ -195,7 +195,7 @@ def _halved(group: Group, declared: Group, inner: Bools) -> Group:
     for k, axis in enumerate(group.axes):
         near = np.asarray(inner.any(axis=tuple(i for i in range(inner.ndim) if i != k)))
         at = _origin(declared.axes[k].edges, np.array(axis.edges))
-        axes.append(halved(axis, near[at]))
+        axes.append(with_halved_cells(axis, near[at]))
     return replace(group, axes=tuple(axes))
 
 

@@ -182,8 +182,8 @@ def _why_not_shown(
     changed: ChangedTopic,
 ) -> str:
     """Why a change outside of `enters` is possible, as z3 finds; "": there is none."""
-    told = Property(0, "always", enters, module.scope, "enters", enters.span)
-    program = lower(derived_systems.with_properties(flat, (told,)))
+    enters_property = Property(0, "always", enters, module.scope, "enters", enters.span)
+    program = lower(derived_systems.with_properties(flat, (enters_property,)))
     topic = flat.topics[changed.index]
     terms = SolverTerms()
     assert c.node is not None
@@ -216,14 +216,14 @@ def _may_jump(
 ) -> bool:
     """Whether a step may publish a changed value where it must not (`last`: the step before)."""
     nothing = (False, terms.fresh(t, "whatever"))
-    says, value = step.published.get(changed.index, nothing)
-    said, old = last.published.get(changed.index, nothing)
-    old = terms.chosen(said, old, terms.fresh(t, "before"), t)
+    published, value = step.published.get(changed.index, nothing)
+    published_before, old = last.published.get(changed.index, nothing)
+    old = terms.chosen(published_before, old, terms.fresh(t, "before"), t)
     same = terms.all_of(*[_equal_parts(terms, value, old, t, p) for p in changed.paths])
     shows = [step.published.get(i, (False, None))[0] for i in changed.shown]
     runs = terms.negated(terms.any_of(step.faults, last.faults))
     good = terms.any_of(same, terms.all_of(step.enters, *shows))
-    bad = terms.all_of(runs, says, terms.negated(good))
+    bad = terms.all_of(runs, published, terms.negated(good))
     if isinstance(bad, bool):
         return bad
     query = terms.query()
@@ -242,6 +242,7 @@ def _equal_parts(terms: SolverTerms, a: Term, b: Term, t: Type, path: Path) -> T
 def _step_transition(
     terms: SolverTerms, flat: System, program: core.CoreSystem, c: Component, state: dict[str, Term]
 ) -> StepTransition:
+    """What one step of a node does from these locals, whatever it reads."""
     code = program.nodes[c.index]
     functions = {f.name: f for f in program.functions}
     reads = StepReads(terms, flat)
@@ -255,13 +256,13 @@ def _step_transition(
         for k, o in enumerate(code.outputs)
         if k in evaluation.frame.outputs
     }
-    (asked,) = program.properties
+    (enters,) = program.properties
     shown = StepReads(terms, flat, dict(reads.values))
     for i, (says, value) in published.items():
         t = flat.topics[i].type
         shown.values[i] = terms.chosen(says, value, terms.fresh(t, "before"), t)
-    later = Evaluation(terms, functions, shown)
-    later.run(asked.body)
-    holds = later.expr(asked.value)
-    holds = terms.all_of(holds, terms.negated(terms.any_of(later.fault, later.doubt)))
+    after_step = Evaluation(terms, functions, shown)
+    after_step.run(enters.body)
+    holds = after_step.expr(enters.value)
+    holds = terms.all_of(holds, terms.negated(terms.any_of(after_step.fault, after_step.doubt)))
     return StepTransition(after, published, terms.any_of(evaluation.fault, evaluation.doubt), holds)

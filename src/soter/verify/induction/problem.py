@@ -28,7 +28,7 @@ from soter.verify.problem.problem import (
     Problem,
     Quantities,
     Times,
-    of_latch,
+    latch_assumptions,
 )
 from soter.verify.problem.problem_times import AssumedTimes, check_deployed
 from soter.verify.problem.schedule import Releases, Schedule
@@ -122,21 +122,21 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
     kept = [module.dm, module.sc, module.ac, *nodes]
     system = derived_systems.undriven(flat, kept)
     index = next(i for i, m in enumerate(system.modules) if m.name == module.name)
-    at = system.modules[index]
+    proved_module = system.modules[index]
     assert not any(c.extern for c in system.components if c.role in ("sc", "node"))
-    times, clocks, declared, absent = _times(system, at, diagnostics)
+    times, clocks, declared, absent = _times(system, proved_module, diagnostics)
     rests = _time_assumptions(flat, module, system, declared, diagnostics)
     diagnostics.raise_errors()
-    lemmas_, properties = at.symbol.verify.lemmas, _properties_to_show(at)
+    lemmas_, properties = proved_module.symbol.verify.lemmas, _properties_to_show(proved_module)
     texts = tuple(p.text for p in properties)
     core = lower(derived_systems.with_properties(system, properties))
     safe, *others = core.properties
-    recover = at.symbol.verify.recover
-    calculator = Calculator(diagnostics, at.scope.params)
+    recover = proved_module.symbol.verify.recover
+    calculator = Calculator(diagnostics, proved_module.scope.params)
     problem = InductionProblem(
         system=system,
         core=core,
-        module=at,
+        module=proved_module,
         quantities=Quantities((), (), (), (), (), ()),
         kind=NODES,
         plant_period_ns=0,
@@ -161,7 +161,9 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
         progress_texts=texts[1 + len(lemmas_) :],
         any_value=any_value,
         modes=modes if modes.topics or modes.margins else None,
-        waited=frozenset(at.scope.topics[t] for t, n in modes.topics.items() if n in modes.waits),
+        waited=frozenset(
+            proved_module.scope.topics[t] for t, n in modes.topics.items() if n in modes.waits
+        ),
         heard=frozenset(i for i in heard if not flat.topics[i].queues),
         first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
     )
@@ -174,8 +176,8 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
 
 def _refuse_unsupported(flat: System, module: Module, diagnostics: Diagnostics) -> None:
     symbol = module.symbol
-    said = [n for n in OTHERS if getattr(symbol.verify, n)]
-    for name in said:
+    clauses = [n for n in OTHERS if getattr(symbol.verify, n)]
+    for name in clauses:
         diagnostics.error(
             "R031",
             f"`{WORDS.get(name, name)}` says nothing to a proof by induction",
@@ -228,9 +230,9 @@ def _refuse_controller(flat: System, module: Module, diagnostics: Diagnostics) -
             also=((call.fun.span, "declared here"),),
             helps=("write it in Soter",),
         )
-    known = {**sc.scope.modules, **module.scope.modules}
+    modules_known = {**sc.scope.modules, **module.scope.modules}
     for where, read in mode_reads(*symbol.predicates_and_lemmas, *sc.node.step, *takeover).items():
-        if known.get(where) != module.index:
+        if modules_known.get(where) != module.index:
             diagnostics.error(
                 "R030",
                 f"module `{module.name}` speaks of the mode of another module",
@@ -369,50 +371,17 @@ def _times(
     system: System, module: Module, diagnostics: Diagnostics
 ) -> tuple[Times, tuple[ComponentCalendar, ...], tuple[ComponentCalendar, ...], list[str]]:
     """Times of DM and SC; of all components, as followed and as declared; what is undeclared."""
-    verify = module.symbol.verify
-    calculator = Calculator(diagnostics, module.scope.params)
-
-    def ns(expr: typed.TypedExpr | None) -> int:
-        return 0 if expr is None else int(calculator.value(expr, "a time") or 0)
-
+    _refuse_times_of_others(system, module, diagnostics)
     absent: list[str] = []
-
-    def of(c: Component) -> tuple[int, int]:
-        role = c.role if c.role in ("dm", "sc") else None
-        delays = []
-        for word in ("late", "response"):
-            by_name = getattr(verify, f"{word}_of")
-            expr = getattr(verify, f"{word}_{role}") if role else None
-            names = (c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name)
-            expr = expr or next((by_name[n] for n in names if n in by_name), None)
-            if word == "response" and c.takes_ns is not None:
-                delays.append(c.takes_ns[1])
-                continue
-            if expr is None:
-                absent.append(f"{word} of {c.name}")
-            delays.append(ns(expr))
-        return delays[0], delays[1]
-
-    known = {n for c in system.components for n in (c.name, c.name.rpartition(".")[2])}
-    known |= {c.node.name for c in system.components if c.node is not None}
-    for name in {**verify.late_of, **verify.response_of}:
-        if name not in known:
-            diagnostics.error(
-                "R031",
-                f"`{name}` is no node that the proof of `{module.name}` rests on",
-                verify.span or module.symbol.span,
-                notes=("a time of it says nothing to this proof",),
-                helps=("leave it out",),
-            )
-    each = {c.index: of(c) for c in system.components}
+    calculator = Calculator(diagnostics, module.scope.params)
+    delays = {c.index: _delays_of(c, module, calculator, absent) for c in system.components}
     dm, sc = system.components[module.dm], system.components[module.sc]
-    waiting = sum(each[dm.index])
     clocks, declared = [], []
     for c in system.components:
-        late, response = each[c.index]
+        late, response = delays[c.index]
         declared.append(ComponentCalendar(c.index, c.period_ns, c.phase_ns, late, response))
         if c.index == sc.index:
-            late = max(late, waiting)  # it waits for the DM's verdict
+            late = max(late, sum(delays[dm.index]))  # it waits for the DM's verdict
         clocks.append(ComponentCalendar(c.index, c.period_ns, c.phase_ns, late, response))
         if late + response > c.period_ns:
             diagnostics.error(
@@ -422,12 +391,47 @@ def _times(
                 notes=("runs of one component do not overlap",),
             )
     schedule = Schedule(
-        Releases(dm.period_ns, dm.phase_ns, *each[dm.index]),
-        Releases(sc.period_ns, sc.phase_ns, *each[sc.index]),
+        Releases(dm.period_ns, dm.phase_ns, *delays[dm.index]),
+        Releases(sc.period_ns, sc.phase_ns, *delays[sc.index]),
         (),
         (),
     )
     return Times(schedule), tuple(clocks), tuple(declared), absent
+
+
+def _delays_of(
+    c: Component, module: Module, calculator: Calculator, absent: list[str]
+) -> tuple[int, int]:
+    """Lateness and response of a component in ns; those not declared are added to `absent`."""
+    verify, delays = module.symbol.verify, []
+    names = (c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name)
+    for word in ("late", "response"):
+        by_name = getattr(verify, f"{word}_of")
+        expr = getattr(verify, f"{word}_{c.role}") if c.role in ("dm", "sc") else None
+        expr = expr or next((by_name[n] for n in names if n in by_name), None)
+        if word == "response" and c.takes_ns is not None:
+            delays.append(c.takes_ns[1])
+            continue
+        if expr is None:
+            absent.append(f"{word} of {c.name}")
+        delays.append(0 if expr is None else int(calculator.value(expr, "a time") or 0))
+    return delays[0], delays[1]
+
+
+def _refuse_times_of_others(system: System, module: Module, diagnostics: Diagnostics) -> None:
+    """R031 for a time that is declared for a node outside of the proof."""
+    verify = module.symbol.verify
+    names_known = {n for c in system.components for n in (c.name, c.name.rpartition(".")[2])}
+    names_known |= {c.node.name for c in system.components if c.node is not None}
+    for name in {**verify.late_of, **verify.response_of}:
+        if name not in names_known:
+            diagnostics.error(
+                "R031",
+                f"`{name}` is no node that the proof of `{module.name}` rests on",
+                verify.span or module.symbol.span,
+                notes=("a time of it says nothing to this proof",),
+                helps=("leave it out",),
+            )
 
 
 def _time_assumptions(
@@ -472,7 +476,7 @@ def _assumptions(problem: InductionProblem, absent: list[str]) -> list[Assumptio
         for n, w in problem.any_value.items()
         if n not in modes
     ]
-    assumptions += [FRESH, *of_latch(problem.module.symbol)]
+    assumptions += [FRESH, *latch_assumptions(problem.module.symbol)]
     if problem.heard:
         still = ", ".join(sorted(problem.system.topics[i].name for i in problem.heard))
         text = f"for P2b alone: {still} stays as it is until SC gives control back"

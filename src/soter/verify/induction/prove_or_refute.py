@@ -142,12 +142,13 @@ def _prove_with_latching(problem: InductionProblem, induction: Induction) -> Non
 def _may_fault(problem: InductionProblem) -> tuple[str, ...]:
     """The names of the components whose steps may fault, as far as is known of them."""
     terms = SolverTerms()
-    stretch = TimeSpan(problem, terms, hyperperiod(problem.clocks))
-    indices = {d.step.component for d in stretch.done if d.doubt is not False}
+    span = TimeSpan(problem, terms, hyperperiod(problem.clocks))
+    indices = {d.step.component for d in span.effects if d.doubt is not False}
     return tuple(problem.system.components[i].name for i in sorted(indices))
 
 
 def _deepen_induction(problem: InductionProblem, induction: Induction) -> None:
+    """Tries greater and greater depths k until both halves hold, the first fails, or time is up."""
     began = time.process_time()
     for n, k in enumerate(DEPTHS):
         share_done(n / len(DEPTHS))
@@ -174,9 +175,9 @@ def _base_case(problem: InductionProblem, induction: Induction, k: int) -> str:
     """Whether all holds from the start of every run until k hyperperiods after all phases."""
     terms = SolverTerms()
     end = settled(problem.clocks) + k * induction.hyperperiod_ns
-    stretch = TimeSpan(problem, terms, end, first=True, latching=bool(induction.latching))
-    induction.uninterpreted |= stretch.uninterpreted
-    bad = _failing_conditions(stretch, 0, end)
+    span = TimeSpan(problem, terms, end, first=True, latching=bool(induction.latching))
+    induction.uninterpreted |= span.uninterpreted
+    bad = _failing_conditions(span, 0, end)
     query = terms.query()
     query.add(terms.any_of(*[b for b, _, _ in bad]))
     answer = query.check()
@@ -210,11 +211,11 @@ def _induction_step(problem: InductionProblem, induction: Induction, k: int) -> 
     """
     terms = SolverTerms()
     whole = induction.hyperperiod_ns
-    stretch = TimeSpan(problem, terms, (k + 1) * whole, latching=bool(induction.latching))
-    failures = _failing_conditions(stretch, k * whole, (k + 1) * whole)
+    span = TimeSpan(problem, terms, (k + 1) * whole, latching=bool(induction.latching))
+    failures = _failing_conditions(span, k * whole, (k + 1) * whole)
     for claim in sorted({number for _, _, number in failures}):
         query = terms.query()
-        _assume(query, stretch, k * whole)
+        _assume(query, span, k * whole)
         query.add(terms.any_of(*[b for b, _, number in failures if number == claim]))
         answer = query.check()
         if answer == terms.z3.unknown:
@@ -224,20 +225,20 @@ def _induction_step(problem: InductionProblem, induction: Induction, k: int) -> 
     return True
 
 
-def _assume(query: Query, stretch: TimeSpan, until: int) -> None:
+def _assume(query: Query, span: TimeSpan, until: int) -> None:
     """Adds to the query that everything that is judged before `until` held."""
-    terms = stretch.terms
-    for seen in stretch.seen:
+    terms = span.terms
+    for seen in span.judged:
         if seen.earliest < until:
             counts = terms.all_of(seen.counts, seen.latest < until or seen.at < until)
             query.add(terms.z3.Implies(counts, _solver_term(terms, terms.all_of(*seen.holds))))
 
 
-def _failing_conditions(stretch: TimeSpan, begin: int, end: int) -> list[tuple[Term, Term, int]]:
+def _failing_conditions(span: TimeSpan, begin: int, end: int) -> list[tuple[Term, Term, int]]:
     """Each way in which a claim may fail in [begin, end): condition, time, number of the claim."""
-    terms = stretch.terms
+    terms = span.terms
     failures = []
-    for seen in stretch.seen:
+    for seen in span.judged:
         if seen.latest < begin or seen.earliest >= end:
             continue
         inside = terms.all_of(
@@ -277,10 +278,10 @@ def _no_such_run(problem: InductionProblem, induction: Induction, n: int, *, sta
     In them no step faults, and what P2b takes for granted holds.
     """
     terms, end = SolverTerms(), n * induction.hyperperiod_ns
-    stretch = TimeSpan(problem, terms, end, returning=True, stays=stays)
+    span = TimeSpan(problem, terms, end, returning=True, stays=stays)
     query = terms.query()
-    _assume(query, stretch, end)
-    granted = [terms.any_of(terms.negated(s.counts), s.granted) for s in stretch.seen]
+    _assume(query, span, end)
+    granted = [terms.any_of(terms.negated(s.counts), s.progress) for s in span.judged]
     query.add(*granted)
     return bool(query.check() == terms.z3.unsat)
 
@@ -297,13 +298,13 @@ def _never_happens(problem: InductionProblem, induction: Induction) -> str:
     if _holds_anyway(problem):
         return "fails"
     whole, latching = induction.hyperperiod_ns, bool(induction.latching)
-    held = induction.k * whole
-    later = partial(TimeSpan, problem, end=held + whole, latching=latching)
-    first = partial(
-        TimeSpan, problem, end=settled(problem.clocks) + held, first=True, latching=latching
+    held_ns = induction.k * whole
+    any_time = partial(TimeSpan, problem, end=held_ns + whole, latching=latching)
+    from_start = partial(
+        TimeSpan, problem, end=settled(problem.clocks) + held_ns, first=True, latching=latching
     )
     for word in ("gets", "keeps"):
-        if not (_may_decide(later, held, word) or _may_decide(first, 0, word)):
+        if not (_may_decide(any_time, held_ns, word) or _may_decide(from_start, 0, word)):
             return word
     return ""
 
@@ -311,8 +312,8 @@ def _never_happens(problem: InductionProblem, induction: Induction) -> str:
 def _holds_anyway(problem: InductionProblem) -> bool:
     """Whether `safe` is true of all values of the topics' sets, whoever publishes them."""
     terms = SolverTerms()
-    stretch = TimeSpan(problem, terms, 0)
-    outside = terms.negated(stretch.judged(ClusterView(stretch, None, 0))[0])
+    span = TimeSpan(problem, terms, 0)
+    outside = terms.negated(span.claims_at(ClusterView(span, None, 0))[0])
     query = terms.query()
     query.add(outside)
     return bool(query.check() == terms.z3.unsat)
@@ -321,12 +322,12 @@ def _holds_anyway(problem: InductionProblem) -> bool:
 def _may_decide(made: Callable[..., TimeSpan], begin: int, word: str) -> bool:
     """Whether some decision from `begin` on may give AC control ("gets"), or leave it ("keeps")."""
     terms = SolverTerms()
-    stretch = made(terms=terms)
+    span = made(terms=terms)
     query = terms.query()
-    _assume(query, stretch, stretch.end)
+    _assume(query, span, span.end)
     ways = [
         terms.all_of(d.mode == AC, d.before == (AC if word == "keeps" else SC))
-        for d in stretch.done
+        for d in span.effects
         if d.mode is not None and not d.step.begun and d.step.effect.latest >= begin
     ]
     query.add(terms.any_of(*ways))
@@ -440,10 +441,11 @@ def any_ac(problem: InductionProblem) -> System:
 def _any_value(
     t: Type, bounds: Sequence[Bound | None], default: Value, at: Span
 ) -> typed.TypedExpr:
+    """An expression that chooses among the values of a type, or some where they are many."""
     if isinstance(t, (RecordType, ArrayType)):
-        own = [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
+        part_types = [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
         elements, k = [], 0
-        for part, value in zip(own, default, strict=True):
+        for part, value in zip(part_types, default, strict=True):
             count = sum(1 for _ in leaves(part))
             elements.append(_any_value(part, bounds[k : k + count], value, at))
             k += count

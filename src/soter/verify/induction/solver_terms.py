@@ -262,12 +262,12 @@ class SolverTerms:
             self._constants[key] = (value, term)
             for (of, _), (bounds, predicate) in self._inside.items():
                 if of == t:
-                    self._decide(predicate(term), t, value, bounds)
+                    self.state(predicate(term) == allowed(value, t, bounds))
             if isinstance(t, ListType) and isinstance(value, tuple):
-                self._list_of(term, t, value)
+                self._state_list(term, t, value)
         return self._constants[key][1]
 
-    def _list_of(self, term: Term, t: ListType, value: tuple[Value, ...]) -> None:
+    def _state_list(self, term: Term, t: ListType, value: tuple[Value, ...]) -> None:
         """States the length and the first elements of a constant list."""
         self.state(self.length(term) == len(value))
         for k, element in enumerate(value[:ELEMENTS_MAX]):
@@ -291,14 +291,11 @@ class SolverTerms:
             self._inside[key] = (bounds, predicate)
             for (of, _), (value, term) in list(self._constants.items()):
                 if of == t:
-                    self._decide(predicate(term), t, value, bounds)
+                    self.state(predicate(term) == allowed(value, t, bounds))
             for made, term, elements in list(self._made):
                 if made == t:
                     self._decide_made(predicate(term), t, elements, bounds)
         return self._inside[key][1]
-
-    def _decide(self, claim: Term, t: Type, value: Value, bounds: Bounds) -> None:
-        self.state(claim == allowed(value, t, bounds))
 
     def _decide_made(
         self, claim: Term, t: Type, elements: list[tuple[Term, Type]], bounds: Bounds
@@ -374,13 +371,11 @@ class SolverTerms:
             return False
         known = self._opaque.get(term.get_id())
         if known is None:
-            own = term.sort() == self.sort or (term.num_args() and self._declared(term))
+            declared = self.z3.Z3_OP_UNINTERPRETED
+            own = term.sort() == self.sort or (term.num_args() and term.decl().kind() == declared)
             opaque = bool(own) or any(self.is_opaque(x) for x in term.children())
             known = self._opaque[term.get_id()] = term, opaque  # kept: ids are given again
         return known[1]
-
-    def _declared(self, term: Term) -> bool:
-        return bool(term.decl().kind() == self.z3.Z3_OP_UNINTERPRETED)
 
     def _function(self, name: str, sorts: list[Term], result: Term) -> Term:
         if not sorts:

@@ -214,6 +214,7 @@ class Evaluation(Execution["Term"]):
         return value, t
 
     def _part(self, value: Term, t: Type, index: Term) -> tuple[Term, Type]:
+        """A field or element of a value, with its type; an index out of range takes an end."""
         terms = self.terms
         if isinstance(t, RecordType):
             return value[index], t.fields[index][1]
@@ -363,7 +364,7 @@ class State:
     topics: dict[int, tuple[Term, Term]]
     locals: dict[tuple[int, str], Term]
     mode: Term
-    had: dict[int, Term] = field(default_factory=dict)
+    had_control: dict[int, Term] = field(default_factory=dict)
     """Whether SC had control at its last step, by component; used by `on takeover`."""
     latched: dict[int, Term] = field(default_factory=dict)
     """Whether a component has faulted; False where a fault fails the proof."""
@@ -398,7 +399,7 @@ class JudgedInstant:
     holds: tuple[Term, ...]
     later: Term
     component: int
-    granted: Term = True
+    progress: Term = True
     """The condition that what P2b takes for granted (`progress`) holds then."""
 
 
@@ -409,7 +410,7 @@ class StepSurroundings(Protocol):
     terms: SolverTerms
     writers: list[int]
     state: State
-    still: dict[int, Term]
+    constant_topics: dict[int, Term]
     """Topics that are constant for P2b, though no node of the relation publishes them."""
 
 
@@ -430,7 +431,7 @@ class ClusterView:
 
     def __init__(
         self,
-        of: StepSurroundings,
+        span: StepSurroundings,
         cluster: Order | None,
         now: Term,
         point: Point | None = None,
@@ -438,25 +439,25 @@ class ClusterView:
         *,
         enabled: Term = True,
     ) -> None:
-        self.of, self.cluster, self.now, self.point, self.own = of, cluster, now, point, own
+        self.span, self.cluster, self.now, self.point, self.own = span, cluster, now, point, own
         self.enabled = enabled
         self._known: dict[int, tuple[Term, Term]] = {}
 
     def cell(self, cell: core.Cell, t: Type) -> Term:
         """The value of a topic; if no node of the relation publishes it, any value of its set."""
         assert cell.kind == "topic", cell
-        if cell.owner in self.of.still:
-            return self.of.still[cell.owner]
-        if cell.owner not in self.of.writers:
-            topic = self.of.problem.system.topics[cell.owner]
+        if cell.owner in self.span.constant_topics:
+            return self.span.constant_topics[cell.owner]
+        if cell.owner not in self.span.writers:
+            topic = self.span.problem.system.topics[cell.owner]
             bounds = topic.bounds if topic.queue_of is None else None
-            return self.of.terms.fresh(t, topic.name, bounds)
+            return self.span.terms.fresh(t, topic.name, bounds)
         return self.topic(cell.owner)[0]
 
     def topic(self, index: int) -> tuple[Term, Term]:
         """The value and the stamp of a topic that the relation publishes."""
         if index not in self._known:
-            publication = self.of.state.topics[index]
+            publication = self.span.state.topics[index]
             if self.cluster is not None:
                 publication = self.cluster.last(index, publication, self.point, self.own)
             self._known[index] = publication
@@ -464,16 +465,16 @@ class ClusterView:
 
     def stamp(self, index: int) -> Term:
         """The stamp of a topic; if no node of the relation publishes it, any one until now."""
-        if index in self.of.writers:
+        if index in self.span.writers:
             return self.topic(index)[1]
-        terms = self.of.terms
+        terms = self.span.terms
         stamp = terms.whole("stamp")
         terms.state(stamp <= self.now)
         return stamp
 
     def mode(self) -> Term:
         """The mode of the module."""
-        mode = self.of.state.mode
+        mode = self.span.state.mode
         return mode if self.cluster is None else self.cluster.mode(mode, self.point, self.own)
 
     def fact(self, fact: core.Fact) -> Term:
@@ -484,10 +485,10 @@ class ClusterView:
             return self.enabled
         if fact.fact == "age":
             return Age(self.now - self.stamp(fact.index))
-        return self.of.terms.fresh(FLOAT, "time")
+        return self.span.terms.fresh(FLOAT, "time")
 
 
-def if_(terms: SolverTerms, condition: Term, then: Term, otherwise: Term) -> Term:
+def integer_if(terms: SolverTerms, condition: Term, then: Term, otherwise: Term) -> Term:
     """The term `then` where the condition holds, else `otherwise`; both are integers."""
     if isinstance(condition, bool) or then is otherwise:
         return then if condition is not False else otherwise

@@ -35,7 +35,7 @@ from soter.verify.claims.results import (
 )
 from soter.verify.diagnosis.vacuity import vacuity_of_nodes
 from soter.verify.induction.prove_or_refute import induct, refuting_run
-from soter.verify.problem.problem import Assumption, said
+from soter.verify.problem.problem import Assumption, subjects_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -254,7 +254,7 @@ def _return_conditions(problem: InductionProblem, induction: Induction) -> Itera
     if still := sorted(problem.system.topics[i].name for i in problem.heard):
         yield f"{_listing(still, 'and')} stays as it is"
     if problem.modes is not None and problem.modes.waits:
-        yield f"{said(problem.modes.waits)} in AC"
+        yield f"{subjects_in_words(problem.modes.waits)} in AC"
     if induction.latching:
         yield f"no step of {_listing(induction.latching, 'or')} faults"
 

@@ -29,8 +29,8 @@ from soter.verify.polytope.matrices import BeyondError
 from soter.verify.polytope.proofs import NotProvedError, Windows
 from soter.verify.polytope.regions import box_of, figures, inside, outside, shares
 from soter.verify.polytope.tables import Facets, entry, polytope_of
-from soter.verify.problem.inputs import seen
-from soter.verify.problem.problem_times import looking_ahead
+from soter.verify.problem.inputs import topics_seen_by_dm
+from soter.verify.problem.problem_times import look_ahead_advice
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -147,7 +147,7 @@ class PolytopeProof(GroupProof):
 
     # ------------------------------------------------------------ claims
 
-    def take(self, case: Case, part: SetFactor) -> None:
+    def take_constraint(self, case: Case, part: SetFactor) -> None:
         """Takes C_g, as ranges of the group's states."""
         del case
         assert isinstance(part, BoxPart)
@@ -219,7 +219,7 @@ class PolytopeProof(GroupProof):
 
     def _unseen(self, problem: Problem) -> str:
         """Why the DM has no estimate of the group's states; "": it has."""
-        shown = seen(problem)
+        shown = topics_seen_by_dm(problem)
         states = [a.state for a in self.group.axes]
         names = [problem.quantities.states[s].name for s in states if s not in shown]
         if names:
@@ -228,12 +228,12 @@ class PolytopeProof(GroupProof):
         several = problem.times.age_dm > 0 and len(topics) > 1
         return "the DM sees this group in topics of different ages" if several else ""
 
-    def withheld(self, case: Case) -> bool:
+    def has_unproved_levels(self, case: Case) -> bool:
         """Whether some claim up to its levels failed, so that no DM may use these."""
         claims = ("P2a", "ttf", "safer")
         return any(f.proof is self and f.claim in claims for f in case.failures)
 
-    def admit(self, case: Case, table: LevelTable) -> None:
+    def take_table(self, case: Case, table: LevelTable) -> None:
         """Takes the half-spaces of the DM; enters failures where they hold nothing."""
         assert isinstance(table, Facets)
         self.found.deployed = table.certain
@@ -253,7 +253,7 @@ class PolytopeProof(GroupProof):
         says = "may be false" if predicate == "ttf" else "may be true"
         text = f"`{predicate}` {says} where it was not shown that AC stays in K for H"
         hint = (
-            f"{looking_ahead(case.problem.times, predicate)}, or none: then it is computed; "
+            f"{look_ahead_advice(case.problem.times, predicate)}, or none: then it is computed; "
             "a polytope ends where SC is clamped, a `grid` need not"
         )
         case.fail(predicate, text, self, hint).where = wrong
@@ -271,7 +271,7 @@ class PolytopeProof(GroupProof):
 
         self._proved(case, ("start",), "start", prove)
 
-    def held(self, case: Case) -> Target | None:
+    def states_given_back(self, case: Case) -> Target | None:
         """The states at which the DM's half-spaces give AC control on any estimate."""
         del case
         deployed, sets = self.found.deployed, self.found.sets
@@ -322,7 +322,7 @@ class PolytopeProof(GroupProof):
             self.found.shares = shares(case.forms, case.problem, self.found)
         return self.found.shares
 
-    def drawn(self, chance: np.random.Generator, count: int) -> Floats:
+    def random_states(self, chance: np.random.Generator, count: int) -> Floats:
         """Random states of K, (count, n): uniform if possible, else mixtures of extreme ones."""
         assert self.found.sets is not None
         return inside(self.found.sets.core, chance, count)
@@ -409,7 +409,7 @@ class Polytopes(Method):
             return None
         return [BoxPart({a.state: box[a.state] for a in p.group.axes}) for p in own]
 
-    def said(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
+    def proved_in_words(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
         """The text of a finding that was proved, with its counts of half-spaces or boxes."""
         every = [p.found for c in done for p in c.proofs if isinstance(p, PolytopeProof)]
         if claim == "P2a":
@@ -423,12 +423,12 @@ class Polytopes(Method):
         del problem
         return Facets.of([a.state for a in group.axes], cast("Sequence[Pair]", pairs))
 
-    def packed(self, pair: object) -> dict[str, NDArray[np.generic]]:
+    def pack(self, pair: object) -> dict[str, NDArray[np.generic]]:
         """Both sets as arrays to store: `low` and `high` (n,), `rows` (N, n), `bounds` (N,)."""
         both = enumerate(cast("Pair", pair))
         return {f"{k}_{name}": getattr(p, name) for k, p in both for name in PARTS}
 
-    def unpacked(self, group: Group, arrays: Arrays) -> Pair:
+    def unpack(self, group: Group, arrays: Arrays) -> Pair:
         """The sets that `packed` stored: `low` and `high` (n,), `rows` (N, n), `bounds` (N,)."""
         del group
         outer, inner = (
@@ -437,7 +437,7 @@ class Polytopes(Method):
         )
         return outer, inner
 
-    def certified(
+    def pair_in_certificate(
         self, certificate: Certificate, group: Group, entry: Mapping[str, Any]
     ) -> Pair | None:
         """The two sets that a certificate has of a group; None: it has none."""

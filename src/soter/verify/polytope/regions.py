@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.report.proof_page import R1, R2, R3, R4, R5, RegionFigure
-from soter.verify.claims.product_sets import candidates
+from soter.verify.claims.product_sets import points_to_try
 from soter.verify.claims.results import Region
 from soter.verify.polytope.half_spaces import LinearProgram, inner_point
 from soter.verify.polytope.matrices import centred, exact, up_product, up_sum
@@ -48,7 +48,7 @@ MAY = {"ttf": 1, "safer": 2}
 def box_of(forms: CompiledEnclosures, problem: Problem, predicate: str, ends: Box) -> Box | None:
     """Ranges inside `ends` over which a predicate surely holds, all else at a point; None: none."""
     n = len(problem.states)
-    for point in candidates(problem):
+    for point in points_to_try(problem):
         base = forms.whole.copy()
         base[:n, 0] = base[:n, 1] = point
         outside = any(not low <= point[s] <= high for s, (low, high) in ends.items())

@@ -25,7 +25,7 @@ import numpy as np
 
 from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT
-from soter.verify.claims.grid_refinement import axes, matrix
+from soter.verify.claims.case import axes_entry, matrix_entry
 from soter.verify.deploy.level_table import EstimateSamples, LevelTable
 from soter.verify.polytope.half_spaces import Polytope, inner_point, surely_inside
 from soter.verify.polytope.linear_group import free_instants, hold_instants
@@ -47,8 +47,8 @@ def half_spaces(stem: str, p: Polytope, files: dict[str, bytes]) -> dict[str, ob
     faces = np.concatenate([p.rows, p.bounds[:, None]], axis=1)
     box = np.stack([p.low, p.high])
     return {
-        "box": matrix(f"{stem}_box.bin", box, files),
-        "faces": matrix(f"{stem}_faces.bin", faces, files),
+        "box": matrix_entry(f"{stem}_box.bin", box, files),
+        "faces": matrix_entry(f"{stem}_faces.bin", faces, files),
     }
 
 
@@ -70,10 +70,10 @@ def entry(
     (row, half-space, value) of a sparse matrix of shape `of`; they presuppose `law`, `instants`
     and, where the flow is not linear, `flow`.
     """
-    made = axes(problem, part.group, stem, files)
+    made = axes_entry(problem, part.group, stem, files)
 
     def array(name: str, values: NDArray[Any]) -> dict[str, object]:
-        return matrix(f"{stem}_{name}.bin", values, files)
+        return matrix_entry(f"{stem}_{name}.bin", values, files)
 
     def sparse(name: str, values: NDArray[Any]) -> dict[str, object]:
         at = np.nonzero(values)

@@ -14,16 +14,16 @@ from soter.language.model.tree_walk import calls_in, topic_reads
 from soter.language.model.types import FloatType, leaf_name, leaves, show_ns
 from soter.language.prelude.function_error_bounds import BOUNDS
 from soter.verify.induction.handover import jumping_topics
-from soter.verify.problem.problem import FRESH, SCHEME, Assumption, Jumps, of_latch
-from soter.verify.problem.problem_times import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
+from soter.verify.problem.problem import FRESH, SCHEME, Assumption, Jumps, latch_assumptions
+from soter.verify.problem.problem_times import DELAYS, WORDS, nodes_without_times
 from soter.verify.problem.supported_constructs import assumed_of_maps
+from soter.verify.problem.verification_system import read_by_dm, read_by_sc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.language.model import typed
     from soter.language.model.system import Component
-    from soter.language.model.types import Type
     from soter.verify.problem.cause_effect_chains import CauseEffectChain, CauseEffectChains
     from soter.verify.problem.inputs import Inputs
     from soter.verify.problem.problem import Leaf, ProblemKind, Times
@@ -62,9 +62,9 @@ def assumptions_of(
         *_timing_assumptions(place, times, chains, kind),
     ]
     if kind == "flow":
-        assumptions += _of_one_instant(place)
+        assumptions += _one_instant_assumption(place)
         assumptions.append(SCHEME)
-    assumptions += [FRESH, *of_latch(place.module.symbol)]
+    assumptions += [FRESH, *latch_assumptions(place.module.symbol)]
     if inputs.parameters:
         names = ", ".join(p.name for p in inputs.parameters)
         text = (
@@ -89,11 +89,11 @@ def jumps_of(place: VerificationSystem) -> Jumps:
     entered: dict[str, str] = {}
     unkept: list[Assumption] = []
     for link in place.module.symbol.verify.abstracts:
-        given = {h.topic: h for h in jumping_topics(place.flat, place.home, link)}
-        kept = [h for h in given.values() if not h.why]
-        rest = [t for t in topic_reads(link.value) if t not in {h.topic for h in kept}]
-        if rest:
-            read = ", ".join(t.name for t in rest)
+        jumps_by_topic = {h.topic: h for h in jumping_topics(place.flat, place.home, link)}
+        kept = [h for h in jumps_by_topic.values() if not h.why]
+        unproved = [t for t in topic_reads(link.value) if t not in {h.topic for h in kept}]
+        if unproved:
+            read = ", ".join(t.name for t in unproved)
             text = (
                 f"where {read} change, on which the state of {link.name} rests, that state moves "
                 f"as {link.plant.name} does, or jumps while the estimate lies in S_0 of where it "
@@ -118,7 +118,7 @@ def jumps_of(place: VerificationSystem) -> Jumps:
                 f"unkept {link.name} {h.topic.name}",
                 f"`enters` shows nothing of {h.topic.name}, on which {link.name} rests: {h.why}",
             )
-            for h in ([] if kept else given.values())
+            for h in ([] if kept else jumps_by_topic.values())
         ]
     return Jumps((*assumptions, *unkept), entered, unkept[0].text if unkept else "")
 
@@ -224,17 +224,19 @@ def _unshown_topics(place: VerificationSystem) -> list[str]:
     if place.abstract:
         names = {place.around + link.instance for link in place.module.symbol.verify.abstracts}
         plants = [c for c in place.flat.components if c.name in names and c.plant is not None]
-        topics = [place.flat.topics[c.scope.topics[t]] for c in plants for t in driven_by(c)]
+        topics = [place.flat.topics[c.scope.topics[t]] for c in plants for t in topics_driven_by(c)]
         return list(dict.fromkeys(t.name for t in topics if t.set_declared))
-    topics = [place.system.topics[c.scope.topics[t]] for c in place.plants for t in driven_by(c)]
-    return [t.name for t in topics if t.set_declared and _has_unnumbered(t.type)]
+    topics = [
+        place.system.topics[c.scope.topics[t]] for c in place.plants for t in topics_driven_by(c)
+    ]
+    return [
+        t.name
+        for t in topics
+        if t.set_declared and any({"[]", "[*]"} & {*path} for path, _ in leaves(t.type))
+    ]
 
 
-def _has_unnumbered(t: Type) -> bool:
-    return any(p in ("[]", "[*]") for path, _ in leaves(t) for p in path)
-
-
-def driven_by(c: Component) -> list[typed.TopicSymbol]:
+def topics_driven_by(c: Component) -> list[typed.TopicSymbol]:
     """The topics that a plant drives."""
     return [] if c.plant is None else [t for t, _ in c.plant.drives]
 
@@ -309,7 +311,7 @@ def _exact_leaves(place: VerificationSystem, inputs: Inputs) -> list[str]:
     return leaf_names
 
 
-def _of_one_instant(place: VerificationSystem) -> list[Assumption]:
+def _one_instant_assumption(place: VerificationSystem) -> list[Assumption]:
     """The assumption that an estimate shows one instant, also where it comes on several topics."""
     assumptions = []
     for who, topics in (("the DM", read_by_dm(place)), ("SC", read_by_sc(place))):
@@ -373,7 +375,7 @@ def _declared_times(
         )
     absent += [
         f"{n} is on time" if n in lasting else f"{n} is on time and takes none"
-        for n in undeclared(place, chains)
+        for n in nodes_without_times(place, chains)
     ]
     if absent:
         yield Assumption("undeclared", f"undeclared times are zero: {', '.join(absent)}")

@@ -1,8 +1,8 @@
 """Groups and axes: which states are analysed together, over which boxes.
 
 Purpose: `Axes` reads the `grid` and `polytope` lines of a module, and makes default groups for
-bounded states that no line names. `wrapping` finds the axes, of those that are a full turn long,
-whose state is read only by functions with that period, and says of the others who reads them.
+bounded states that no line names. `states_that_wrap` finds the axes, of those that are a full turn
+long, whose state is read only by functions with that period, and says of the others who reads them.
 Non-goals: whether a partition is useful: a bad one proves less, and nothing wrong; sets that wrap
 around (`verify/engine/soter_reach_grid.c`), the DM's table (`verify/deploy/grid_tables.py`).
 
@@ -26,7 +26,7 @@ from soter.language.model.types import ListType, RecordType, leaf_name, leaves
 from soter.verify.enclose.compiled_enclosures import generate_enclosures
 from soter.verify.enclose.enclosed_operations import FAR_TURNS, FARTHEST, TURN
 from soter.verify.enclose.enclosure_emitter import EnclosureError
-from soter.verify.problem.left_out_states import MOVING, in_words
+from soter.verify.problem.left_out_states import MOVING, reader_in_words
 from soter.verify.problem.problem import Assumption, Axis, Group, Interval
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ BESIDE = 100
 Path = tuple[str, ...]
 NEAR = 2.0**-44
 """How much the written ends of a full turn may be rounded."""
-APART = frozenset({"drives", MOVING})
+COVERED_BY_OTHERS = frozenset({"drives", MOVING})
 """Functions that are no readers of their own: they are covered by others."""
 
 
@@ -77,24 +77,26 @@ class Axes:
 
     def groups(self) -> tuple[Group, ...]:
         """The declared groups, and one of its own for every bounded state that is on no axis."""
-        declared_groups = [self._group(g) for g in self.place.module.symbol.verify.groups]
+        declared_groups = [self._declared_group(g) for g in self.place.module.symbol.verify.groups]
         groups = [g for g in declared_groups if g.axes]
-        self._once(groups)
+        self._refuse_repeated_states(groups)
         missing = set(range(len(self.inputs.states))) - {a.state for g in groups for a in g.axes}
         if not self.diagnostics.has_errors and missing:
-            groups += self._default(sorted(missing), alone=bool(groups))
+            groups += self._default_groups(sorted(missing), alone=bool(groups))
         return tuple(groups)
 
-    def boundless(self) -> frozenset[int]:
+    def boundless_states(self) -> frozenset[int]:
         """The states that are on no declared axis and that nothing bounds."""
-        named = {self._named(a) for g in self.place.module.symbol.verify.groups for a in g.axes}
+        named = {
+            self._state_named(a) for g in self.place.module.symbol.verify.groups for a in g.axes
+        }
         others = (s for s in range(len(self.inputs.states)) if s not in named)
         moving = (s for s in others if s not in self.inputs.still)
-        return frozenset(s for s in moving if self._natural(s) is None)
+        return frozenset(s for s in moving if self._natural_range(s) is None)
 
     # ------------------------------------------------------------ declared
 
-    def _once(self, groups: list[Group]) -> None:
+    def _refuse_repeated_states(self, groups: list[Group]) -> None:
         """R009 where two axes, by whatever names, are the same state."""
         seen: set[int] = set()
         for group in groups:
@@ -109,12 +111,12 @@ class Axes:
                     )
                 seen.add(axis.state)
 
-    def _group(self, group: typed.TypedAxisGroup) -> Group:
+    def _declared_group(self, group: typed.TypedAxisGroup) -> Group:
         axes = []
         for item in group.axes:
-            state = self._state(item)
+            state = self._state_of_axis(item)
             if state is not None:
-                axes.append(self._axis(item, state))
+                axes.append(self._declared_axis(item, state))
         cells = math.prod(len(a.edges) - 1 for a in axes)
         longest = max((len(a.edges) - 1 for a in axes), default=1)
         large = len(axes) > AXES_MAX or cells > CELLS_MAX or longest > AXIS_CELLS_MAX
@@ -134,13 +136,13 @@ class Axes:
             )
         return Group(tuple(axes), group.kind, group.span)
 
-    def _axis(self, item: typed.TypedGridAxis, state: int) -> Axis:
+    def _declared_axis(self, item: typed.TypedGridAxis, state: int) -> Axis:
         leaf = self.inputs.states[state]
         name, unit = leaf.name, leaf.unit
         if item.low is None or item.high is None:
             extent = self.set_of(state)
             if not all(math.isfinite(x) for x in extent):
-                self._unbounded([name], item.span, f"polytope {name} in [-1.0, 1.0];")
+                self._refuse_unbounded([name], item.span, f"polytope {name} in [-1.0, 1.0];")
             return Axis(state, name, extent, unit=unit)
         low, high = (
             float(self.calculator.value(e, "a bound") or 0.0) for e in (item.low, item.high)
@@ -188,41 +190,41 @@ class Axes:
                 return bound.low, bound.high
         return -math.inf, math.inf
 
-    def _state(self, item: typed.TypedGridAxis) -> int | None:
+    def _state_of_axis(self, item: typed.TypedGridAxis) -> int | None:
         """The state that an axis names; if by a topic, that is noted in `shown`."""
         shown = leaf_name(item.topic.name if item.topic else item.instance, item.path)
-        state, at = self._named(item), self._leaf(item)
-        if at is not None and state is not None:
-            self.shown[state] = at
+        state, topic_leaf = self._state_named(item), self._leaf_named(item)
+        if topic_leaf is not None and state is not None:
+            self.shown[state] = topic_leaf
         if state is None:
-            known = ", ".join(f"`{n}`" for n in self.names)
+            state_names = ", ".join(f"`{n}`" for n in self.names)
             self.diagnostics.error(
                 "R009",
                 f"the axis `{shown}` is no state of a verification plant",
                 item.span,
                 notes=(
                     "an axis names a state, or a leaf of a topic that equals one",
-                    f"the states are {known}" if known else "there are no states",
-                    *self._otherwise(item),
+                    f"the states are {state_names}" if state_names else "there are no states",
+                    *self._notes_on_driving(item),
                 ),
                 helps=("drive the state and scale it in controllers, or an axis over the state",),
             )
         return state
 
-    def _named(self, item: typed.TypedGridAxis) -> int | None:
+    def _state_named(self, item: typed.TypedGridAxis) -> int | None:
         if item.topic is None:
             return self.names.get(self.place.prefix + leaf_name(item.instance, item.path))
-        at = self._leaf(item)
+        at = self._leaf_named(item)
         return None if at is None else self.topic_leaves.get(at)
 
-    def _leaf(self, item: typed.TypedGridAxis) -> tuple[int, int] | None:
+    def _leaf_named(self, item: typed.TypedGridAxis) -> tuple[int, int] | None:
         """The (topic, leaf) that an axis names; None where it names a state."""
-        index = None if item.topic is None else self._topic(item.topic)
+        index = None if item.topic is None else self._topic_index(item.topic)
         if item.topic is None or index is None:
             return None
         return index, [p for p, _ in leaves(item.topic.type)].index(item.path)
 
-    def _otherwise(self, item: typed.TypedGridAxis) -> tuple[str, ...]:
+    def _notes_on_driving(self, item: typed.TypedGridAxis) -> tuple[str, ...]:
         """Notes on how the topic of an axis is driven, where that is not by a state alone."""
         for c in self.place.plants:
             for topic, value in c.plant.drives if c.plant is not None else ():
@@ -231,7 +233,7 @@ class Axes:
                     return (f"plant `{c.name}` drives `{topic.name}` as `{told}`",)
         return ()
 
-    def _topic(self, symbol: typed.TopicSymbol) -> int | None:
+    def _topic_index(self, symbol: typed.TopicSymbol) -> int | None:
         scopes = [
             self.place.module.scope,
             self.place.sc.scope,
@@ -241,34 +243,34 @@ class Axes:
 
     # ------------------------------------------------------------ defaults
 
-    def _default(self, missing: list[int], *, alone: bool) -> list[Group]:
+    def _default_groups(self, missing: list[int], *, alone: bool) -> list[Group]:
         """The groups of states that no line names."""
-        ranges = {s: self._natural(s) for s in missing}
+        ranges = {s: self._natural_range(s) for s in missing}
         unbounded = [s for s in missing if ranges[s] is None]
         if unbounded:
             names = [self.inputs.states[s].name for s in unbounded]
             cells = min(BESIDE, DEFAULT_CELLS[min(len(names), AXES_MAX)])
             example = ", ".join(f"{n} in [-1.0, 1.0] / {cells}" for n in names[:AXES_MAX])
             symbol = self.place.module.symbol
-            self._unbounded(names, symbol.verify.span or symbol.span, f"grid {example};")
+            self._refuse_unbounded(names, symbol.verify.span or symbol.span, f"grid {example};")
             return []
         if not alone and len(missing) <= AXES_MAX:
             cells = DEFAULT_CELLS[len(missing)]
             return [Group(tuple(self._natural_axis(s, cells, ranges[s]) for s in missing))]
         cells = BESIDE if alone else DEFAULT_CELLS[1]
         return [
-            Group((self._natural_axis(s, 1 if self._unseen(s) else cells, ranges[s]),))
+            Group((self._natural_axis(s, 1 if self._is_unseen(s) else cells, ranges[s]),))
             for s in missing
         ]
 
-    def _unseen(self, state: int) -> bool:
+    def _is_unseen(self, state: int) -> bool:
         """Whether a state never changes and no topic shows it, so that cells would be useless."""
         plants = [c.plant for c in self.place.plants if c.plant is not None]
         told = nodes([e for p in plants for _, e in (*p.drives, *p.lets)])
         names = {n.variable.name for n in told if isinstance(n, typed.VarRead)}
         return state in self.inputs.still and self.inputs.states[state].member not in names
 
-    def _unbounded(self, names: list[str], span: Span, example: str) -> None:
+    def _refuse_unbounded(self, names: list[str], span: Span, example: str) -> None:
         price = "; `soter verify` says first how long so many cells take" * (len(names) > 2)
         self.diagnostics.error(
             "R008",
@@ -282,7 +284,7 @@ class Axes:
             helps=(f"write `verify {{ {example} }}` with your bounds{price}",),
         )
 
-    def _natural(self, state: int) -> Interval | None:
+    def _natural_range(self, state: int) -> Interval | None:
         """The range that the program gives a state; None: it gives none."""
         if state in self.inputs.still:
             start = self.inputs.initial[state]
@@ -305,37 +307,41 @@ class Axes:
             assert c.plant is not None
             for topic, value in c.plant.drives:
                 for i, (path, _) in enumerate(leaves(topic.type)):
-                    at = self._driven(c, value, path)
+                    at = self._driven_state(c, value, path)
                     if at is not None and at in self.names:
                         state_by_leaf[c.scope.topics[topic], i] = self.names[at]
         return state_by_leaf
 
-    def _driven(self, c: Component, e: typed.TypedExpr, path: Path) -> str | None:
+    def _driven_state(self, c: Component, e: typed.TypedExpr, path: Path) -> str | None:
         """The full name of the state leaf that an expression has at `path`; None: it is none."""
         assert c.plant is not None
         if isinstance(e, typed.VarRead):
             lets = dict(c.plant.lets)
             if e.variable in lets:
-                return self._driven(c, lets[e.variable], path)
+                return self._driven_state(c, lets[e.variable], path)
             return leaf_name(f"{c.name}.{e.variable.name}", path)
         if isinstance(e, typed.TypedField) and isinstance(e.target.type, RecordType):
             name = e.target.type.fields[e.index][0]
-            return self._driven(c, e.target, (name, *path))
+            return self._driven_state(c, e.target, (name, *path))
         if isinstance(e, typed.Index) and isinstance(e.index, typed.Literal):
-            return self._driven(c, e.target, (f"[{e.index.value}]", *path))
+            return self._driven_state(c, e.target, (f"[{e.index.value}]", *path))
         if isinstance(e, typed.Aggregate) and path:
             t = e.type
             if isinstance(t, ListType):
                 return None  # which of its elements are there is a matter of its length
             if not isinstance(t, RecordType):
-                return self._driven(c, e.elements[int(path[0][1:-1])], path[1:])
-            at = t.index(path[0])
+                return self._driven_state(c, e.elements[int(path[0][1:-1])], path[1:])
+            field = t.index(path[0])
             order = e.order or tuple(range(len(e.elements)))
-            return None if at is None else self._driven(c, e.elements[order.index(at)], path[1:])
+            return (
+                None
+                if field is None
+                else self._driven_state(c, e.elements[order.index(field)], path[1:])
+            )
         return None
 
 
-def wrapping(
+def states_that_wrap(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, groups: tuple[Group, ...]
 ) -> tuple[frozenset[int], dict[str, str]]:
     """The states whose axis wraps around; for others, by name, who reads their turns.
@@ -358,7 +364,7 @@ def wrapping(
         except EnclosureError:
             continue  # said where all of it is enclosed
         if read:
-            readers[axis.name] = in_words(read, quantities)
+            readers[axis.name] = reader_in_words(read, quantities)
         else:
             found.add(axis.state)
     return frozenset(found), readers
@@ -376,17 +382,17 @@ def _readers_of_turns(
     """The functions of a proof that depend on how many turns a state has made."""
     turning = replace(quantities, turning=frozenset({state}))
     unit = generate_enclosures(at.system, core, at.module, turning, apart=True)
-    return frozenset(name for name in unit.of_turns if name not in APART)
+    return frozenset(name for name in unit.of_turns if name not in COVERED_BY_OTHERS)
 
 
-def turned(groups: tuple[Group, ...], states: frozenset[int]) -> tuple[Group, ...]:
+def with_wrapping_axes(groups: tuple[Group, ...], states: frozenset[int]) -> tuple[Group, ...]:
     """The groups, in which the axes of these states now wrap around."""
     return tuple(
         replace(g, axes=tuple(replace(a, wraps=a.state in states) for a in g.axes)) for g in groups
     )
 
 
-def starts_on(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tuple[Interval, ...]:
+def starts_on_axes(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tuple[Interval, ...]:
     """The ranges of starts; those on an axis that wraps are brought back to it by whole turns.
 
     They then begin on the axis, and may go on beyond its upper end.
@@ -405,14 +411,14 @@ def starts_on(groups: tuple[Group, ...], starts: Sequence[Interval]) -> tuple[In
     return tuple(near)
 
 
-def turning_as(law: Problem, states: frozenset[int]) -> Problem:
+def with_same_wrapping(law: Problem, states: frozenset[int]) -> Problem:
     """The problem of a fail-safe law, with the same axes that wrap around as its module has."""
     kept = law.quantities.turning & states
     quantities = replace(law.quantities, turning=kept)
-    return replace(law, quantities=quantities, groups=turned(law.groups, kept))
+    return replace(law, quantities=quantities, groups=with_wrapping_axes(law.groups, kept))
 
 
-def far_turns(groups: tuple[Group, ...]) -> list[Assumption]:
+def far_turns_assumption(groups: tuple[Group, ...]) -> list[Assumption]:
     """The assumption about states whose axis wraps around: they stay within `FARTHEST`."""
     names = [a.name for g in groups for a in g.axes if a.wraps]
     if not names:

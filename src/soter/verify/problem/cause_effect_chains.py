@@ -42,14 +42,14 @@ class UnfollowedError(Exception):
         self.node = node
 
 
-def publishes_always(statements: Sequence[typed.TypedStmt], topic: typed.TopicSymbol) -> bool:
+def always_publishes(statements: Sequence[typed.TypedStmt], topic: typed.TopicSymbol) -> bool:
     """Whether every path through the statements publishes the topic; loops count as empty."""
     for s in statements:
         if isinstance(s, typed.TypedPublish) and s.topic is topic:
             return True
         if isinstance(s, typed.TypedIf) and s.otherwise:
             parts = [body for _, body in s.arms] + [s.otherwise]
-            if all(publishes_always(body, topic) for body in parts):
+            if all(always_publishes(body, topic) for body in parts):
                 return True
     return False
 
@@ -60,7 +60,7 @@ def must_publish(node: Component, index: int) -> None:
     if node.node.extern:
         return  # named, like everything that an extern does
     symbols = [t for t in node.node.publishes if node.scope.topics[t] == index]
-    if not all(publishes_always(node.node.step, t) for t in symbols):
+    if not all(always_publishes(node.node.step, t) for t in symbols):
         raise UnfollowedError(node, "some of its steps publish nothing")
 
 
@@ -98,13 +98,13 @@ def _paths_to_plant(
     for c in place.flat.components:
         if c.plant is not None and index in c.reads:
             yield seen
-        if c.node is None or c in seen or index not in _read_by(place, c):
+        if c.node is None or c in seen or index not in _topics_read(place, c):
             continue
         for topic in c.node.publishes:
             yield from _paths_to_plant(place, c.scope.topics[topic], (*seen, c))
 
 
-def _read_by(place: VerificationSystem, c: Component) -> set[int]:
+def _topics_read(place: VerificationSystem, c: Component) -> set[int]:
     """The topics that a node reads, also those that reach it through a queue."""
     assert c.node is not None
     topics = [place.flat.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
@@ -112,6 +112,7 @@ def _read_by(place: VerificationSystem, c: Component) -> set[int]:
 
 
 def _downstream_path(place: VerificationSystem, nodes: tuple[Component, ...]) -> DownstreamPath:
+    """The path through these nodes: each is counted, in step with SC, or part of the plants."""
     counted: list[Component] = []
     in_step: list[Component] = []
     before = -1
@@ -123,7 +124,7 @@ def _downstream_path(place: VerificationSystem, nodes: tuple[Component, ...]) ->
             if place.module.symbol.shield is not None and not counted and node.index > before:
                 in_step += [node] if _is_prompt(place, node) else []
             return DownstreamPath(tuple(counted), tuple(in_step), nodes[k:])
-        _passes_on(place, node, nodes[k + 1] if k + 1 < len(nodes) else None)
+        _check_passes_on(place, node, nodes[k + 1] if k + 1 < len(nodes) else None)
         if _steps_with_sc(place, node) and not counted and node.index > before:
             in_step.append(node)
             before = node.index
@@ -132,7 +133,7 @@ def _downstream_path(place: VerificationSystem, nodes: tuple[Component, ...]) ->
     return DownstreamPath(tuple(counted), tuple(in_step))
 
 
-def _passes_on(place: VerificationSystem, node: Component, after: Component | None) -> None:
+def _check_passes_on(place: VerificationSystem, node: Component, after: Component | None) -> None:
     """`UnfollowedError` where a node may publish something old, or nothing, to the one after it."""
     assert node.node is not None
     topics = place.flat.topics
@@ -140,14 +141,14 @@ def _passes_on(place: VerificationSystem, node: Component, after: Component | No
         raise UnfollowedError(node, "it reads a queue, whose commands may be of any age")
     for topic in node.node.publishes:
         published = node.scope.topics[topic]
-        if after is None or published in _read_by(place, after):
+        if after is None or published in _topics_read(place, after):
             must_publish(node, published)
 
 
 def _is_prompt(place: VerificationSystem, node: Component) -> bool:
     """Whether a node with sensors of its own takes a command over behind SC, at every step."""
     assert node.node is not None
-    always = all(publishes_always(node.node.step, t) for t in node.node.publishes)
+    always = all(always_publishes(node.node.step, t) for t in node.node.publishes)
     return always and is_state_of_proof(place, node) and _steps_with_sc(place, node)
 
 
@@ -290,7 +291,7 @@ def _publishes(c: Component, index: int) -> bool:
     return c.node is not None and index in c.writes
 
 
-def outputs_of(chains: CauseEffectChains, least: int, acts: int) -> tuple[ActuationPath, ...]:
+def actuation_paths(chains: CauseEffectChains, least: int, acts: int) -> tuple[ActuationPath, ...]:
     """The paths between SC and the plants as the schedule takes them, each kind once."""
     ways = [
         ActuationPath(least, acts, tuple(chains.releases[n] for n in w.counted))
@@ -308,12 +309,14 @@ def _chains_to(
     topic = place.system.topics[index]
     if not place.abstract:
         plant = place.driven[index]
-        at = Releases(plant.period_ns, plant.phase_ns)
-        path = SensorPath(at, (), topic.max_age_ns, topic=topic.name, publisher=plant.name)
+        releases_of_plant = Releases(plant.period_ns, plant.phase_ns)
+        path = SensorPath(
+            releases_of_plant, (), topic.max_age_ns, topic=topic.name, publisher=plant.name
+        )
         yield CauseEffectChain(path, topic, plant)
         return
     count, shown = 0, False
-    for way in _upstream(place, place.flying(topic.symbol), ()):
+    for way in _upstream_prefixes(place, place.flying(topic.symbol), ()):
         count += 1
         if count > ROUTES_MAX:
             raise UnfollowedError(way.nodes[-1], f"more than {ROUTES_MAX} ways lead to it")
@@ -333,9 +336,9 @@ def _chains_to(
     if not count:
         raise UnfollowedError(place.sc, f"nobody publishes `{topic.name}` in the flying system")
     if not shown:
-        who = place.shown_by(index)
-        what = f"`{topic.name}` is to show `{who}`, and no way leads to it from there"
-        raise UnfollowedError(place.sc, what)
+        plant_name = place.shown_by(index)
+        message = f"`{topic.name}` is to show `{plant_name}`, and no way leads to it from there"
+        raise UnfollowedError(place.sc, message)
 
 
 def _publisher(way: _ChainPrefix, topic: Topic) -> str:
@@ -354,7 +357,7 @@ class _ChainPrefix:
     """The component at its beginning, if that is no part of the proof."""
 
 
-def _upstream(
+def _upstream_prefixes(
     place: VerificationSystem, index: int, seen: tuple[Component, ...]
 ) -> Iterator[_ChainPrefix]:
     """Every path to a topic of the flying system that does not run in a circle."""
@@ -371,10 +374,10 @@ def _upstream(
         if c.node is None or c in seen or c.module in own:
             continue
         if _publishes(c, index):
-            yield from _prefixes(place, c, index, seen)
+            yield from _prefixes_through(place, c, index, seen)
 
 
-def _prefixes(
+def _prefixes_through(
     place: VerificationSystem, c: Component, index: int, seen: tuple[Component, ...]
 ) -> Iterator[_ChainPrefix]:
     """The paths to a topic that come through a component which publishes it."""
@@ -390,7 +393,7 @@ def _prefixes(
         read = c.scope.topics[s.topic]
         if place.flat.topics[read].queue_of is not None:
             raise UnfollowedError(c, "it reads a queue, whose values may be of any age")
-        for way in _upstream(place, read, (*seen, c)):
+        for way in _upstream_prefixes(place, read, (*seen, c)):
             ways += 1
             yield replace(way, nodes=(*way.nodes, c))
     if not ways:

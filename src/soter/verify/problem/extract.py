@@ -15,26 +15,34 @@ from soter.core.steps import lower
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.check.constants_and_types import Calculator
 from soter.language.elaborate.views_for_proofs import refuse_views
-from soter.language.model.system import LEVELS_DEFAULT, claims_nothing, tower_of
+from soter.language.model.system import LEVELS_DEFAULT, tower_of
 from soter.language.model.types import leaves
 from soter.language.syntax.schemes import SCHEMES
 from soter.verify.enclose.scheme_error import NS, ORDER
 from soter.verify.induction.problem import extract_induction
 from soter.verify.problem.assumptions import assumptions_of, jumps_of
-from soter.verify.problem.axes import Axes, far_turns, starts_on, turned, turning_as, wrapping
+from soter.verify.problem.axes import (
+    Axes,
+    far_turns_assumption,
+    starts_on_axes,
+    states_that_wrap,
+    with_same_wrapping,
+    with_wrapping_axes,
+)
 from soter.verify.problem.cause_effect_chains import is_state_of_proof, side_inputs
 from soter.verify.problem.inputs import Inputs, inputs_of
-from soter.verify.problem.left_out_states import left_out
-from soter.verify.problem.other_modules import handed_back, modes_as_topics, with_module_above
+from soter.verify.problem.left_out_states import states_to_leave_out
 from soter.verify.problem.problem import Assumption, Interval, Problem, Times
 from soter.verify.problem.problem_times import times_of
 from soter.verify.problem.supported_constructs import check_supported
+from soter.verify.problem.tower import check_tower, modules_below, with_hand_back, with_module_above
 from soter.verify.problem.verification_system import (
     VerificationSystem,
-    behind,
-    place,
+    modes_as_topics,
     under_law,
-    whole,
+    verification_system_of,
+    why_law_not_held,
+    with_all_predicates,
 )
 from soter.verify.tubes.problem import tube_problem_of
 
@@ -44,14 +52,14 @@ if TYPE_CHECKING:
     from soter.core.core import CoreSystem
     from soter.language.model.system import Module, System
     from soter.verify.problem.cause_effect_chains import DownstreamPath
-    from soter.verify.problem.other_modules import Above
     from soter.verify.problem.problem import Group, Modes, ProblemKind, Quantities
+    from soter.verify.problem.tower import ModuleAbove
 
 CASES_MAX = 4096
 
 
-OF_NODES = "it is on sets of states; that belongs to one of nodes, by induction: `induction;`"
-OF_VIEWS = "it says when the state of a view may jump, and there is no view"
+HELP_FOR_NODES = "it is on sets of states; that belongs to one of nodes, by induction: `induction;`"
+HELP_FOR_VIEWS = "it says when the state of a view may jump, and there is no view"
 
 
 def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
@@ -59,28 +67,30 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
 
     It holds that of the module's fail-safe law, where one is declared.
     """
-    problem = _extract(flat, module, synthesize=synthesize)
-    problem.below = _modules_below(flat, module)
+    problem = _problem_of(flat, module, synthesize=synthesize)
+    problem.below = modules_below(flat, module)
     if module.law and module.symbol.verify.induction is None:
         try:
             problem.law_unread = (
-                _why_no_claim(flat, module) or behind(flat, module) or _beyond_the_law(problem)
+                _why_tower_has_no_law(flat, module)
+                or why_law_not_held(flat, module)
+                or _why_law_uncovered(problem)
             )
             if not problem.law_unread:
-                law = _extract(*under_law(flat, module))
-                problem.law = turning_as(law, problem.quantities.turning)
+                law = _problem_of(*under_law(flat, module))
+                problem.law = with_same_wrapping(law, problem.quantities.turning)
         except SoterError as error:
             problem.law_unread = error.diagnostics[0].message
     return problem
 
 
-def _why_no_claim(flat: System, module: Module) -> str:
+def _why_tower_has_no_law(flat: System, module: Module) -> str:
     """Why nothing is claimed of the law of a module above or below another one."""
     others = [m.name for m in tower_of(flat, module.index) if m.index != module.index]
     return f"{others[0]} commands the same actuators: no lease is given there" if others else ""
 
 
-def _beyond_the_law(problem: Problem) -> str:
+def _why_law_uncovered(problem: Problem) -> str:
     """Why nothing is claimed of a fail-safe law here; "" where something may be.
 
     What other modules of the same trusted part keep is not kept once it has stopped. For a map it
@@ -94,27 +104,27 @@ def _beyond_the_law(problem: Problem) -> str:
     return ""
 
 
-def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
+def _problem_of(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
+    """The problem without what `extract` adds: the modules below, and the fail-safe law."""
     diagnostics = Diagnostics()
     _refuse_unsupported(flat, module, diagnostics)
-    home = flat
-    flat, module, modes = modes_as_topics(flat, module)
+    home, (flat, module, modes) = flat, modes_as_topics(flat, module)
     if module.symbol.verify.induction is not None:
         return extract_induction(flat, module, modes)
     _refuse_lemmas(module, diagnostics)
-    at = place(flat, module)
+    at = verification_system_of(flat, module)
     kind = check_supported(at, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
     at, above = with_module_above(home, at, kind, diagnostics)
     inputs = inputs_of(at, diagnostics)
     diagnostics.raise_errors()
-    core, rest = lower(at.system), at.module.symbol.rest
-    inputs, groups = _inputs_and_axes(at, core, inputs, kind, diagnostics)
-    quantities, axis_groups, turns_read = _wrap(at, core, groups, kind, synthesize=synthesize)
-    _refuse_unbounded(at, axis_groups, kind, diagnostics)
+    core, rest_clause = lower(at.system), at.module.symbol.rest
+    inputs, axes = _inputs_and_axes(at, core, inputs, kind, diagnostics)
+    quantities, groups, turns_read = _wrapping_axes(at, core, axes, kind, synthesize=synthesize)
+    _refuse_unbounded(at, groups, kind, diagnostics)
     times, chains = times_of(at, kind, diagnostics)
-    _shield(at, axis_groups, kind, times, chains.ways, diagnostics)
-    _cases(at, inputs, diagnostics)
+    _check_shield(at, groups, kind, times, chains.ways, diagnostics)
+    _check_case_count(at, inputs, diagnostics)
     commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
     diagnostics.raise_errors()
     calculator = Calculator(diagnostics, at.module.scope.params)
@@ -127,30 +137,30 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         quantities=quantities,
         kind=kind,
         plant_period_ns=at.plants[0].period_ns,
-        states=_extents(axis_groups, groups),
-        initial=starts_on(axis_groups, inputs.initial),
+        states=_state_ranges(groups, axes),
+        initial=starts_on_axes(groups, inputs.initial),
         controls=tuple(inputs.control_ranges),
         disturbances=tuple(inputs.disturbance_ranges),
         errors=tuple(inputs.error_ranges),
         others=tuple(inputs.other_ranges),
         parameters=tuple(inputs.parameters),
-        groups=axis_groups,
-        times=handed_back(times, above),
+        groups=groups,
+        times=with_hand_back(times, above),
         levels=LEVELS_DEFAULT if levels is None else int(calculator.value(levels, "") or 0),
         levels_open=_levels_open(at.module) and not synthesize,
         has_core_hint=symbol.verify.core is not None,
         computed=symbol.ttf is None,
         synthesize=synthesize,
-        topic_leaf_of_state={s: at_ for at_, s in groups.topic_leaves.items()} | groups.shown,
-        state_of_leaf=groups.topic_leaves,
+        topic_leaf_of_state={s: leaf for leaf, s in axes.topic_leaves.items()} | axes.shown,
+        state_of_leaf=axes.topic_leaves,
         assumptions=(
             *assumptions_of(at, inputs, times, chains, kind, jumps),
-            *_problem_assumptions(at, axis_groups, modes, above),
+            *_problem_assumptions(at, groups, modes, above),
         ),
         name=f"{module.name} as {module.view}" if module.view else module.name,
         beside=side_inputs(at),
         view=module.view,
-        whole=whole(at) if module.view else None,
+        whole=with_all_predicates(at) if module.view else None,
         jumps=jumps,
         modes=modes if modes.topics or modes.margins else None,
         influences=at.influences,
@@ -163,7 +173,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         above=above.name if above else "",
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
-    return problem if rest is None else tube_problem_of(problem, rest, calculator)
+    return problem if rest_clause is None else tube_problem_of(problem, rest_clause, calculator)
 
 
 def _levels_open(module: Module) -> bool:
@@ -181,16 +191,16 @@ def _inputs_and_axes(
     diagnostics: Diagnostics,
 ) -> tuple[Inputs, Axes]:
     """The inputs and axes, without the states that nothing bounds and no claim depends on."""
-    groups = Axes(at, inputs, diagnostics)
+    axes = Axes(at, inputs, diagnostics)
     sets = at.module.symbol.rest is None and kind == "flow"
-    if not (sets and (boundless := groups.boundless())):
-        return inputs, groups
-    out, readers = left_out(at, core, inputs.quantities(), boundless)
+    if not (sets and (boundless := axes.boundless_states())):
+        return inputs, axes
+    out, readers = states_to_leave_out(at, core, inputs.quantities(), boundless)
     inputs = inputs.without(out)
     return inputs, Axes(at, inputs, diagnostics, readers)
 
 
-def _wrap(
+def _wrapping_axes(
     at: VerificationSystem, core: CoreSystem, axes: Axes, kind: ProblemKind, *, synthesize: bool
 ) -> tuple[Quantities, tuple[Group, ...], dict[str, str]]:
     """Quantities and groups, some axes wrapping around; for others with turns, who reads these."""
@@ -198,22 +208,22 @@ def _wrap(
     groups = axes.groups() if at.module.symbol.rest is None else ()
     if kind != "flow" or synthesize:
         return quantities, groups, {}
-    states, readers = wrapping(at, core, quantities, groups)
-    return replace(quantities, turning=states), turned(groups, states), readers
+    states, readers = states_that_wrap(at, core, quantities, groups)
+    return replace(quantities, turning=states), with_wrapping_axes(groups, states), readers
 
 
 def _refuse_unsupported(flat: System, module: Module, diagnostics: Diagnostics) -> None:
     refuse_views(module)
-    _check_tower(flat, module, diagnostics)
+    check_tower(flat, module, diagnostics)
     diagnostics.raise_errors()
 
 
 def _problem_assumptions(
-    at: VerificationSystem, groups: tuple[Group, ...], modes: Modes, above: Above | None
+    at: VerificationSystem, groups: tuple[Group, ...], modes: Modes, above: ModuleAbove | None
 ) -> list[Assumption]:
     """The assumptions of this problem beside those that every problem has."""
     of_above = [] if above is None else above.assumptions
-    beside = [*_unbounded_assumptions(groups), *far_turns(groups)]
+    beside = [*_unbounded_assumptions(groups), *far_turns_assumption(groups)]
     return [*_forced_assumptions(at.flat, at.home), *beside, *modes.assumptions, *of_above]
 
 
@@ -231,7 +241,7 @@ def _unbounded_assumptions(groups: tuple[Group, ...]) -> list[Assumption]:
     return [Assumption("open", text)] * bool(ends)
 
 
-def _shield(
+def _check_shield(
     at: VerificationSystem,
     groups: tuple[Group, ...],
     kind: ProblemKind,
@@ -248,15 +258,16 @@ def _shield(
     symbol = at.module.symbol
     if symbol.shield is None:
         return
-    behind = times is not None and any(o.nodes for o in times.schedule.outputs)
-    more = times is not None and times.schedule.reads_more
+    nodes_behind = times is not None and any(o.nodes for o in times.schedule.outputs)
+    reads_more = times is not None and times.schedule.reads_more
     wrong = {
         "an SC that is to be found": symbol.synthesized,
-        "nodes between the module and its plants": behind or _may_delay_command(at, ways),
-        "an SC that reads what the DM does not": more,
+        "nodes between the module and its plants": nodes_behind or _may_delay_command(at, ways),
+        "an SC that reads what the DM does not": reads_more,
         "views": bool(at.module.view),
         "groups that are no grids": any(g.representation != "grid" for g in groups),
-        "an AC that runs between the steps of its plant": kind == "map" and _between(at),
+        "an AC that runs between the steps of its plant": kind == "map"
+        and _ac_runs_between_steps(at),
         "an axis without ends": any(a.unbounded for g in groups for a in g.axes),
     }
     for what in (what for what, there in wrong.items() if there):
@@ -278,7 +289,7 @@ def _may_delay_command(at: VerificationSystem, ways: Sequence[DownstreamPath]) -
     return late or not followed or not all(is_state_of_proof(at, n) for n in keeping)
 
 
-def _between(at: VerificationSystem) -> bool:
+def _ac_runs_between_steps(at: VerificationSystem) -> bool:
     """Whether AC publishes between the steps of a plant that moves in steps."""
     ac, step = at.system.components[at.module.ac], at.plants[0].period_ns
     return ac.period_ns % step != 0 or ac.phase_ns % step != 0
@@ -306,62 +317,6 @@ def _refuse_unbounded(
                 )
 
 
-def _modules_below(flat: System, module: Module) -> tuple[str, ...]:
-    """The module in the place of AC, the one in the place of its AC, and so on."""
-    names = [m.name for m in tower_of(flat, module.index)]
-    return tuple(names[names.index(module.name) + 1 :])
-
-
-def _check_tower(flat: System, module: Module, diagnostics: Diagnostics) -> None:
-    """R020 for a tower (modules above each other) that no proof covers."""
-    tower = tower_of(flat, module.index)
-    if len(tower) == 1:
-        return
-    at = tower.index(flat.modules[module.index])
-    other = tower[at - 1 if at else 1]
-    why = _why_tower_unproved(flat, module, tower[:at])
-    if not why:
-        return
-    diagnostics.error(
-        "R020",
-        f"module `{module.name}` stands {'below' if at else 'above'} module `{other.name}`, and is "
-        "not proved there",
-        module.symbol.span,
-        also=((other.symbol.span, f"`{other.symbol.name}`"),),
-        notes=(why,),
-        helps=("verify it in a system of its own, with nodes as its controllers", "or test it"),
-    )
-
-
-def _why_tower_unproved(flat: System, module: Module, above: Sequence[Module]) -> str:
-    """What keeps a module of a tower from being proved, in words; "": nothing."""
-    symbol, verify = module.symbol, module.symbol.verify
-    if verify.induction is not None:
-        return "an induction follows an AC that is one node, and an SC whose DM alone gives control"
-    if not above:
-        return ""
-    over = above[-1].name
-    if claims_nothing(flat, module):
-        return f"it has no `verify` block: nothing is claimed, and `{over}` is proved anyhow"
-    sc = flat.components[module.sc].node
-    assert sc is not None
-    there = {
-        "two modules are above it, and both give control back": len(above) > 1,
-        f"`{over}` is forced to a mode, and never gives control back": above[-1].forced is not None,
-        "it has views: where control is given back is asked of one set of plants": bool(
-            verify.views or module.view
-        ),
-        "it has a `shield`, which counts commands that its own controllers gave": symbol.shield
-        is not None,
-        f"`{sc.name}` has `on takeover`, which runs whenever `{over}` gives control back": (
-            sc.takeover is not None
-        ),
-        "its SC is still to be found": symbol.synthesized,
-        "`enters` is what the module above says here": verify.enters is not None,
-    }
-    return next((why for why, is_so in there.items() if is_so), "")
-
-
 def extract_sets(flat: System, module: Module) -> Problem:
     """`extract` for a module that is proved by sets; `SoterError` R031 for any other."""
     problem = extract(flat, module)
@@ -387,25 +342,25 @@ def require_sets(problem: Problem) -> None:
 
 def _refuse_lemmas(module: Module, diagnostics: Diagnostics) -> None:
     verify = module.symbol.verify
-    alone = (verify.enters,) if verify.enters is not None and not module.view else ()
-    for word, said in (
+    enters = (verify.enters,) if verify.enters is not None and not module.view else ()
+    for word, clauses in (
         ("lemma", verify.lemmas),
         ("progress", verify.progress),
-        ("enters", alone),
+        ("enters", enters),
     ):
-        if not said:
+        if not clauses:
             continue
         diagnostics.error(
             "R031",
             f"`{word}` says nothing to this proof",
-            said[0].span,
-            notes=(OF_VIEWS if word == "enters" else OF_NODES,),
+            clauses[0].span,
+            notes=(HELP_FOR_VIEWS if word == "enters" else HELP_FOR_NODES,),
             helps=(f"leave `{word}` out",),
         )
     diagnostics.raise_errors()
 
 
-def _extents(groups: tuple[Group, ...], axes: Axes) -> tuple[Interval, ...]:
+def _state_ranges(groups: tuple[Group, ...], axes: Axes) -> tuple[Interval, ...]:
     """The range of each state: its axis, else its topic's set, else without ends."""
     interval_by_state = {a.state: Interval(a.edges[0], a.edges[-1]) for g in groups for a in g.axes}
     every = range(len(axes.inputs.states))
@@ -438,7 +393,7 @@ def _schemes(
     return tuple(schemes)
 
 
-def _cases(at: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
+def _check_case_count(at: VerificationSystem, inputs: Inputs, diagnostics: Diagnostics) -> None:
     count = 1
     for parameter in inputs.parameters:
         count *= len(parameter.values)
@@ -469,8 +424,10 @@ def _commands(
     if not synthesize and not declared:
         return ()
     commands = []
-    for leaf, r in zip(inputs.controls, inputs.control_ranges, strict=True):
-        middle = 0.0 if r.low < 0.0 < r.high else 0.5 * r.low + 0.5 * r.high
-        ends = tuple(sorted({r.low, middle, r.high}))
+    for leaf, interval in zip(inputs.controls, inputs.control_ranges, strict=True):
+        middle = (
+            0.0 if interval.low < 0.0 < interval.high else 0.5 * interval.low + 0.5 * interval.high
+        )
+        ends = tuple(sorted({interval.low, middle, interval.high}))
         commands.append(declared.get((leaf.owner, leaf.path), ends))
     return tuple(commands)

@@ -2,7 +2,8 @@
 
 Purpose: `inputs_of` finds the states, controls, disturbances, errors, others and parameters of a
 verification system (docs/verification.md, section 1), and reports what the program leaves open.
-`errors_of` gives the largest error of each state's estimate, `seen` the topic that shows it to DM.
+`errors_of` gives the largest error of each state's estimate, `topics_seen_by_dm` the topic that
+shows it to the DM.
 Non-goals: grids (`axes.py`), enclosures (`verify/enclose/compiled_enclosures.py`), sets of
 estimates (`grid/estimate_sets.py`, `polytope/proofs.py`).
 """
@@ -17,9 +18,8 @@ from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaf_name, leaves
 from soter.verify.enclose.enclosed_operations import FAR_TURNS
 from soter.verify.problem.problem import DiscreteParameter, Interval, Leaf, Quantities
-from soter.verify.problem.problem_times import read_by_dm
 from soter.verify.problem.supported_constructs import ttf_of_states
-from soter.verify.problem.verification_system import sc_reads
+from soter.verify.problem.verification_system import read_by_dm, sc_reads
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -116,8 +116,8 @@ def _add_states(
         moves = variable in plant.der or variable in plant.next
         for (path, t), value, there in zip(
             leaves(variable.type),
-            scalars(variable.type, initial),
-            scalars(variable.type, start),
+            scalar_leaves(variable.type, initial),
+            scalar_leaves(variable.type, start),
             strict=False,
         ):
             name = leaf_name(f"{c.name}.{variable.name}", path)
@@ -172,13 +172,13 @@ def _add_parameter(
     inputs.parameters.append(DiscreteParameter(leaf.name, values))
 
 
-def scalars(t: Type, value: Value) -> Iterator[Value]:
+def scalar_leaves(t: Type, value: Value) -> Iterator[Value]:
     """The scalar leaves of a value, in the order of `leaves`."""
     if isinstance(value, tuple):
         fields = getattr(t, "fields", None)
         parts = [f for _, f in fields] if fields is not None else [t.element] * len(value)  # type: ignore[attr-defined]
         for part, inner in zip(parts, value, strict=True):
-            yield from scalars(part, inner)
+            yield from scalar_leaves(part, inner)
     else:
         yield value
 
@@ -305,7 +305,7 @@ def errors_of(problem: Problem) -> dict[int, float]:
     return error_by_state
 
 
-def seen(problem: Problem) -> dict[int, TopicSymbol]:
+def topics_seen_by_dm(problem: Problem) -> dict[int, TopicSymbol]:
     """The topic in which the DM sees each state, by its number; its age counts in A."""
     symbol = problem.module.symbol
     declared = {a.topic for g in symbol.verify.groups for a in g.axes if a.topic is not None}

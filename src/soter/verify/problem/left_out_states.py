@@ -1,8 +1,8 @@
 """States that a proof can leave out.
 
-Purpose: `left_out` finds, of the states that nothing bounds (such as how far along a road), those
-that no rate of another state, no SC, no predicate and no declared set reads. It says of the other
-states who reads them.
+Purpose: `states_to_leave_out` finds, of the states that nothing bounds (such as how far along a
+road), those that no rate of another state, no SC, no predicate and no declared set reads. It says
+of the other states who reads them.
 Non-goals: whether a proof without them holds (whoever still reads a left out state gets any
 number).
 """
@@ -39,7 +39,7 @@ SIMPLE = (
 MOVING = "derivative"
 
 
-def left_out(
+def states_to_leave_out(
     at: VerificationSystem, core: CoreSystem, quantities: Quantities, boundless: Collection[int]
 ) -> tuple[frozenset[int], dict[str, str]]:
     """The states of `boundless` that can be left out, and for the others who reads them.
@@ -56,16 +56,16 @@ def left_out(
     while wanted := [s for s in found if any(rates.get(r) not in found for r in readers[s])]:
         for s in wanted:
             those = (r for r in readers[s] if rates.get(r) not in found)
-            read[states[s].name] = in_words([*those], quantities)
+            read[states[s].name] = reader_in_words([*those], quantities)
         found -= {*wanted}
     leaves = [states[s] for s in found]
-    ends = [leaf.name for leaf in leaves if not _goes_on(at, leaf, leaves)]
+    ends = [leaf.name for leaf in leaves if not _lasts_for_ever(at, leaf, leaves)]
     if ends:
         return frozenset(), read | dict.fromkeys(ends, "its own rate, by which it may end")
     return frozenset(found), read
 
 
-def in_words(readers: Collection[str], quantities: Quantities) -> str:
+def reader_in_words(readers: Collection[str], quantities: Quantities) -> str:
     """Words for one of the functions of a proof that read a state."""
     reader = min(readers, key=lambda r: (r.startswith("constraint"), r))
     name, _, number = reader.rpartition("_")
@@ -91,7 +91,7 @@ def _readers(
     return frozenset(names.get(name, name) for name in unit.boundless - together)
 
 
-def _goes_on(at: VerificationSystem, leaf: Leaf, others: Collection[Leaf]) -> bool:
+def _lasts_for_ever(at: VerificationSystem, leaf: Leaf, others: Collection[Leaf]) -> bool:
     """Whether the solution of a state without bounds lasts for ever, whatever else moves it."""
     plant = at.system.components[leaf.owner].plant
     assert plant is not None
@@ -106,18 +106,18 @@ def _is_total(e: typed.TypedExpr, lets: Mapping[typed.Variable, typed.TypedExpr]
     """Whether an expression surely has a finite value whatever it reads."""
     if isinstance(e, typed.VarRead):
         return e.variable not in lets or _is_total(lets[e.variable], lets)
-    if isinstance(e, typed.TopicRead) or not _reads(e):
+    if isinstance(e, typed.TopicRead) or not _reads_anything(e):
         return True
     parts = _parts(e)
     divides = isinstance(e, (typed.TypedBinary, typed.Vector)) and e.op in ("/", "%")
-    if isinstance(e.type, IntType) or (divides and _reads(parts[1])):
+    if isinstance(e.type, IntType) or (divides and _reads_anything(parts[1])):
         return False
-    return _is_total_of_its_parts(e) and all(_is_total(part, lets) for part in parts)
+    return _is_total_if_parts_are(e) and all(_is_total(part, lets) for part in parts)
 
 
-def _is_total_of_its_parts(e: typed.TypedExpr) -> bool:
+def _is_total_if_parts_are(e: typed.TypedExpr) -> bool:
     if isinstance(e, typed.Index):
-        return not _reads(e.index)
+        return not _reads_anything(e.index)
     if isinstance(e, typed.TypedCall):
         return e.fun.prelude and e.fun.name in TOTAL
     if isinstance(e, typed.Builtin):
@@ -125,7 +125,7 @@ def _is_total_of_its_parts(e: typed.TypedExpr) -> bool:
     return isinstance(e, SIMPLE)
 
 
-def _reads(e: typed.TypedExpr) -> bool:
+def _reads_anything(e: typed.TypedExpr) -> bool:
     return any(isinstance(n, (typed.VarRead, typed.TopicRead)) for n in nodes([e]))
 
 
@@ -135,7 +135,7 @@ def _degree(
     """The highest power of these variables with which an expression may grow; inf: unknown."""
     if isinstance(e, typed.VarRead):
         return _degree(lets[e.variable], of, lets) if e.variable in lets else e.variable in of
-    if not _reads(e):
+    if not _reads_anything(e):
         return 0
     of_parts = [_degree(part, of, lets) for part in _parts(e)]
     if not any(of_parts):

@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from soter.language.model.types import Value
     from soter.verify.problem.schedule import Schedule
 
-    Read = tuple[str, typed.ModuleSymbol | str]
-    Names = tuple[tuple[Read, typed.TopicSymbol], ...]
-
 
 @dataclass(frozen=True)
 class Leaf:
@@ -393,7 +390,7 @@ EVERY_SOLUTION = Assumption(
 FRESH = Assumption("fresh", "P2b: what the DM reads is fresh, and no gate fault keeps AC out")
 
 
-def of_latch(module: ModuleSymbol) -> list[Assumption]:
+def latch_assumptions(module: ModuleSymbol) -> list[Assumption]:
     """The assumption that the operator acknowledges, if the DM gives control back only then."""
     return [
         Assumption(
@@ -476,8 +473,8 @@ class Modes:
         assumptions += [Assumption(f"margin {t.name}", text) for t, text in self.margins.items()]
         if self.waits:
             text = (
-                f"for P2b alone: {said(self.waits)} in AC; otherwise `safer` may not hold and SC "
-                "keeps control"
+                f"for P2b alone: {subjects_in_words(self.waits)} in AC; otherwise `safer` may not "
+                "hold and SC keeps control"
             )
             assumptions.append(Assumption("waits", text))
         if self.never:
@@ -489,7 +486,7 @@ class Modes:
 NO_MODES = Modes()
 
 
-def said(names: tuple[str, ...]) -> str:
+def subjects_in_words(names: tuple[str, ...]) -> str:
     """The words `A is`, or `A and B are`."""
     *most, last = names
     return f"{', '.join(most)} and {last} are" if most else f"{last} is"

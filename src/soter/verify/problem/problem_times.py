@@ -21,19 +21,18 @@ from typing import TYPE_CHECKING
 
 from soter.language.check.constants_and_types import Calculator
 from soter.language.model.system import holder_of
-from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import show_ns, write_ns
 from soter.timing.trusted_thread import MISSES, report_miss, timing_of
 from soter.verify.problem.cause_effect_chains import (
     CauseEffectChains,
     UnfollowedError,
+    actuation_paths,
     chains_of,
-    outputs_of,
 )
 from soter.verify.problem.problem import Times
 from soter.verify.problem.schedule import Releases, Schedule
-from soter.verify.problem.time_checks import check_times, of_map
-from soter.verify.problem.verification_system import sc_reads
+from soter.verify.problem.time_checks import check_times, map_times
+from soter.verify.problem.verification_system import read_by_dm, read_by_sc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -42,7 +41,6 @@ if TYPE_CHECKING:
     from soter.language.model import typed
     from soter.language.model.system import Component, Module, System
     from soter.timing.trusted_thread import ScheduledStep, Timing
-    from soter.verify.problem.cause_effect_chains import CauseEffectChain
     from soter.verify.problem.problem import ProblemKind
     from soter.verify.problem.verification_system import VerificationSystem
 
@@ -85,7 +83,7 @@ class DeployedTimes:
     SC has the verdict then, as the thread works in order."""
 
 
-def deployed(flat: System, module: Module, assumed: AssumedTimes) -> DeployedTimes | None:
+def deployed_times(flat: System, module: Module, assumed: AssumedTimes) -> DeployedTimes | None:
     """The times that a proof has to count with by the declared execution times of a system.
 
     None where the thread declares none. J of SC leaves out its waiting for the DM, whose verdict
@@ -98,9 +96,9 @@ def deployed(flat: System, module: Module, assumed: AssumedTimes) -> DeployedTim
     timing = timing_of(flat, lambda c, step: steps.append(step) if c.index == sc.index else None)
     if timing is None:
         return None
-    spoken = _needed_times(timing, dm)
+    spoken = _times_in_thread(timing, dm)
     ready = max(sum(assumed.dm), sum(spoken))
-    late, response = _needed_times(timing, sc)
+    late, response = _times_in_thread(timing, sc)
     late_at = {"dm": _latest_release(timing, dm), "sc": _latest_release(timing, sc)}
     late_at |= {n: _latest_release(timing, flat.component(n)) for n in assumed.nodes}
     if timing.exact and steps:
@@ -109,7 +107,7 @@ def deployed(flat: System, module: Module, assumed: AssumedTimes) -> DeployedTim
     response = max(
         [response, *(_delay_behind(flat, sc, flat.component(n)) for n in assumed.in_step)]
     )
-    nodes = {n: _needed_times(timing, flat.component(n)) for n in assumed.nodes}
+    nodes = {n: _times_in_thread(timing, flat.component(n)) for n in assumed.nodes}
     handed_over = max((_wait_for_dm(s, dm, sc) for s in steps), default=0) if timing.exact else None
     return DeployedTimes(timing, spoken, (late, response), nodes, late_at, handed_over)
 
@@ -121,7 +119,7 @@ def _wait_for_dm(step: ScheduledStep, dm: Component, sc: Component) -> int:
     return step.start - first if first <= step.release else 0
 
 
-def _needed_times(timing: Timing, c: Component) -> Pair:
+def _times_in_thread(timing: Timing, c: Component) -> Pair:
     row = timing.row(c)
     assert row is not None
     return (0 if row.worst is None else row.worst.start), row.task.wcet
@@ -154,10 +152,10 @@ def _delay_behind(flat: System, sc: Component, node: Component) -> int:
         and c.in_thread
         and (c.phase_ns - sc.phase_ns) % gcd(c.period_ns, sc.period_ns) == 0
     ]
-    longest = rest = 0
+    longest = remaining = 0
     for c in reversed(between):
-        rest += c.wcet_ns or 0
-        longest = max(longest, rest + (0 if c is sc else c.jitter_ns))
+        remaining += c.wcet_ns or 0
+        longest = max(longest, remaining + (0 if c is sc else c.jitter_ns))
     return longest
 
 
@@ -169,7 +167,7 @@ def check_deployed(
     R034 where the calendar cannot be kept, R033 where it does not keep the times of the proof.
     """
     _check_other_processes(flat, module, assumed, diagnostics)
-    deployment = deployed(flat, module, assumed)
+    deployment = deployed_times(flat, module, assumed)
     if deployment is None:
         return []
     timing = deployment.timing
@@ -177,25 +175,25 @@ def check_deployed(
         report_miss(timing, diagnostics)
         return []
     if not timing.exact and any(r.worst is None for r in timing.rows):
-        return _too_long(flat, module, diagnostics)
+        return _refuse_unknown_calendar(flat, module, diagnostics)
     pairs = {"dm": (assumed.dm, deployment.dm), "sc": (assumed.sc, deployment.sc)}
     pairs |= {n: (pair, deployment.nodes[n]) for n, pair in assumed.nodes.items()}
-    at = deployment.late_at if timing.exact else {}
-    if wrong := list(_exceeded_times(pairs, at)):
+    release_by_name = deployment.late_at if timing.exact else {}
+    if exceeded := list(_exceeded_times(pairs, release_by_name)):
         diagnostics.error(
             "R033",
             f"the thread of system `{flat.name}` does not keep the times of the proof of "
             f"`{module.name}`",
             _declared_at(module),
-            notes=(*wrong, *([] if timing.exact else ["these are bounds: docs/timing.md"])),
+            notes=(*exceeded, *([] if timing.exact else ["these are bounds: docs/timing.md"])),
             helps=(f"write `{' '.join(_time_lines(flat, module, pairs))}`",),
         )
     missing = ", ".join(c.name for c in timing.missing)
     if missing:
         return [f"no `wcet` is said of {missing}: that the thread keeps these times is assumed"]
-    one = "`wcet` and `jitter` hold, and one thread works in the deployed order"
+    assumption = "`wcet` and `jitter` hold, and one thread works in the deployed order"
     others = "extern nodes run elsewhere, unless they are `inline`"
-    return [f"{one}; {others} (docs/timing.md)"]
+    return [f"{assumption}; {others} (docs/timing.md)"]
 
 
 def _declared_at(module: Module) -> Span:
@@ -204,7 +202,7 @@ def _declared_at(module: Module) -> Span:
     return symbol.verify.span or symbol.span
 
 
-def _too_long(flat: System, module: Module, diagnostics: Diagnostics) -> list[str]:
+def _refuse_unknown_calendar(flat: System, module: Module, diagnostics: Diagnostics) -> list[str]:
     diagnostics.error(
         "R033",
         f"whether the thread of system `{flat.name}` keeps the times of the proof of "
@@ -291,12 +289,12 @@ def times_of(
     try:
         chains = chains_of(place, list(dm), list(sc), ns)
     except UnfollowedError as error:
-        _unfollowed(place, error, diagnostics)
+        _refuse_unfollowed(place, error, diagnostics)
         chains = CauseEffectChains()
-    outputs = outputs_of(chains, ns(verify.acts_least), delays["acts"])
-    at = place.system.components[module.dm]
+    outputs = actuation_paths(chains, ns(verify.acts_least), delays["acts"])
+    dm_component = place.system.components[module.dm]
     schedule = Schedule(
-        Releases(module.period_ns, at.phase_ns, delays["late_dm"], delays["response_dm"]),
+        Releases(module.period_ns, dm_component.phase_ns, delays["late_dm"], delays["response_dm"]),
         Releases(place.sc.period_ns, place.sc.phase_ns, delays["late_sc"], delays["response_sc"]),
         tuple(r.path for r in chains.by_dm),
         tuple(r.path for r in chains.by_sc),
@@ -308,59 +306,41 @@ def times_of(
         assumed = assumed_of(schedule, chains)
         rests = check_deployed(place.flat, place.home, assumed, diagnostics)
     declared = [name for name in DELAYS if getattr(verify, name) is not None]
-    declared += [] if undeclared(place, chains) else ["nodes"]
+    declared += [] if nodes_without_times(place, chains) else ["nodes"]
     horizon = None if verify.horizon is None else ns(verify.horizon)
     times = Times(schedule, horizon, frozenset(declared), tuple(rests))
     if not diagnostics.has_errors:
         check_times(place, kind, times, chains, diagnostics)
         for who, topics in () if place.abstract else (("the DM", dm), ("SC", sc)):
             _check_one_instant(place, who, topics, diagnostics)
-    return (of_map(times) if kind == "map" else times), chains
+    return (map_times(times) if kind == "map" else times), chains
 
 
 def assumed_of(schedule: Schedule, chains: CauseEffectChains) -> AssumedTimes:
     """The times that the proof counts with, for DM, SC and all nodes on the paths."""
-    at = {n: r for q in (*chains.by_dm, *chains.by_sc) for n, r in _releases_on_chain(q)}
-    at.update((n, chains.releases[n]) for n in chains.behind)
+    on_chains = [
+        pair
+        for chain in (*chains.by_dm, *chains.by_sc)
+        for pair in zip(chain.stations, chain.path.nodes, strict=True)
+    ]
+    releases = dict(on_chains)
+    releases.update((n, chains.releases[n]) for n in chains.behind)
     in_step = dict.fromkeys(n for w in chains.ways for n in w.in_step)
     elsewhere = {n.name: (0, 0) for n in in_step if not n.in_thread}
-    elsewhere |= {n.name: (r.late, r.response) for n, r in at.items() if not n.in_thread}
+    elsewhere |= {n.name: (r.late, r.response) for n, r in releases.items() if not n.in_thread}
     return AssumedTimes(
         dm=(schedule.dm.late, schedule.dm.response),
         sc=(schedule.sc.late, schedule.sc.response),
-        nodes={n.name: (r.late, r.response) for n, r in at.items() if n.in_thread},
+        nodes={n.name: (r.late, r.response) for n, r in releases.items() if n.in_thread},
         in_step=tuple(n.name for n in in_step if n.in_thread),
         elsewhere=elsewhere,
     )
 
 
-def _releases_on_chain(chain: CauseEffectChain) -> Iterator[tuple[Component, Releases]]:
-    return zip(chain.stations, chain.path.nodes, strict=True)
-
-
-def undeclared(place: VerificationSystem, chains: CauseEffectChains) -> list[str]:
+def nodes_without_times(place: VerificationSystem, chains: CauseEffectChains) -> list[str]:
     """The names of nodes on the paths for which not both times are declared."""
     nodes = dict.fromkeys([*chains.nodes, *chains.behind])
     return [n.name for n in nodes if None in (place.declared(n, w) for w in ("late", "response"))]
-
-
-def read_by_dm(place: VerificationSystem) -> dict[int, None]:
-    """The driven topics that a verdict of the DM depends on: of its predicates, or of the axes."""
-    symbol, module = place.module.symbol, place.module
-    predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
-    topics = list(topic_reads(*predicates))
-    if not predicates:
-        topics = [a.topic for g in symbol.verify.groups for a in g.axes if a.topic is not None]
-    scope = {**place.sc.scope.topics, **module.scope.topics}
-    topics = topics or list(scope)  # computed predicates without a `grid` line read what they can
-    return {scope[t]: None for t in topics if t in scope and scope[t] in place.driven}
-
-
-def read_by_sc(place: VerificationSystem) -> dict[int, None]:
-    """Driven topics that SC reads."""
-    assert place.sc.node is not None
-    topics = [place.sc.scope.topics[t] for t in sc_reads(place.sc.node)]
-    return {t: None for t in topics if t in place.driven}
 
 
 def _check_max_age(place: VerificationSystem, index: int, diagnostics: Diagnostics) -> None:
@@ -375,7 +355,7 @@ def _check_max_age(place: VerificationSystem, index: int, diagnostics: Diagnosti
         )
 
 
-def _unfollowed(
+def _refuse_unfollowed(
     place: VerificationSystem, error: UnfollowedError, diagnostics: Diagnostics
 ) -> None:
     diagnostics.error(
@@ -401,20 +381,20 @@ def _check_one_instant(
         if (plants[0].period_ns, plants[0].phase_ns) == (plants[1].period_ns, plants[1].phase_ns):
             continue
         names = [place.system.topics[i].name for i in (first, index)]
-        every = [show_ns(c.period_ns) for c in plants]
+        periods = [show_ns(c.period_ns) for c in plants]
         diagnostics.error(
             "R016",
             f"{who} reads `{names[0]}` and `{names[1]}`, which show the plants at different times",
             plants[1].span,
-            f"publishes `{names[1]}` every {every[1]}",
-            also=((plants[0].span, f"publishes `{names[0]}` every {every[0]}"),),
+            f"publishes `{names[1]}` every {periods[1]}",
+            also=((plants[0].span, f"publishes `{names[0]}` every {periods[0]}"),),
             notes=("an estimate is the state at one instant, plus an error",),
             helps=("give these plants one period",),
         )
         return
 
 
-def terms(times: Times) -> dict[str, int]:
+def summands_of_h_star(times: Times) -> dict[str, int]:
     """The summands of H*, in ns."""
     schedule = times.schedule
     summands = {
@@ -428,10 +408,10 @@ def terms(times: Times) -> dict[str, int]:
     return {**summands, "nodes behind SC": on_the_way} if on_the_way else summands
 
 
-def in_words(times: Times) -> str:
+def horizon_in_words(times: Times) -> str:
     """H and H* in words, with the largest term."""
     h, star = times.horizon_ns, times.h_star
-    name, largest = max(terms(times).items(), key=lambda item: item[1])
+    name, largest = max(summands_of_h_star(times).items(), key=lambda item: item[1])
     if times.schedule.handed_back == star:
         name, largest = "a hand-back of the module above", star
     if times.horizon is None:
@@ -443,8 +423,10 @@ def in_words(times: Times) -> str:
     return f"H = {show_ns(h)}, H* = {show_ns(star)} ({slack}; largest: {name}, {show_ns(largest)})"
 
 
-def looking_ahead(times: Times, predicate: str) -> str:
+def look_ahead_advice(times: Times, predicate: str) -> str:
     """What a `ttf` or `safer` that is too bold has to see coming, as advice."""
-    parts = ", ".join(f"{name} {show_ns(ns)}" for name, ns in terms(times).items() if ns)
+    parts = ", ".join(
+        f"{name} {show_ns(ns)}" for name, ns in summands_of_h_star(times).items() if ns
+    )
     ahead = f"a `{predicate}` that looks ahead there by H = {show_ns(times.horizon_ns)} ({parts})"
     return f"{ahead}, by the errors, and by what SC needs after that"

@@ -50,9 +50,9 @@ class SensorPath:
     sensor: Releases
     nodes: tuple[Releases, ...] = ()
     max_age: int | None = None
-    """The topic's bound on the time since its last publication (its *stamp age*)."""
+    """The topic's bound in ns on the time since its last publication (its *stamp age*)."""
     dropout: int = 0
-    """How much longer than its period the sensor may be silent."""
+    """How many ns longer than its period the sensor may be silent."""
     topic: str = ""
     publisher: str = ""
 
@@ -146,7 +146,7 @@ def _hop(node: Releases, reader: Releases, late: int) -> int:
 
 @dataclass(frozen=True)
 class ActuationPath:
-    """A path from SC to the plant: `nodes`, then between `least` and `most` until it acts."""
+    """A path from SC to the plant: `nodes`, then between `least` and `most` ns until it acts."""
 
     least: int = 0
     most: int = 0
@@ -211,7 +211,7 @@ class Schedule:
     read_by_sc: tuple[SensorPath, ...]
     outputs: tuple[ActuationPath, ...] = (ActuationPath(),)
     dropout: int = 0
-    """How much longer than its period a sensor that SC reads may be silent."""
+    """How many ns longer than its period a sensor that SC reads may be silent."""
     back: int | None = None
     """Below another module: from the state behind a verdict by which that one gives control back
     until the verdict is in force, at most; None: there is none above."""
@@ -226,7 +226,7 @@ class Schedule:
         and P may have gone by before. Without a `max_age`, what the periods make of it.
         """
         ages = []
-        for path in self._paths(self.read_by_dm):
+        for path in self._with_dropout(self.read_by_dm):
             if path.max_age is None:
                 ages.append(path.state_age(self.dm, self.dm.late))
             else:
@@ -237,7 +237,7 @@ class Schedule:
     def age_sc(self) -> int:
         """A_sc: the greatest age of the state that SC sees; `max_age` must hold by itself."""
         ages = []
-        for path in self._paths(self.read_by_sc):
+        for path in self._with_dropout(self.read_by_sc):
             by_periods = path.state_age(self.sc, self.start_of_sc)
             stamped = 0
             if path.max_age is not None:
@@ -246,7 +246,7 @@ class Schedule:
             ages.append(max(by_periods, stamped) if path.max_age is not None else by_periods)
         return max(ages, default=0)
 
-    def _paths(self, paths: tuple[SensorPath, ...]) -> tuple[SensorPath, ...]:
+    def _with_dropout(self, paths: tuple[SensorPath, ...]) -> tuple[SensorPath, ...]:
         return tuple(replace(p, dropout=p.dropout or self.dropout) for p in paths)
 
     def stamp_age_sc(self, path: SensorPath) -> int:
@@ -308,8 +308,8 @@ class Schedule:
         if not any(o.nodes for o in self.outputs):
             acts = max(ready, waited) + max(o.most for o in self.outputs)
         else:
-            own = self.sc.late + self.sc.response
-            in_time = self.farthest + max(o.acts(self.sc, own) for o in self.outputs)
+            from_start = self.sc.late + self.sc.response
+            in_time = self.farthest + max(o.acts(self.sc, from_start) for o in self.outputs)
             acts = max(in_time, *(o.acts_after(waited) for o in self.outputs))
         return self.age_dm + self.dm.period + acts
 
@@ -378,7 +378,7 @@ class Schedule:
         DM that is due at or before it has spoken.
         """
         first = self.sc.phase
-        for path in self._paths(self.read_by_sc):
+        for path in self._with_dropout(self.read_by_sc):
             behind = bool(path.nodes)
             first = max(first, self.sc.first_from(path.available, after=behind))
         starts = self.sc.late
@@ -392,7 +392,7 @@ class Schedule:
     def defaults_read(self) -> int:
         """How many steps of SC may read a default."""
         steps = 0
-        for path in self._paths(self.read_by_sc):
+        for path in self._with_dropout(self.read_by_sc):
             first = self.sc.first_from(path.available, after=bool(path.nodes))
             steps = max(steps, (first - self.sc.phase) // self.sc.period)
         return steps

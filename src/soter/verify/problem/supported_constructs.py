@@ -115,10 +115,12 @@ def ttf_of_states(ttf: TypedExpr | None) -> TypedExpr | None:
     if ttf is None or not _reads_age(ttf):
         return ttf
     left = [part for part in disjuncts(ttf) if not _reads_age(part)]
-    return reduce(_disjunction, left) if left else ttf
+    if not left:
+        return ttf
+    return reduce(lambda a, b: typed.TypedBinary(BOOL, a.span, "||", a, b), left)
 
 
-def said_of_ages(ttf: TypedExpr | None) -> tuple[str, ...]:
+def note_on_ages(ttf: TypedExpr | None) -> tuple[str, ...]:
     """A note about the disjuncts that `ttf_of_states` leaves out, if it leaves out some."""
     left = ttf_of_states(ttf)
     if ttf is None or left is None or left is ttf:
@@ -129,10 +131,6 @@ def said_of_ages(ttf: TypedExpr | None) -> tuple[str, ...]:
 
 def _reads_age(e: TypedExpr) -> bool:
     return any(isinstance(n, typed.AgeRead) for n in nodes([e]))
-
-
-def _disjunction(a: TypedExpr, b: TypedExpr) -> TypedExpr:
-    return typed.TypedBinary(BOOL, a.span, "||", a, b)
 
 
 UNKNOWN_FACTS = {
@@ -156,7 +154,7 @@ def check_supported(
     _check_controller(place, diagnostics, synthesize=synthesize)
     kinds: dict[str, Component] = {}
     for c in place.plants:
-        _plant(c, place, diagnostics, kinds)
+        _check_plant(c, place, diagnostics, kinds)
     _refuse_choices(place, diagnostics)
     if not place.plants:
         diagnostics.error(
@@ -263,7 +261,7 @@ def _refuse_choices(place: VerificationSystem, diagnostics: Diagnostics) -> None
             )
 
 
-def _plant(
+def _check_plant(
     c: Component, place: VerificationSystem, diagnostics: Diagnostics, kinds: dict[str, Component]
 ) -> None:
     plant = c.plant

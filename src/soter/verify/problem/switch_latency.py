@@ -13,12 +13,18 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.model.types import show_ns
-from soter.verify.problem.cause_effect_chains import CauseEffectChains, outputs_of
+from soter.verify.problem.cause_effect_chains import CauseEffectChains, actuation_paths
 from soter.verify.problem.problem import Times
-from soter.verify.problem.problem_times import AssumedTimes, assumed_of, deployed, terms, times_of
+from soter.verify.problem.problem_times import (
+    AssumedTimes,
+    assumed_of,
+    deployed_times,
+    summands_of_h_star,
+    times_of,
+)
 from soter.verify.problem.supported_constructs import check_supported
-from soter.verify.problem.time_checks import of_map
-from soter.verify.problem.verification_system import place
+from soter.verify.problem.time_checks import map_times
+from soter.verify.problem.verification_system import verification_system_of
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
@@ -29,7 +35,7 @@ if TYPE_CHECKING:
 
 
 HOLDS, FAILS, UNKNOWN = "holds", "fails", "undecided"
-OF_THIS = ("R034", "R033")
+CODES_OF_DEPLOYED_TIMES = ("R034", "R033")
 """The codes of diagnostics about the deployed times themselves."""
 
 
@@ -74,74 +80,82 @@ def switch_of(flat: System, module: Module) -> SwitchLatency:
     if verify.span is None:
         return SwitchLatency(module.name, UNKNOWN, why="there is no `verify` block")
     if verify.induction is not None:
-        return _of_nodes(flat, module)
+        return _latency_of_induction(flat, module)
     if module.forced is not None:
         return SwitchLatency(module.name, UNKNOWN, why=f"it is forced to {module.forced}")
     try:
-        seen = [_seen(flat, m) for flat, m in systems_by_view(flat, module)]
+        in_views = [_latency_in_view(flat, m) for flat, m in systems_by_view(flat, module)]
     except SoterError as error:
-        return _unknown(module, error.diagnostics)
-    known = [s for s in seen if s.slack is not None]
-    switch = next((s for s in seen if s.slack is None), None)
-    switch = switch or min(known, key=lambda s: s.slack or 0)
-    diagnostics = dict.fromkeys(d for s in seen for d in s.diagnostics)
+        return _latency_unknown(module, error.diagnostics)
+    latencies = [s for s in in_views if s.slack is not None]
+    switch = next((s for s in in_views if s.slack is None), None)
+    switch = switch or min(latencies, key=lambda s: s.slack or 0)
+    diagnostics = dict.fromkeys(d for s in in_views for d in s.diagnostics)
     return replace(switch, module=module.name, diagnostics=tuple(diagnostics))
 
 
-def _unknown(module: Module, said: tuple[Diagnostic, ...]) -> SwitchLatency:
-    of_this = tuple(d for d in said if d.code in OF_THIS)
+def _latency_unknown(module: Module, said: tuple[Diagnostic, ...]) -> SwitchLatency:
+    of_this = tuple(d for d in said if d.code in CODES_OF_DEPLOYED_TIMES)
     why = f"[{said[0].code}] {said[0].message}" if said else "`soter verify` says why"
     return SwitchLatency(module.name, UNKNOWN, why=why, diagnostics=of_this)
 
 
-def _of_nodes(flat: System, module: Module) -> SwitchLatency:
+def _latency_of_induction(flat: System, module: Module) -> SwitchLatency:
     from soter.verify.induction.problem import extract_induction  # noqa: PLC0415 - only then
-    from soter.verify.problem.other_modules import modes_as_topics  # noqa: PLC0415 - only then
+    from soter.verify.problem.verification_system import (  # noqa: PLC0415 - only then
+        modes_as_topics,
+    )
 
     try:
         extract_induction(*modes_as_topics(flat, module))
     except SoterError as error:
-        return _unknown(module, error.diagnostics)
+        return _latency_unknown(module, error.diagnostics)
     why = "every order of steps that the times allow is part of its proof"
     return SwitchLatency(module.name, HOLDS, why=why)
 
 
-def _seen(flat: System, module: Module) -> SwitchLatency:
+def _latency_in_view(flat: System, module: Module) -> SwitchLatency:
     """The latency of a module in one of its views."""
-    at = place(flat, module)
+    at = verification_system_of(flat, module)
     diagnostics = Diagnostics()
     kind = check_supported(at, diagnostics, synthesize=module.symbol.synthesized)
     if diagnostics.has_errors:
-        return _unknown(module, diagnostics.items)
+        return _latency_unknown(module, diagnostics.items)
     times, chains = times_of(at, kind, diagnostics)
-    said = tuple(d for d in diagnostics.items if d.code in OF_THIS)
-    if any(d.code not in OF_THIS for d in diagnostics.items):
-        return _unknown(module, diagnostics.items)
-    given = assumed_of(times.schedule, chains)
-    nothing = AssumedTimes((0, 0), (0, 0), dict.fromkeys(given.nodes, (0, 0)), given.in_step)
-    deployment = deployed(at.flat, at.home, nothing)
+    said = tuple(d for d in diagnostics.items if d.code in CODES_OF_DEPLOYED_TIMES)
+    if any(d.code not in CODES_OF_DEPLOYED_TIMES for d in diagnostics.items):
+        return _latency_unknown(module, diagnostics.items)
+    assumed = assumed_of(times.schedule, chains)
+    without_waiting = AssumedTimes(
+        (0, 0), (0, 0), dict.fromkeys(assumed.nodes, (0, 0)), assumed.in_step
+    )
+    deployment = deployed_times(at.flat, at.home, without_waiting)
     assert deployment is not None
     if deployment.timing.verdict != "fits":
         return SwitchLatency(
             module.name, UNKNOWN, why="the calendar is not known to be kept", diagnostics=said
         )
-    real = Times(_replaced(times.schedule, chains, deployment), horizon=times.horizon_ns)
-    real = of_map(real) if kind == "map" else real
-    needed = _needed(real.schedule, None if kind == "map" else deployment.handed_over)
+    thread_times = Times(
+        _with_thread_times(times.schedule, chains, deployment), horizon=times.horizon_ns
+    )
+    thread_times = map_times(thread_times) if kind == "map" else thread_times
+    needed = _least_horizon(
+        thread_times.schedule, None if kind == "map" else deployment.handed_over
+    )
     verdict = HOLDS if needed <= times.horizon_ns else FAILS
-    why = "" if verdict == FAILS else _otherwise_proved(times, said)
+    why = "" if verdict == FAILS else _why_not_proved(times, said)
     return SwitchLatency(
         module=module.name,
         verdict=UNKNOWN if why else verdict,
         why=why,
         horizon=times.horizon_ns,
         needed=needed,
-        largest=max(terms(real).items(), key=lambda item: item[1]),
+        largest=max(summands_of_h_star(thread_times).items(), key=lambda item: item[1]),
         diagnostics=said,
     )
 
 
-def _otherwise_proved(times: Times, said: tuple[Diagnostic, ...]) -> str:
+def _why_not_proved(times: Times, said: tuple[Diagnostic, ...]) -> str:
     """Why `soter verify` does not prove P1c though it holds as deployed; "": it may prove it."""
     if any(d.code == "R033" for d in said):
         return "the proof counts with other times (R033)"
@@ -151,7 +165,7 @@ def _otherwise_proved(times: Times, said: tuple[Diagnostic, ...]) -> str:
     return f"the times of its `verify` block need {star}, and those of the thread less"
 
 
-def _needed(schedule: Schedule, handed_over: int | None) -> int:
+def _least_horizon(schedule: Schedule, handed_over: int | None) -> int:
     """The least H, in ns.
 
     If it is known when SC starts after each release of the DM that may be the first not to say
@@ -164,17 +178,22 @@ def _needed(schedule: Schedule, handed_over: int | None) -> int:
     return max(star, schedule.start) if schedule.reads_more else star
 
 
-def _replaced(schedule: Schedule, chains: CauseEffectChains, deployment: DeployedTimes) -> Schedule:
+def _with_thread_times(
+    schedule: Schedule, chains: CauseEffectChains, deployment: DeployedTimes
+) -> Schedule:
     """The schedule with the thread's times for each component that the thread has."""
 
     def chain(r: CauseEffectChain) -> CauseEffectChain:
         stations = zip(r.stations, r.path.nodes, strict=True)
         return replace(
-            r, path=replace(r.path, nodes=tuple(_with(deployment, n.name, q) for n, q in stations))
+            r,
+            path=replace(
+                r.path, nodes=tuple(_releases_in_thread(deployment, n.name, q) for n, q in stations)
+            ),
         )
 
     by_dm, by_sc = [chain(r) for r in chains.by_dm], [chain(r) for r in chains.by_sc]
-    releases = {n: _with(deployment, n.name, r) for n, r in chains.releases.items()}
+    releases = {n: _releases_in_thread(deployment, n.name, r) for n, r in chains.releases.items()}
     ways = CauseEffectChains(by_dm, by_sc, chains.ways, chains.beside, releases)
     least, acts = min(o.least for o in schedule.outputs), max(o.most for o in schedule.outputs)
     return replace(
@@ -183,10 +202,10 @@ def _replaced(schedule: Schedule, chains: CauseEffectChains, deployment: Deploye
         sc=replace(schedule.sc, late=deployment.sc[0], response=deployment.sc[1]),
         read_by_dm=tuple(r.path for r in by_dm),
         read_by_sc=tuple(r.path for r in by_sc),
-        outputs=outputs_of(ways, least, acts),
+        outputs=actuation_paths(ways, least, acts),
     )
 
 
-def _with(deployment: DeployedTimes, name: str, at: Releases) -> Releases:
+def _releases_in_thread(deployment: DeployedTimes, name: str, at: Releases) -> Releases:
     late, response = deployment.nodes.get(name, (at.late, at.response))
     return replace(at, late=late, response=response)

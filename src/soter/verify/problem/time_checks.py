@@ -57,7 +57,7 @@ def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: D
     symbol = place.module.symbol
     below = {b.name for m in place.flat.modules for b in m.symbol.below}
     stacked = symbol.over is not None or symbol.name in below
-    why = late_commands_need(symbol, schedule, stacked=stacked)
+    why = why_late_commands_uncovered(symbol, schedule, stacked=stacked)
     enough = _period_in_time(schedule, in_order=bool(why))
     if schedule.published > schedule.sc.period:
         diagnostics.error(
@@ -73,6 +73,7 @@ def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: D
         )
         return
     if why and not schedule.ordered:
+        excess = show_ns(times.jitter_sc - times.delta_sc // 2)
         diagnostics.error(
             "R015",
             f"SC may act {show_ns(times.jitter_sc)} late, more than half of its period",
@@ -81,12 +82,12 @@ def _check_command_delay(place: VerificationSystem, times: Times, diagnostics: D
             notes=(_parts_of_delay(times), f"commands that act so late are not proved {why}"),
             helps=(
                 *_advise_least_delay(times),
-                f"these times together {_excess_in_words(times)} shorter{enough}",
+                f"these times together {excess} shorter{enough}",
             ),
         )
 
 
-def late_commands_need(symbol: ModuleSymbol, schedule: Schedule, *, stacked: bool) -> str:
+def why_late_commands_uncovered(symbol: ModuleSymbol, schedule: Schedule, *, stacked: bool) -> str:
     """Why no proof covers commands later than half a period in this module; "": one does.
 
     `stacked`: whether the module has another one as its AC, or is the AC of another one.
@@ -134,11 +135,6 @@ def _advise_least_delay(times: Times) -> tuple[str, ...]:
     return (f"{enough}: only what is more than A is late",)
 
 
-def _excess_in_words(times: Times) -> str:
-    """Words on how much the sum is too large."""
-    return show_ns(times.jitter_sc - times.delta_sc // 2)
-
-
 def _period_in_time(schedule: Schedule, *, in_order: bool) -> str:
     """Words for a period with which SC is in time; it is tried, as SC's waiting depends on it.
 
@@ -173,7 +169,7 @@ def _check_known_nodes(
         if name in stations:
             continue
         named = any(n.name.removeprefix(place.around) == name for n in inner)
-        there = ", ".join(f"`{n}`" for n in stations) or "none"
+        stations_text = ", ".join(f"`{n}`" for n in stations) or "none"
         diagnostics.error(
             "R017",
             f"`{name}` is no node whose time counts here",
@@ -182,20 +178,20 @@ def _check_known_nodes(
             notes=(
                 "it has sensors of its own and belongs to the plants of the proof"
                 if named
-                else f"nodes between sensors, module and plants: {there}",
+                else f"nodes between sensors, module and plants: {stations_text}",
             ),
         )
 
 
 def _check_read_ages(times: Times, chains: CauseEffectChains, diagnostics: Diagnostics) -> None:
     """R011 where, by the periods alone, SC may read what is older than its `max_age`."""
-    told = set()
+    topics_told = set()
     for chain in chains.by_sc:
         oldest = times.schedule.stamp_age_sc(chain.path)
         limit, publisher = chain.path.max_age, (*(n for n in (chain.sensor, *chain.nodes) if n),)
-        if limit is None or oldest <= limit or chain.topic.index in told:
+        if limit is None or oldest <= limit or chain.topic.index in topics_told:
             continue
-        told.add(chain.topic.index)
+        topics_told.add(chain.topic.index)
         also: tuple[tuple[Span, str], ...] = ()
         if publisher:
             last = publisher[-1]
@@ -381,7 +377,7 @@ def _check_every_step(
     )
 
 
-def of_map(times: Times) -> Times:
+def map_times(times: Times) -> Times:
     """The times of a map: reads and effects are of one instant, so only periods remain."""
     schedule = times.schedule
     return replace(

@@ -1,28 +1,38 @@
-"""The system in which a module is proved, also with its fail-safe law in the place of SC.
+"""The system in which a module is proved, made of the system that flies.
 
-Purpose: `place` makes, from a flat system and one of its modules, a system of that module and its
-verification plants, and nothing else (docs/verification.md, section 1). `under_law` puts the
-fail-safe law in the place of SC: of that system the core K_fs is computed (docs/proof.md, "When the
-trusted part stops"). The law is a constant for each output, so SC reads nothing there.
-Non-goals: quantities and ranges (`extract.py`); the sets (`verify/claims/product_sets.py`), the
-lease (`schedule.py`).
+Purpose: `verification_system_of` makes, from a flat system and one of its modules, a system of that
+module and its verification plants, and nothing else (docs/verification.md, section 1).
+`modes_as_topics` replaces `mode(M)` of another module, and `margin(M)` of any, in SC, `ttf` and
+`safer` by a topic that nobody publishes, so that it may have any value at any read; it also says
+for which modules P2b waits, and whether these wait in turn (docs/proof-modules.md, "Coordinated
+switching"). `under_law` puts the fail-safe law, a constant for each output, in the place of SC: of
+that system the core K_fs is computed (docs/proof.md, "When the trusted part stops").
+Non-goals: quantities and ranges (`extract.py`); modules above and below (`tower.py`); one's own
+mode; the sets (`verify/claims/product_sets.py`); the re-checker, which reads `mode` by itself.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 from soter.language.elaborate import derived_systems
 from soter.language.elaborate.views_for_proofs import moved_by_others
 from soter.language.model import typed
-from soter.language.model.system import holder_of
-from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import DURATION
+from soter.language.model.system import Bound, Topic, holder_of
+from soter.language.model.tree_walk import nodes, rewritten, topic_reads
+from soter.language.model.types import DURATION, FLOAT, MODE
+from soter.verify.problem.problem import NO_MODES, Modes
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.language.elaborate.views_for_proofs import Influence
-    from soter.language.model.system import Component, Module, System
+    from soter.language.model.system import Component, Module, Scope, System
+
+    Read = tuple[str, typed.ModuleSymbol | str]
+    Names = tuple[tuple[Read, typed.TopicSymbol], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,10 +101,10 @@ class VerificationSystem:
         return outer + "." if outer else ""
 
 
-def place(flat: System, module: Module) -> VerificationSystem:
+def verification_system_of(flat: System, module: Module) -> VerificationSystem:
     """The verification system of a module of `flat`; `SoterError` where there is none."""
     abstract = bool(module.symbol.verify.abstracts)
-    apart = _abstract(flat, module) if abstract else _reduced(flat, module)
+    apart = _with_abstractions(flat, module) if abstract else _with_own_plants(flat, module)
     system, influences = moved_by_others(apart, apart.modules[0])
     plants = tuple(c for c in system.components if c.role == "plant")
     prefix = "" if abstract else holder_of(flat, module)
@@ -125,22 +135,41 @@ def read_by_module(module: typed.ModuleSymbol, sc: typed.NodeSymbol) -> list[typ
     return list(dict.fromkeys(reads))
 
 
-def whole(at: VerificationSystem) -> System:
+def read_by_dm(place: VerificationSystem) -> dict[int, None]:
+    """The driven topics that a verdict of the DM depends on: of its predicates, or of the axes."""
+    symbol, module = place.module.symbol, place.module
+    predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
+    topics = list(topic_reads(*predicates))
+    if not predicates:
+        topics = [a.topic for g in symbol.verify.groups for a in g.axes if a.topic is not None]
+    scope = {**place.sc.scope.topics, **module.scope.topics}
+    topics = topics or list(scope)  # computed predicates without a `grid` line read what they can
+    return {scope[t]: None for t in topics if t in scope and scope[t] in place.driven}
+
+
+def read_by_sc(place: VerificationSystem) -> dict[int, None]:
+    """Driven topics that SC reads."""
+    assert place.sc.node is not None
+    topics = [place.sc.scope.topics[t] for t in sc_reads(place.sc.node)]
+    return {t: None for t in topics if t in place.driven}
+
+
+def with_all_predicates(at: VerificationSystem) -> System:
     """The verification system of a view with all predicates of the module that flies."""
     assert at.home.whole is not None
-    return _abstract(
+    return _with_abstractions(
         at.flat, replace(at.home, symbol=replace(at.home.whole, verify=at.home.symbol.verify))
     )
 
 
-def _abstract(flat: System, module: Module) -> System:
+def _with_abstractions(flat: System, module: Module) -> System:
     """The module beside the plants that `abstracts` names."""
     links = module.symbol.verify.abstracts
     plants = [typed.InstanceSymbol(n.name, n.plant, {}, {}, n.span) for n in links]
     return derived_systems.with_plants(flat, module, plants)
 
 
-def _reduced(flat: System, module: Module) -> System:
+def _with_own_plants(flat: System, module: Module) -> System:
     """The module's own system without the parts that the proof does not look at."""
     scope = {
         **flat.components[module.sc].scope.topics,
@@ -149,7 +178,7 @@ def _reduced(flat: System, module: Module) -> System:
     }
     sc = flat.components[module.sc].node
     assert sc is not None
-    wanted = {scope[t] for t in read_by_module(module.symbol, sc) if t in scope}
+    topics_wanted = {scope[t] for t in read_by_module(module.symbol, sc) if t in scope}
     home = holder_of(flat, module)
     named = {a.instance for g in module.symbol.verify.groups for a in g.axes if a.instance}
     named = {f"{home}.{n}" if home else n for n in named}
@@ -157,7 +186,7 @@ def _reduced(flat: System, module: Module) -> System:
         c
         for c in flat.components
         if c.plant is not None
-        and (any(c.scope.topics[t] in wanted for t, _ in c.plant.drives) or c.name in named)
+        and (any(c.scope.topics[t] in topics_wanted for t, _ in c.plant.drives) or c.name in named)
     ]
     return derived_systems.module_alone(flat, module, plants)
 
@@ -168,14 +197,16 @@ def under_law(flat: System, module: Module) -> tuple[System, Module]:
     Periods, phases, lateness and latencies stay those of SC.
     """
     sc = flat.components[module.sc]
-    made = derived_systems.with_components(flat, [_lawful(sc, module)])
-    itself = replace(module, symbol=_ruled(module.symbol, made.components[module.sc]), law={})
+    made = derived_systems.with_components(flat, [_sc_of_law(sc, module)])
+    itself = replace(
+        module, symbol=_module_under_law(module.symbol, made.components[module.sc]), law={}
+    )
     if module.whole is not None:
-        itself.whole = _ruled(module.whole, made.components[module.sc])
+        itself.whole = _module_under_law(module.whole, made.components[module.sc])
     return derived_systems.with_module(made, itself), itself
 
 
-def behind(flat: System, module: Module) -> str:
+def why_law_not_held(flat: System, module: Module) -> str:
     """Why actuators do not hold the law that the module publishes; "": they do.
 
     A node that reads the module's outputs stops with the trusted part, so nobody holds what it
@@ -191,13 +222,199 @@ def behind(flat: System, module: Module) -> str:
     return ""
 
 
-def _lawful(sc: Component, module: Module) -> Component:
+def _sc_of_law(sc: Component, module: Module) -> Component:
     assert sc.node is not None
     step = tuple(typed.TypedPublish(e.span, t, e) for t, e in module.symbol.failsafe.items())
     node = replace(sc.node.doing(step), takes=None)
     return replace(sc, node=node, initial=(), failsafe={}, binding=None)
 
 
-def _ruled(symbol: typed.ModuleSymbol, sc: Component) -> typed.ModuleSymbol:
+def _module_under_law(symbol: typed.ModuleSymbol, sc: Component) -> typed.ModuleSymbol:
     assert sc.node is not None
     return replace(symbol, sc=sc.node, failsafe={})
+
+
+READS: dict[type, str] = {typed.ModeRead: "mode", typed.MarginRead: "margin"}
+"""The words for what is read of a module."""
+SC, AC = MODE.members.index("SC"), MODE.members.index("AC")
+
+
+def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes]:
+    """The system with a topic for every other mode, and every margin, that a module reads.
+
+    SC, `ttf` and `safer` read these topics instead; nobody publishes them. Without such reads the
+    system stays as it is.
+    """
+    sc = flat.components[module.sc]
+    modules_read = _modules_by_read(flat, module, sc)
+    if not modules_read:
+        return flat, module, NO_MODES
+    names: Names = tuple(
+        (read, _topic_symbol(read[0], m.name, m.symbol)) for read, m in modules_read.items()
+    )
+    kinds = {topic: (read[0], modules_read[read]) for read, topic in names}
+    index_by_topic = {t: len(flat.topics) + k for k, t in enumerate(kinds)}
+    mode_topics = [_topic_of_module(index, t, *kinds[t]) for t, index in index_by_topic.items()]
+    symbol = _module_with_topics(module.symbol, names)
+    derived_module = derived_systems.reading(
+        module,
+        [index for t, index in index_by_topic.items() if t in symbol.topics_read],
+        symbol=symbol,
+        scope=_scope_with_topics(module.scope, index_by_topic),
+        whole=None if module.whole is None else _module_with_topics(module.whole, names),
+    )
+    dm = replace(flat.components[module.dm], scope=derived_module.scope)
+    assert sc.node is not None
+    sc_scope = _scope_with_topics(sc.scope, index_by_topic)
+    controller = replace(sc, node=_node_with_topics(sc.node, names), scope=sc_scope)
+    system = derived_systems.with_module(
+        derived_systems.with_topics(flat, mode_topics), derived_module
+    )
+    system = derived_systems.with_components(system, [dm, controller])
+    waits = _modes_read_in(module, "safer")
+    modes = Modes(
+        {t: m.name for t, (kind, m) in kinds.items() if kind == "mode"},
+        {
+            t: f"margin({m.name}): 0 to {_margin_bound_s(m):g} s, anew at every read"
+            for t, (kind, m) in kinds.items()
+            if kind == "margin"
+        },
+        tuple(flat.modules[i].name for i in waits),
+        _why_never_in_ac(flat, module, waits),
+    )
+    return system, derived_module, modes
+
+
+def _topic_of_module(index: int, symbol: typed.TopicSymbol, kind: str, of: Module) -> Topic:
+    """The topic that stands for the mode or margin of a module."""
+    is_mode = kind == "mode"
+    return Topic(
+        index=index,
+        name=symbol.name,
+        symbol=symbol,
+        type=MODE if is_mode else FLOAT,
+        bounds=(None if is_mode else Bound(0.0, _margin_bound_s(of)),),
+        set_declared=True,
+        default=SC if is_mode else 0.0,
+        max_age_ns=None,
+        driver=of.name,
+    )
+
+
+def _margin_bound_s(of: Module) -> float:
+    """An upper bound of a module's margin, in s."""
+    return max(of.levels - 1, 1) * of.period_ns / 1e9
+
+
+def with_other_modes_in_ac(e: typed.TypedExpr, modes: Modes) -> typed.TypedExpr:
+    """The expression with all modes of other modules replaced by AC."""
+
+    def instead(part: typed.TypedExpr) -> typed.TypedExpr:
+        if isinstance(part, typed.TopicRead) and part.topic in modes.topics:
+            return typed.Literal(MODE, part.span, AC)
+        return part
+
+    expression: typed.TypedExpr = rewritten(e, instead)
+    return expression
+
+
+def _modules_by_read(flat: System, module: Module, sc: Component) -> dict[Read, Module]:
+    """For each read of a mode or margin the module that it is of; one's own mode is left out."""
+    own = {**sc.scope.modules, **module.scope.modules}
+    return {
+        (kind, s): flat.modules[own[s]]
+        for kind, s in _other_modules_read(module, sc)
+        if s in own and (kind == "margin" or own[s] != module.index)
+    }
+
+
+def _other_modules_read(module: Module, sc: Component) -> list[Read]:
+    """What SC, `ttf` and `safer` read of modules: ("mode" or "margin", the module)."""
+    symbol, node = module.symbol, sc.node
+    assert node is not None
+    code = () if node.extern else (*node.step, *(node.takeover or ()))
+    predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
+    reads: dict[Read, None] = {}
+    for n in nodes((*code, *predicates)):
+        if isinstance(n, (typed.ModeRead, typed.MarginRead)):
+            reads[READS[type(n)], n.module] = None
+    return list(reads)
+
+
+def _modes_read_in(module: Module, *predicates: str) -> list[int]:
+    """The other modules whose modes these predicates of a module read."""
+    symbol = module.symbol if module.whole is None else module.whole
+    said = [e for e in (getattr(symbol, p) for p in predicates) if e is not None]
+    read = [n.module for n in nodes(said) if isinstance(n, typed.ModeRead)]
+    indices = [module.scope.modules.get(s, module.index) for s in read]
+    return [i for i in dict.fromkeys(indices) if i != module.index]
+
+
+def _why_never_in_ac(flat: System, module: Module, waits: list[int]) -> str:
+    """Why the modules that a module waits for may never be in AC together, in words; else "".
+
+    One is forced to SC; or the decision of one depends, through any modes, on this module, which is
+    in SC while it waits.
+    """
+    for i in waits:
+        awaited = flat.modules[i]
+        if awaited.forced == "sc":
+            return f"{awaited.name} is forced to SC"
+        seen, todo = {i}, [i]
+        while todo:
+            decided_by = flat.modules[todo.pop()]
+            for k in _modes_read_in(decided_by, "ttf", "safer"):
+                if k == module.index:
+                    return (
+                        f"{module.name} waits for {awaited.name} to be in AC, whose DM goes by "
+                        f"the mode of {module.name}: each may wait for the other for ever"
+                    )
+                todo += [k] if k not in seen else []
+                seen.add(k)
+    return ""
+
+
+@lru_cache(maxsize=256)
+def _topic_symbol(kind: str, name: str, module: typed.ModuleSymbol) -> typed.TopicSymbol:
+    """A cached symbol, as symbols are compared by identity: the same for the same module."""
+    if kind == "mode":
+        return typed.TopicSymbol(f"{name}.mode", module.span, MODE, False, {}, None, None)
+    return typed.TopicSymbol(f"{name}.any_margin", module.span, FLOAT, False, {}, None, None)
+
+
+@lru_cache(maxsize=256)
+def _module_with_topics(symbol: typed.ModuleSymbol, names: Names) -> typed.ModuleSymbol:
+    ttf, safer = (
+        None if e is None else _with_topics_for_reads(e, names) for e in (symbol.ttf, symbol.safer)
+    )
+    read = topic_reads(*(e for e in (ttf, safer) if e is not None))
+    more = dict.fromkeys(t for t in dict(names).values() if t in read)
+    return replace(symbol, ttf=ttf, safer=safer, topics_read=(*symbol.topics_read, *more))
+
+
+@lru_cache(maxsize=256)
+def _node_with_topics(node: typed.NodeSymbol, names: Names) -> typed.NodeSymbol:
+    if node.extern:
+        return node
+    step = _with_topics_for_reads(node.step, names)
+    takeover = None if node.takeover is None else _with_topics_for_reads(node.takeover, names)
+    read = topic_reads(*step, *(takeover or ()))
+    heard = dict.fromkeys(t for _, t in names if t in read)
+    more = tuple(typed.Subscribed(t, None, "", node.span) for t in heard)
+    return replace(node, step=step, takeover=takeover, subscribes=(*node.subscribes, *more))
+
+
+def _with_topics_for_reads(code: Any, names: Names) -> Any:  # noqa: ANN401 - any part of a tree
+    topic_by_read = dict(names)
+
+    def instead(part: Any) -> Any:  # noqa: ANN401 - any part of a tree
+        kind = READS.get(type(part), "")
+        if kind and (kind, part.module) in topic_by_read:
+            return typed.TopicRead(part.type, part.span, topic_by_read[kind, part.module])
+        return part
+
+    return rewritten(code, instead)
+
+
+def _scope_with_topics(scope: Scope, topics: Mapping[typed.TopicSymbol, int]) -> Scope:
+    return replace(scope, topics={**scope.topics, **topics})

@@ -30,7 +30,7 @@ from soter.verify.claims.results import (
 from soter.verify.deploy.missing_predicates import rest_claims
 from soter.verify.diagnosis.variations import younger_reads
 from soter.verify.problem.problem import Assumption
-from soter.verify.proof_methods import inputs_of, times_of
+from soter.verify.proof_methods import inputs_entries, times_entry
 from soter.verify.tubes.problem import FARTHEST, TubeProblem, is_far
 from soter.verify.tubes.tube_check import TubeCheck
 
@@ -56,12 +56,12 @@ def entry(result: TubeResult, system: str, stem: str, files: dict[str, bytes]) -
         "plants": [c.name for c in problem.system.components if c.role == "plant"],
         "claims": said,
         "recover_ns": None,
-        "times": times_of(problem.times),
+        "times": times_entry(problem.times),
         "inputs": [
-            *inputs_of("control", q.controls, problem.controls),
-            *inputs_of("disturbance", q.disturbances, problem.disturbances),
-            *inputs_of("error", q.errors, problem.errors),
-            *inputs_of("other", q.others, problem.others),
+            *inputs_entries("control", q.controls, problem.controls),
+            *inputs_entries("disturbance", q.disturbances, problem.disturbances),
+            *inputs_entries("error", q.errors, problem.errors),
+            *inputs_entries("other", q.others, problem.others),
         ],
         "rest": {
             "within_ns": problem.within_ns,

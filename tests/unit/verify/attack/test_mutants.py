@@ -6,7 +6,7 @@ import pytest
 
 from generators.changed_modules import BASES
 from soter.language.front_end import check_file, system_of
-from soter.verify.counterexample import Counterexample, replay
+from soter.verify.counterexample import Counterexample, replay_choices
 from soter.verify.problem.extract import extract
 from soter.verify.verify_module import verify_module
 
@@ -37,7 +37,7 @@ def test_a_mutant_is_refuted(base: str, mutant: str, doubted: tuple[str, ...]) -
         if f.verdict == "refuted" and isinstance(f.counterexample, Counterexample)
     ]
     assert runs
-    assert all(replay(run, problem.system) is not None for run in runs)
+    assert all(replay_choices(run, problem.system) is not None for run in runs)
     assert "stays in SC" in str(runs[0]) or "leaves `safe`" in str(runs[0])
 
 

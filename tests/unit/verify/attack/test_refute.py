@@ -13,16 +13,16 @@ from generators.changed_modules import BASES
 from soter.language.front_end import check_file, system_of
 from soter.semantics.draws import AdverseDraws
 from soter.semantics.externs import UnboundExternError
-from soter.verify.attacked_system import DRAWN, OWN, NotAttackableError, attacked
+from soter.verify.attacked_system import DRAWN, OWN, NotAttackableError, attacked_system
 from soter.verify.counterexample import (
     CYCLE,
     LEAVES,
-    leaving,
     read_counterexample,
-    replay,
+    replay_choices,
+    run_that_leaves,
     write_counterexample,
 )
-from soter.verify.problem.verification_system import place
+from soter.verify.problem.verification_system import verification_system_of
 from soter.verify.refute import refute, refute_return
 
 if TYPE_CHECKING:
@@ -58,10 +58,12 @@ def test_a_bad_module_is_refuted(base: str, name: str) -> None:
     counterexample = refute(system, chosen.module, 20.0).found
     assert counterexample is not None
     assert counterexample.shows == LEAVES
-    again = replay(counterexample, system)
+    again = replay_choices(counterexample, system)
     assert again is not None
     assert again.time_ns == counterexample.time_ns
-    assert replay(counterexample, sound(chosen)) is None, "the sound module survives the same run"
+    assert replay_choices(counterexample, sound(chosen)) is None, (
+        "the sound module survives the same run"
+    )
 
 
 @pytest.mark.parametrize("base", BASES.values(), ids=list(BASES))
@@ -81,15 +83,18 @@ def test_a_dm_that_never_returns_is_refuted() -> None:
     assert counterexample.shows == CYCLE
     assert counterexample.cycle_ns is not None
     assert all(len(chosen) == 1 for chosen in counterexample.choices.values())
-    assert replay(counterexample, system) is not None
-    assert replay(replace(counterexample, cycle_ns=counterexample.cycle_ns + 1), system) is None
+    assert replay_choices(counterexample, system) is not None
+    assert (
+        replay_choices(replace(counterexample, cycle_ns=counterexample.cycle_ns + 1), system)
+        is None
+    )
     later = {**counterexample.choices, "t.leak": [*counterexample.choices["t.leak"], (10**6, 0.0)]}
-    assert replay(replace(counterexample, choices=later), system) is None, (
+    assert replay_choices(replace(counterexample, choices=later), system) is None, (
         "choices that change one day"
     )
     early = replace(counterexample, time_ns=counterexample.cycle_ns)
-    assert replay(early, system) is None, "at the start the state does not repeat itself"
-    assert replay(counterexample, sound(base)) is None
+    assert replay_choices(early, system) is None, "at the start the state does not repeat itself"
+    assert replay_choices(counterexample, sound(base)) is None
 
 
 def test_a_file_says_it_all(tmp_path: Path) -> None:
@@ -104,10 +109,10 @@ def test_a_file_says_it_all(tmp_path: Path) -> None:
     document = json.loads(path.read_text())
     document["choices"]["t.leak"][0][1] = 0.11  # more leak than the program declares
     path.write_text(json.dumps(document))
-    assert replay(read_counterexample(path), system) is None
+    assert replay_choices(read_counterexample(path), system) is None
     del document["choices"]["t.leak"]
     path.write_text(json.dumps(document))
-    assert replay(read_counterexample(path), system) is None
+    assert replay_choices(read_counterexample(path), system) is None
     path.write_text(json.dumps({**document, "schema": 9}))
     with pytest.raises(ValueError, match="of a newer soter"):
         read_counterexample(path)
@@ -118,8 +123,10 @@ def test_choices_that_do_no_harm_refute_nothing() -> None:
     counterexample = refute(system, base.module, 20.0).found
     assert counterexample is not None
     still = {stream: [(0, 0.0)] for stream in counterexample.choices}
-    assert replay(replace(counterexample, choices=still), system) is None
-    assert replay(replace(counterexample, time_ns=counterexample.time_ns - 1), system) is None
+    assert replay_choices(replace(counterexample, choices=still), system) is None
+    assert (
+        replay_choices(replace(counterexample, time_ns=counterexample.time_ns - 1), system) is None
+    )
 
 
 STILL = """soter 1;
@@ -157,7 +164,7 @@ def test_the_given_system_stays_as_it_is() -> None:
     base = BASES["cart"]
     system = sound(base)
     before = (system.topics, system.components, system.inputs, system.properties)
-    variant = attacked(system, 0)
+    variant = attacked_system(system, 0)
     assert (system.topics, system.components, system.inputs, system.properties) == before
     assert len(variant.topics) == len(system.topics) + 2
     assert [p.text for p in variant.properties] == ["safe, on the true state"]
@@ -180,9 +187,9 @@ def test_a_controller_may_read_the_mode_of_a_module_that_is_left_out() -> None:
     )
     flat = system_of(check_file("two.soter", text), "P")
     module = next(m for m in flat.modules if m.name == "M")
-    system = place(flat, module).system
+    system = verification_system_of(flat, module).system
     with pytest.raises(UnboundExternError):  # its own code cannot be run: it is left to the draws
-        leaving(attacked(system, 0, OWN), AdverseDraws(1), 100_000_000)
+        run_that_leaves(attacked_system(system, 0, OWN), AdverseDraws(1), 100_000_000)
     counterexample = refute(system, "M", 0.5).found
     assert counterexample is not None
     assert counterexample.controller == DRAWN
@@ -195,5 +202,5 @@ def test_what_no_plant_drives_cannot_be_judged() -> None:
     text = text.replace("safe level < 1.0", "safe other < 1.0")
     system = system_of(check_file("still.soter", text), "P")
     with pytest.raises(NotAttackableError, match="no plant drives `other`"):
-        attacked(system, 0)
+        attacked_system(system, 0)
     assert "no plant drives" in refute(system, "M", 0.5).hindrance

@@ -131,7 +131,7 @@ def text(*changes: tuple[str, str]) -> str:
 def kept(source: str) -> GroupSets:
     """K of the only case."""
     case = opened(source)
-    assert claims.core(case)
+    assert claims.compute_core(case)
     (group,) = case.sets.groups
     return group
 
@@ -143,7 +143,7 @@ def opened(source: str) -> Case:
     flat = system_of(checked, None)
     problem = extract(flat, flat.modules[0])
     case = claims.open_case(problem, library_of(problem)[0], problem.groups, ())
-    assert claims.constraint(case)
+    assert claims.compute_constraint(case)
     return case
 
 
@@ -199,7 +199,9 @@ def test_no_cell_rests_where_it_is_not_so_or_not_settled(old: str, new: str) -> 
 
 
 def test_where_control_is_to_come_back_no_cell_is_taken_without_a_chain() -> None:
-    assert not claims.core(opened(text(("recover never;", "")))), "chains alone keep no cell"
+    assert not claims.compute_core(opened(text(("recover never;", "")))), (
+        "chains alone keep no cell"
+    )
 
 
 @pytest.fixture(scope="module")

@@ -124,7 +124,7 @@ def law_of(source: str) -> Case:
     law = extract(flat, flat.modules[0]).law
     assert law is not None
     case = claims.open_case(law, library_of(law)[0], law.groups, ())
-    assert claims.constraint(case)
+    assert claims.compute_constraint(case)
     return case
 
 
@@ -141,7 +141,7 @@ def cores(monkeypatch: pytest.MonkeyPatch) -> list[Core]:
     monkeypatch.setattr(GridGroup, "core", remembered)
     monkeypatch.setattr("soter.verify.deploy.missing_predicates._kept", lambda *_: None)
     # P2b, which looks for sets as well, has none here
-    monkeypatch.setattr("soter.verify.deploy.missing_predicates.returned", lambda done: done)
+    monkeypatch.setattr("soter.verify.deploy.missing_predicates.with_way_back", lambda done: done)
     return found
 
 

@@ -92,7 +92,7 @@ def test_a_law_that_only_the_prover_would_claim_is_rejected(
     assert verdict == "undecided"
     assert recheck_report.accepted, recheck_report.reason
     assert "failsafe" not in recheck_report.modules[0].confirmed
-    monkeypatch.setattr(extracting, "_beyond_the_law", lambda _: "")
+    monkeypatch.setattr(extracting, "_why_law_uncovered", lambda _: "")
     dishonest = tmp_path / "dishonest"
     dishonest.mkdir()
     verdict, recheck_report = rechecked(dishonest, text)

@@ -141,7 +141,7 @@ def test_where_too_much_would_be_lost_all_is_as_it_was(
     """Of length 4 more than a tenth of K; of length 8, as is made up here, the start."""
     _only(monkeypatch, length)
     with monkeypatch.context() as patch:
-        patch.setattr(choice, "_starts", lambda case: "given_up" not in case.counts)
+        patch.setattr(choice, "_is_start_shown", lambda case: "given_up" not in case.counts)
         asked = _verified(DECLARED)
     monkeypatch.setattr(choice, "ROUNDS", 0)
     never = _verified(DECLARED)

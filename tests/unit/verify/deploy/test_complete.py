@@ -124,7 +124,7 @@ def test_sets_that_are_too_large_would_be_noticed(
         for part in case.sets.groups:
             part.levels = [part.allowed, part.allowed]
 
-    monkeypatch.setattr(complete_, "levels", everything)
+    monkeypatch.setattr(complete_, "compute_levels", everything)
     assert soter.load(open_cart).simulate("Protected", "20s").violations > 0
 
 

@@ -10,7 +10,7 @@ import pytest
 from soter.language.front_end import check_file, system_of
 from soter.verify import verify_module as verifying
 from soter.verify.claims import choice
-from soter.verify.claims.choice import deploy
+from soter.verify.claims.claims import make_tables
 from soter.verify.claims.results import PROVED, UNDECIDED
 from soter.verify.deploy.missing_predicates import complete
 from soter.verify.problem.extract import extract
@@ -73,7 +73,7 @@ def result_of(
 def each_alone(cases: Sequence[Case]) -> None:
     """As if the DM had a table for each value of the parameter."""
     for case in cases:
-        deploy([case])
+        make_tables([case])
 
 
 def test_sc_that_rests_where_the_table_never_gives_control_back_is_not_proved(
@@ -84,7 +84,7 @@ def test_sc_that_rests_where_the_table_never_gives_control_back_is_not_proved(
         module_result.findings["ttf"].verdict == module_result.findings["safer"].verdict == PROVED
     )
     assert module_result.findings["P2b"].verdict == UNDECIDED
-    monkeypatch.setattr(choice, "deploy", each_alone)
+    monkeypatch.setattr(choice, "make_tables", each_alone)
     assert result_of().findings["P2b"].verdict == PROVED, "each case for itself would return"
 
 
@@ -130,5 +130,5 @@ def test_half_spaces_of_all_values_are_what_polytopes_return_to(
 ) -> None:
     module_result = result_of(**POLYTOPE)
     assert module_result.findings["P2b"].verdict == UNDECIDED
-    monkeypatch.setattr(choice, "deploy", each_alone)
+    monkeypatch.setattr(choice, "make_tables", each_alone)
     assert result_of(**POLYTOPE).findings["P2b"].verdict == PROVED

@@ -12,7 +12,7 @@ from soter.verify.deploy.dm_check import DMCheck, check_decisions, check_module,
 from soter.verify.deploy.dm_test_cases import AC, SC
 from soter.verify.deploy.grid_tables import GroupTable
 from soter.verify.deploy.missing_predicates import complete, install
-from soter.verify.proof_methods import pairs_of, tables
+from soter.verify.proof_methods import pairs_of, tables_of_groups
 
 EXAMPLES = Path(__file__).parents[4] / "examples"
 MUTANTS = {
@@ -94,7 +94,7 @@ def test_one_wrong_entry_of_a_table_is_found(open_cart: Path) -> None:
     (module,) = verify(check_file(str(open_cart)), refute=False).modules
     assert check_module(module).cells == 200 * 160
     problem = module.problem
-    decision_tables = tables(problem, [pairs_of(module.cases[0])])
+    decision_tables = tables_of_groups(problem, [pairs_of(module.cases[0])])
     flat = replace(problem.system, modules=(replace(problem.module),))
     install(flat, flat.modules[0], problem, decision_tables)
     table = decision_tables[0]

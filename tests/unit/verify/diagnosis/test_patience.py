@@ -58,13 +58,13 @@ def test_processor_time_decides_no_verdict(monkeypatch: pytest.MonkeyPatch) -> N
 
     def with_nothing_failing(case: Case) -> None:
         assert not [f for f in case.failures if f.claim in claims.CHEAPER]
-        claims.recover(case)
+        claims.find_way_back(case)
 
     def never(case: Case) -> None:
         raise AssertionError(case)
 
-    monkeypatch.setattr(verifying, "recover", with_nothing_failing)
-    monkeypatch.setattr(verifying, "recover_for_report", never)
+    monkeypatch.setattr(verifying, "find_way_back", with_nothing_failing)
+    monkeypatch.setattr(verifying, "find_way_back_for_report", never)
     module_result = result_of(changed(("+ 0.8", "+ 0.45")))
     assert {module_result.findings[p].verdict for p in ("ttf", "P2b")} == {"proved"}
 

@@ -92,7 +92,7 @@ def test_what_was_in_vain_alone_is_not_told_as_untried(monkeypatch: pytest.Monke
             *([Remedy("B", ages, 1)] if found.problem is problem else []),
         ],
     )
-    monkeypatch.setattr(tried_remedies, "merged", lambda tried, _: tried)
+    monkeypatch.setattr(tried_remedies, "with_merged_cells", lambda tried, _: tried)
     helped = tried_remedies._Helped(NotProved(problem, ("ttf", "safer"), (), None))
     while helped.by_one_more(trials):  # type: ignore[arg-type]
         pass

@@ -90,7 +90,7 @@ def test_an_estimate_on_a_face_serves_the_cell_below_beside_its_own(error: int, 
     kept[tuple(own)] = kept[tuple(beside)] = True
     work.fine[:] = 0
     work.fine[tuple(own)], work.fine[tuple(beside)] = 1, 2
-    assert work.of_estimates(kept)[tuple(own)] == 0  # no command serves both
+    assert work.masks_by_estimate(kept)[tuple(own)] == 0  # no command serves both
 
 
 def test_an_error_makes_the_synthesised_core_smaller() -> None:

@@ -13,7 +13,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.model import typed
 from soter.language.model.tree_walk import rewritten
 from soter.language.model.types import MODE
-from soter.verify.problem import other_modules
+from soter.verify.problem import verification_system
 from soter.verify.problem.problem import texts
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def _only_ac(code: object, names: object) -> object:
 
     def instead(part: object) -> object:
         if isinstance(part, typed.ModeRead):
-            return typed.Literal(MODE, part.span, other_modules.AC)
+            return typed.Literal(MODE, part.span, verification_system.AC)
         return part
 
     return rewritten(code, instead)
@@ -128,11 +128,11 @@ def _only_ac(code: object, names: object) -> object:
 def test_a_prover_that_thinks_it_knows_the_mode_is_found_out(
     tmp_path: Path, change: tuple[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for cached in (other_modules._module, other_modules._node):
+    for cached in (verification_system._module_with_topics, verification_system._node_with_topics):
         cached.cache_clear()
-    monkeypatch.setattr(other_modules, "_of", _only_ac)
+    monkeypatch.setattr(verification_system, "_with_topics_for_reads", _only_ac)
     module_result = verified(tmp_path, change)
-    for cached in (other_modules._module, other_modules._node):
+    for cached in (verification_system._module_with_topics, verification_system._node_with_topics):
         cached.cache_clear()
     assert module_result.findings["P2a"].verdict == "proved"
     checked = recheck(tmp_path / "cert")

@@ -130,7 +130,7 @@ class FiniteProof(GroupProof):
             left = frozenset(v for v in left if self.after(v, law=False) <= left)
         return left
 
-    def take(self, case: Case, part: SetFactor) -> None:
+    def take_constraint(self, case: Case, part: SetFactor) -> None:
         del case
         low, high = cast("BoxPart", part).box[self.axis.state]
         self.found.allowed = frozenset(v for v in self.all if low <= v <= high)
@@ -157,7 +157,7 @@ class FiniteProof(GroupProof):
         inner = self.within(self.found.free, case.problem.in_horizon(case.problem.times.decision))
         self.found.levels = (self.found.free, inner)
 
-    def admit(self, case: Case, table: LevelTable) -> None:
+    def take_table(self, case: Case, table: LevelTable) -> None:
         del case
         assert isinstance(table, GroupTable)
 
@@ -167,7 +167,7 @@ class FiniteProof(GroupProof):
         if not {v for v in self.all if initial.low <= v <= initial.high} <= safe:
             case.fail("start", "an initial state is lost before SC acts", self)
 
-    def held(self, case: Case) -> BoxPart | None:
+    def states_given_back(self, case: Case) -> BoxPart | None:
         del case
         values = self.found.levels[1]
         return BoxPart({self.axis.state: (min(values), max(values))}) if values else None
@@ -190,7 +190,7 @@ class FiniteProof(GroupProof):
         del case
         return {"core": len(self.found.core) / len(self.all)}
 
-    def drawn(self, chance: np.random.Generator, count: int) -> Floats:
+    def random_states(self, chance: np.random.Generator, count: int) -> Floats:
         return chance.choice(sorted(self.found.core), (count, 1))
 
     @property
@@ -228,7 +228,7 @@ class Finite(Method):
             parts.append(BoxPart({proof.axis.state: (min(good), max(good))}))
         return parts
 
-    def said(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
+    def proved_in_words(self, done: Sequence[Case], claim: str) -> tuple[str, dict[str, int]]:
         states = sum(len(cast("FiniteProof", p).found.core) for c in done for p in c.proofs)
         return f"{claim}: {states} states", {"states": states}
 
@@ -240,11 +240,11 @@ class Finite(Method):
         levels = [min((v in s) + (v in t) for s, t in every) for v in axis.edges]
         return GroupTable((axis.state,), (edges,), np.array(levels, dtype=np.uint8))
 
-    def packed(self, pair: object) -> dict[str, NDArray[np.generic]]:
+    def pack(self, pair: object) -> dict[str, NDArray[np.generic]]:
         both = enumerate(cast("tuple[Set, Set]", pair))
         return {str(k): np.array(sorted(values)) for k, values in both}
 
-    def unpacked(self, group: Group, arrays: Mapping[str, NDArray[np.generic]]) -> tuple[Set, Set]:
+    def unpack(self, group: Group, arrays: Mapping[str, NDArray[np.generic]]) -> tuple[Set, Set]:
         del group
         return frozenset(arrays["0"].tolist()), frozenset(arrays["1"].tolist())
 
@@ -313,7 +313,7 @@ def test_certificate_and_report_are_written_by_the_method(tmp_path: Path) -> Non
     program = check_file(str(tmp_path / "walk.soter")).program
     assert program is not None
     module_result = verified()
-    command.write(tmp_path / "cert", program, [module_result], ["S"])
+    command.write_certificate(tmp_path / "cert", program, [module_result], ["S"])
     manifest = json.loads((tmp_path / "cert" / "manifest.json").read_text())
     (group,) = manifest["modules"][0]["cases"][0]["groups"]
     assert group["kind"] == "finite"

@@ -19,7 +19,7 @@ from soter.diagnostics.diagnostic import Source, Span
 from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.front_end import check_file, system_of
-from soter.verify.claims.grid_refinement import mesh_of
+from soter.verify.claims.grid_refinement import cells_of_box
 from soter.verify.deploy.grid_tables import place_function
 from soter.verify.deploy.level_table import Writer
 from soter.verify.enclose.compiled_enclosures import library_of
@@ -213,7 +213,7 @@ def test_a_start_is_in_the_cells_of_its_heading_however_many_turns_away(seed: in
         problem = problem_of(text.replace(declared, f"state h: float {ends};"))
         axis = next(a for a in problem.groups[0].axes if a.wraps)
         edges, start = np.array(axis.edges), problem.initial[axis.state]
-        (cells,) = mesh_of([edges], [True], [start])
+        (cells,) = cells_of_box([edges], [True], [start])
         assert cells is not None
         for x in chance.uniform(low, low + width, size=40) if width else [low]:
             near = edges[0] + (Fraction(float(x)) - Fraction(edges[0])) % EXACT_TURN

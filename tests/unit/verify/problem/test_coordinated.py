@@ -28,7 +28,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.language.model import typed
 from soter.language.model.tree_walk import rewritten
 from soter.language.model.types import MODE
-from soter.verify.problem import other_modules
+from soter.verify.problem import verification_system
 from soter.verify.problem.problem import texts
 from soter.verify.scope import rows_of
 
@@ -300,7 +300,7 @@ def _only_sc(code: object, names: object) -> object:
 
     def instead(part: object) -> object:
         if isinstance(part, typed.ModeRead):
-            return typed.Literal(MODE, part.span, other_modules.SC)
+            return typed.Literal(MODE, part.span, verification_system.SC)
         return part
 
     return rewritten(code, instead)
@@ -318,11 +318,11 @@ def _only_sc(code: object, names: object) -> object:
 def test_a_prover_that_thinks_it_knows_the_mode_is_found_out(
     tmp_path: Path, changes: list[tuple[str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for cached in (other_modules._module, other_modules._node):
+    for cached in (verification_system._module_with_topics, verification_system._node_with_topics):
         cached.cache_clear()
-    monkeypatch.setattr(other_modules, "_of", _only_sc)
+    monkeypatch.setattr(verification_system, "_with_topics_for_reads", _only_sc)
     module_result = of_x(tmp_path, *changes)
-    for cached in (other_modules._module, other_modules._node):
+    for cached in (verification_system._module_with_topics, verification_system._node_with_topics):
         cached.cache_clear()
     assert module_result.findings["P3"].verdict == module_result.findings["P2a"].verdict == "proved"
     checked = rechecked(tmp_path)

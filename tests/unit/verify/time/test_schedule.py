@@ -13,7 +13,7 @@ from generators.every_schedule_of_module import EverySchedule
 from generators.one_schedule import OneSchedule
 from generators.schedule_systems import Compared, compare, in_the_limit, multiple, said, system
 from soter.verify.problem.problem import Times
-from soter.verify.problem.problem_times import in_words
+from soter.verify.problem.problem_times import horizon_in_words
 from soter.verify.problem.schedule import ActuationPath, Releases, Schedule, SensorPath
 from tables import all_rows
 
@@ -179,7 +179,9 @@ def test_a_model_that_forgets_something_is_seen(name: str) -> None:
 
 def test_an_h_that_nobody_declared_is_not_said_to_have_room() -> None:
     times = Times(BASE)
-    assert in_words(times).startswith("H = H* = 10 ns: what is needed (no `horizon` declared; ")
-    assert "spare" not in in_words(times)
+    assert horizon_in_words(times).startswith(
+        "H = H* = 10 ns: what is needed (no `horizon` declared; "
+    )
+    assert "spare" not in horizon_in_words(times)
     for horizon, said_of_h in ((10, "0 s spare"), (15, "5 ns spare"), (5, "5 ns missing")):
-        assert said_of_h in in_words(replace(times, horizon=horizon))
+        assert said_of_h in horizon_in_words(replace(times, horizon=horizon))
