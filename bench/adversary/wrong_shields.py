@@ -142,7 +142,7 @@ class _Asked:
         return self.group.safe_for(max(horizon - self.spared(self.group), 1), core)
 
 
-_between = estimate_sets.between
+_between = estimate_sets.engine_with_command_in
 
 
 def _sooner(spared_ns: Callable[[Any], int]) -> Any:  # noqa: ANN401
@@ -184,7 +184,7 @@ def _acted(*, age: bool = True, acts: bool = True, untold: bool = True) -> Patch
 
 
 def _box(between: Any) -> Patches:  # noqa: ANN401
-    return ((estimate_sets, "between", between),)
+    return ((estimate_sets, "engine_with_command_in", between),)
 
 
 MS = 1_000_000
@@ -235,13 +235,13 @@ OF_DM: dict[str, Patches] = {
 
 def _damaged(damage: Callable[[Any, int], None]) -> Patches:
     """Tables that are damaged once they were computed."""
-    find = estimate_sets.permitted
+    find = estimate_sets.find_permitted_commands
 
     def wrong(case: Any, proof: Any, engine: Any, part: Any, anywhere: Any) -> None:  # noqa: ANN401
         find(case, proof, engine, part, anywhere)
         damage(part.tops, part.tops.shape[-1])
 
-    return ((estimate_sets, "permitted", wrong),)
+    return ((estimate_sets, "find_permitted_commands", wrong),)
 
 
 def _longer(tops: Any, n: int) -> None:  # noqa: ANN401

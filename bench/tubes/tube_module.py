@@ -29,8 +29,7 @@ from soter.verify.tubes.expression_graph import Node, in_order
 from soter.verify.tubes.module_expressions import ModuleExpressions
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims
-from soter.verify.tubes.tube_check import TubeCheck
-from soter.verify.tubes.tube_table import TubeLevels
+from soter.verify.tubes.tube_check import TubeCheck, TubeLevels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -403,7 +402,7 @@ def config_of(module: Module) -> Config:
     c = Config(tick=tick, switches=tubes.switches, free=_constant(module, "FREE_STEPS"), **times)
     c.steps = _constant(module, "STEPS")
     c.any_for = tubes.any_command if p.module.shield is not None else -1
-    errors = dict(zip(check.states, check.errors(), strict=True))
+    errors = check.errors()
     for i in range(len(p.quantities.states)):
         c.error[i] = errors.get(i, 0.0)
         first = p.initial[i]

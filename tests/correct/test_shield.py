@@ -213,13 +213,13 @@ def test_a_table_that_permits_too_much_is_rejected(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    find = estimate_sets.permitted
+    find = estimate_sets.find_permitted_commands
 
     def damaged(case: Any, proof: Any, engine: Any, part: Any, anywhere: Any) -> None:
         find(case, proof, engine, part, anywhere)
         wrong(part.tops, part.tops.shape[-1])
 
-    monkeypatch.setattr(estimate_sets, "permitted", damaged)
+    monkeypatch.setattr(estimate_sets, "find_permitted_commands", damaged)
     soter.load(small).verify(cert=tmp_path / "cert")
     assert not soter.recheck(tmp_path / "cert").accepted
 
@@ -297,7 +297,7 @@ def test_a_shield_of_a_map_is_proved_and_rechecked_and_judges_one_command(tmp_pa
 def test_a_table_of_a_map_that_permits_too_much_is_rejected(
     wrong: Callable[[Any, int], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    find = estimate_sets.permitted
+    find = estimate_sets.find_permitted_commands
 
     def damaged(case: Any, proof: Any, engine: Any, part: Any, anywhere: Any) -> None:
         find(case, proof, engine, part, anywhere)
@@ -305,7 +305,7 @@ def test_a_table_of_a_map_that_permits_too_much_is_rejected(
 
     path = tmp_path / "steps.soter"
     path.write_text(STEPS, "utf-8")
-    monkeypatch.setattr(estimate_sets, "permitted", damaged)
+    monkeypatch.setattr(estimate_sets, "find_permitted_commands", damaged)
     soter.load(path).verify(cert=tmp_path / "cert", refute=False)
     assert not soter.recheck(tmp_path / "cert").accepted
 

@@ -44,7 +44,7 @@ system Vehicle deploys Track {
   module Shielded;
 }
 """
-shields_between = estimate_sets.between
+shields_between = estimate_sets.engine_with_command_in
 LOOP = """#include "Vehicle_firmware.h"
 #include <stdio.h>
 static Vehicle self;
@@ -197,7 +197,7 @@ def test_what_a_slip_in_the_prover_permits_is_rejected(
     slip: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "small.soter").write_text(SMALL)
-    monkeypatch.setattr(estimate_sets, "between", slip)
+    monkeypatch.setattr(estimate_sets, "engine_with_command_in", slip)
     soter.load(tmp_path / "small.soter").verify(cert=tmp_path / "cert", refute=False)
     assert not soter.recheck(tmp_path / "cert").accepted
 

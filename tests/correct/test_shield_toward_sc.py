@@ -264,13 +264,13 @@ def test_the_proof_is_that_of_the_shield_alone(tmp_path: Path) -> None:
 def test_a_table_that_permits_too_much_is_rejected(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    find_tables = estimate_sets.permitted
+    find_tables = estimate_sets.find_permitted_commands
 
     def damaged(case: Any, proof: Any, engine: Any, part: Any, anywhere: Any) -> None:
         find_tables(case, proof, engine, part, anywhere)
         everywhere(part.tops, part.tops.shape[-1])
 
-    monkeypatch.setattr(estimate_sets, "permitted", damaged)
+    monkeypatch.setattr(estimate_sets, "find_permitted_commands", damaged)
     (tmp_path / "small.soter").write_text(SMALL_TOWARD, "utf-8")
     soter.load(tmp_path / "small.soter").verify(cert=tmp_path / "cert")
     assert not soter.recheck(tmp_path / "cert").accepted

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from soter.simulate.run import NativeProgram
     from soter.targets.cortex_m_package import Image
     from soter.targets.package import Package
-    from soter.verify.deploy.level_table import LevelTable
+    from soter.verify.deploy.level_tables import LevelTable
     from soter.verify.deploy.missing_predicates import Known
     from soter.verify.deploy.proof_transfer import TransferredProof
     from soter.verify.problem.problem import Problem

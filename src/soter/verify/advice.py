@@ -30,12 +30,12 @@ from soter.language.model.types import DURATION, show_ns, write_ns
 from soter.report.proof_page import AdvicePage, Line
 from soter.verify.claims import claims, start
 from soter.verify.claims.claims import compute_levels, find_way_back, make_tables
-from soter.verify.claims.grid_refinement import volume_share
 from soter.verify.claims.results import PROVED
 from soter.verify.diagnosis.variations import at_periods
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.claims import Grids, grids
 from soter.verify.grid.group_model import UnboundedError
+from soter.verify.grid.set_figures import volume_share
 from soter.verify.problem.extract import cases, extract, require_sets
 from soter.verify.problem.time_checks import why_late_commands_uncovered
 from soter.verify.proof_methods import method_of

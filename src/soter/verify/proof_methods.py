@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from soter.verify.claims.case import Case, GroupProof, Method
     from soter.verify.claims.results import CaseSets, ModuleResult
-    from soter.verify.deploy.level_table import LevelTable
+    from soter.verify.deploy.level_tables import LevelTable
     from soter.verify.problem.problem import Group, Interval, Leaf, Problem, Times
 
     Pairs = list[object]

@@ -177,7 +177,7 @@ def test_pairs_say_what_every_choice_of_instants_says() -> None:
             itertools.product(range(3), repeat=count),
         )
         for ages, slacks in every:
-            told = deployed_sensors._pairs(ages, [Fraction(s) for s in slacks])
+            told = deployed_sensors._skewed_pairs(ages, [Fraction(s) for s in slacks])
             assert (not told) == _all_have_one(ages, slacks), (ages, slacks)
 
 

@@ -46,7 +46,7 @@ def compute_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("it was computed again")
 
-    for name in ("library_of", "_kept", "_computed"):
+    for name in ("library_of", "_cached_sets", "_compute_sets"):
         monkeypatch.setattr(missing_predicates, name, refuse)
 
 

@@ -19,7 +19,7 @@ from soter.verify.polytope import linear_group as polytope_model
 from soter.verify.polytope.linear_group import LinearGroup, free_instants, hold_instants
 from soter.verify.polytope.matrices import exact as ball
 from soter.verify.polytope.matrices import exponential
-from soter.verify.polytope.proofs import Windows, claims_of, find_core, prove_core
+from soter.verify.polytope.proofs import Claims, Windows, find_core, prove_core
 from unit.verify.polytope.polytope_adversary import MS, Attack, random_group
 
 pytest.importorskip("highspy")
@@ -101,7 +101,7 @@ def test_no_run_ends_a_hold_beyond_its_bounds(seed: int, times: tuple[int, int])
     group = random_group(chance, delay_ms=times[0], jitter_ms=times[1])
     sets = find_core(group, Windows(60 * MS, 50 * MS, 3))
     assert sets is not None
-    prove_core(sets, claims_of())
+    prove_core(sets, Claims())
     rows = rows_of(group, seed)
     row, loss = floats(hold_of(group, sets.rate).after(numbers(rows)))
     blind = replace(group, jitter_ns=0, error=group.error * 0.0)

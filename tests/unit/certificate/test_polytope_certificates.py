@@ -476,13 +476,13 @@ def _nothing(_: object, rows: Any, *__: object) -> Any:
 
 
 HOLES: dict[str, tuple[object, str, object]] = {
-    "outputs are never late": (polytope_model.Hold, "_exchanged", _nothing),
+    "outputs are never late": (polytope_model.Hold, "_exchange_loss", _nothing),
     "reads are fresh": (
         polytope_model.Hold,
-        "_read",
+        "_read_error",
         lambda self: np.abs(self.group.gain) @ self.group.error,
     ),
-    "reads are exact": (polytope_model.Hold, "_read", lambda self: np.zeros(len(self.rate))),
+    "reads are exact": (polytope_model.Hold, "_read_error", lambda self: np.zeros(len(self.rate))),
     "nothing disturbs": (
         polytope_model.TimeGrid,
         "noise",

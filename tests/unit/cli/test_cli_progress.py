@@ -240,7 +240,7 @@ def test_a_build_says_what_it_does_and_not_only_that_it_compiled(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Between two compilations sets are computed: they are named, each when it is computed."""
-    monkeypatch.setattr("soter.verify.deploy.missing_predicates._kept", lambda *_: None)
+    monkeypatch.setattr("soter.verify.deploy.missing_predicates._cached_sets", lambda *_: None)
     (tmp_path / "law.soter").write_text(LAW, encoding="utf-8")
     phases: list[str] = []
     shares: list[float] = []

@@ -33,7 +33,7 @@ from soter.language.model.types import (
 from soter.language.model.values import VALUE_MAX, Table, is_table
 from soter.native.compiler import WARNINGS
 from soter.simulate.run import NativeProgram, run_interpreted
-from soter.verify.deploy.level_table import Writer
+from soter.verify.deploy.level_tables import Writer
 from tables import all_rows
 
 if TYPE_CHECKING:

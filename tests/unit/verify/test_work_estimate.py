@@ -76,8 +76,8 @@ def test_what_computes_tables_before_it_flies_says_how_long(
         clock[0] += SECONDS_A_CELL * cells_of(small)
         return empty
 
-    monkeypatch.setattr(missing_predicates, "_case", case)
-    monkeypatch.setattr(missing_predicates, "_kept", lambda *_: None)
+    monkeypatch.setattr(missing_predicates, "_one_case", case)
+    monkeypatch.setattr(missing_predicates, "_cached_sets", lambda *_: None)
     lines: list[str] = []
     with listening_to_phases(lambda *_: None, lines.append):
         missing_predicates.sets_of(open_problem)

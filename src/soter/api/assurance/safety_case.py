@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from soter.certificate.report import RecheckAssumption, RecheckedModule
     from soter.language.model.system import Module, System
     from soter.language.model.typed import PlantSymbol
-    from soter.verify.deploy.grid_tables import GroupTable
+    from soter.verify.deploy.level_tables import GroupTable
     from soter.verify.problem.problem import Problem
 
 
@@ -92,7 +92,7 @@ def _group_tables(
     """
     import numpy as np  # noqa: PLC0415 - only then
 
-    from soter.verify.deploy.grid_tables import PER_BYTE, GroupTable  # noqa: PLC0415 - needs NumPy
+    from soter.verify.deploy.level_tables import PER_BYTE, GroupTable  # noqa: PLC0415 - needs NumPy
 
     entry = next((e for e in entries if e.get("view", "") == problem.view), None)
     if entry is None:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from soter.core.layout import Bools, Floats
     from soter.verify.claims.product_sets import FailsafeClaim, SetFactor
     from soter.verify.claims.results import ModuleResult, Region
-    from soter.verify.deploy.level_table import LevelTable
+    from soter.verify.deploy.level_tables import LevelTable
     from soter.verify.enclose.compiled_enclosures import CompiledEnclosures
     from soter.verify.problem.problem import Group, Problem
 

@@ -140,26 +140,6 @@ def _cells_holding_around(edges: NDArray[np.float64], low: float, high: float) -
     return sorted(cells)
 
 
-def drawn_edges(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
-    """The edges of each axis, (n + 1,), with the cell at an open end as long as the mean cell."""
-    edges_by_axis = []
-    for axis in axes:
-        edges = np.array(axis.edges)
-        if axis.open:
-            edges[-1] = edges[-2] + (edges[-2] - edges[0]) / (len(edges) - 2)
-        edges_by_axis.append(edges)
-    return edges_by_axis
-
-
-def volume_share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
-    """The share of a grid's volume that `cells`, of its shape, have; `edges` are (cells + 1,)."""
-    weight = cells.astype(np.float64)
-    for e in reversed(edges):
-        # not `@`: BLAS has a thread a core for that, and they spin for a while afterwards
-        weight = np.einsum("...i,i", weight, np.diff(e) / (e[-1] - e[0]))
-    return float(weight)
-
-
 CELLS_MAX = 4_000_000
 """The most cells that a refined group may have."""
 BORDER_MAX = 0.1

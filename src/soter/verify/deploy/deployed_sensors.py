@@ -86,11 +86,11 @@ def too_far(problem: Problem, heard: Sequence[SensedTopic]) -> list[TopicSkew]:
     slacks = [_slack(problem, h, rates) for h in heard]
     return [
         TopicSkew(heard[i].topic, heard[j].topic, apart, int(covered))
-        for i, j, apart, covered in _pairs([h.age for h in heard], slacks)
+        for i, j, apart, covered in _skewed_pairs([h.age for h in heard], slacks)
     ]
 
 
-def _pairs(
+def _skewed_pairs(
     ages: Sequence[int], slacks: Sequence[Fraction | float]
 ) -> list[tuple[int, int, int, Fraction | float]]:
     """(i, j, max(a_i, a_j), sigma_i + sigma_j) in ns, for pairs where the sum is the smaller."""
@@ -174,29 +174,29 @@ def covers(
     stepped = problem.kind == "map"
     for topic in s.topics:
         e = s.said[topic.name]
-        _errors(s, topic, e, diagnostics)
+        _check_errors(s, topic, e, diagnostics)
         if stepped:
-            _steps(s, topic, e, diagnostics)
+            _check_steps(s, topic, e, diagnostics)
         else:
-            _age(s, topic, e, problem, diagnostics)
+            _check_age(s, topic, e, problem, diagnostics)
     if len(diagnostics.items) > before:
         return [], []
     if not stepped:
-        for apart in too_far(problem, [_heard(s, t, problem) for t in s.topics]):
-            _apart(s, apart, problem, diagnostics)
+        for apart in too_far(problem, [_sensed_topic(s, t, problem) for t in s.topics]):
+            _report_skew(s, apart, problem, diagnostics)
     if len(diagnostics.items) > before:
         return [], []
-    covered = [_words(s, topic, problem) for topic in s.topics]
+    covered = [_cover_in_words(s, topic, problem) for topic in s.topics]
     if len(s.topics) > 1 and not stepped:
         names = ", ".join(t.name for t in s.topics)
         covered.append(f"{names}: measured one by one, within the errors of one state")
-    return covered, _assumed(s, stepped=stepped)
+    return covered, _assumptions(s, stepped=stepped)
 
 
 # ---------------------------------------------------------------- topic by topic
 
 
-def _errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
+def _check_errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
     """D019 where the error of a float is not declared, or larger than that of the plant."""
     for k, ((path, t), allowed) in enumerate(
         zip(leaves(topic.type), s.errors_of(topic), strict=True)
@@ -218,7 +218,9 @@ def _errors(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> 
         )
 
 
-def _age(s: Sensors, topic: Topic, e: External, problem: Problem, diagnostics: Diagnostics) -> None:
+def _check_age(
+    s: Sensors, topic: Topic, e: External, problem: Problem, diagnostics: Diagnostics
+) -> None:
     """D019 where a topic comes too seldom or too late: SC might read older values than proved."""
     if e.every_ns is None:
         diagnostics.error(
@@ -229,7 +231,7 @@ def _age(s: Sensors, topic: Topic, e: External, problem: Problem, diagnostics: D
             helps=(f"write `external topic {topic.name} every d`",),
         )
         return
-    oldest, allowed = _oldest(e, problem), topic.max_age_ns or 0
+    oldest, allowed = _oldest_read(e, problem), topic.max_age_ns or 0
     if oldest <= allowed:
         return
     starts = show_ns(problem.times.schedule.start_of_sc)
@@ -249,12 +251,12 @@ def _age(s: Sensors, topic: Topic, e: External, problem: Problem, diagnostics: D
     )
 
 
-def _oldest(e: External, problem: Problem) -> int:
+def _oldest_read(e: External, problem: Problem) -> int:
     assert e.every_ns is not None
     return e.every_ns + (e.delay_ns or 0) + problem.times.schedule.start_of_sc
 
 
-def _steps(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
+def _check_steps(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
     """D019 where a topic does not come once in every step of its plant, without delay."""
     plant = s.plants[topic.index]
     if e.every_ns == plant.period_ns and not e.delay_ns:
@@ -278,14 +280,14 @@ def _steps(s: Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> N
 # ---------------------------------------------------------------- together
 
 
-def _heard(s: Sensors, topic: Topic, problem: Problem) -> SensedTopic:
+def _sensed_topic(s: Sensors, topic: Topic, problem: Problem) -> SensedTopic:
     e = s.said[topic.name]
     assert e.every_ns is not None
     age = e.every_ns + (e.delay_ns or 0) + problem.times.schedule.dropout
     return SensedTopic(topic, age, e.errors, tuple(s.errors_of(topic)))
 
 
-def _apart(s: Sensors, pair: TopicSkew, problem: Problem, diagnostics: Diagnostics) -> None:
+def _report_skew(s: Sensors, pair: TopicSkew, problem: Problem, diagnostics: Diagnostics) -> None:
     one, other = pair.one, pair.other
     silent = problem.times.schedule.dropout
     beside = f", a silence of {show_ns(silent)} included" if silent else ""
@@ -308,7 +310,7 @@ def _apart(s: Sensors, pair: TopicSkew, problem: Problem, diagnostics: Diagnosti
 # ---------------------------------------------------------------- in words
 
 
-def _words(s: Sensors, topic: Topic, problem: Problem) -> str:
+def _cover_in_words(s: Sensors, topic: Topic, problem: Problem) -> str:
     e = s.said[topic.name]
     exact = [
         f"{'.'.join(path) or topic.name} within {own!r} of {allowed!r}"
@@ -323,13 +325,13 @@ def _words(s: Sensors, topic: Topic, problem: Problem) -> str:
         assert most < e.every_ns, "R011: the DM finds a step that is missing"
         age = f"with each step of {show_ns(e.every_ns)}, or stale ({show_ns(most)})"
     else:
-        age = f"at most {show_ns(_oldest(e, problem))} old of {show_ns(most)}"
+        age = f"at most {show_ns(_oldest_read(e, problem))} old of {show_ns(most)}"
         if problem.times.schedule.dropout:
             age += f", and silences {show_ns(problem.times.schedule.dropout)} longer"
     return f"{topic.name}: {', '.join([age, *exact])}"
 
 
-def _assumed(s: Sensors, *, stepped: bool) -> list[str]:
+def _assumptions(s: Sensors, *, stepped: bool) -> list[str]:
     assumptions = [f"what moves starts where the plants of {s.there.name} do"] * bool(s.topics)
     for topic in s.topics:
         assumptions.append(

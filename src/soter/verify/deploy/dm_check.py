@@ -41,7 +41,7 @@ from soter.verify.deploy.dm_test_cases import (
     gates,
     values,
 )
-from soter.verify.deploy.grid_tables import GroupTable
+from soter.verify.deploy.level_tables import GroupTable
 from soter.verify.deploy.missing_predicates import install
 from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.proof_methods import pairs_of, tables_of_groups
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from soter.language.model.system import Module, System, Topic
     from soter.verify.claims.results import ModuleResult
     from soter.verify.deploy.dm_test_cases import Points
-    from soter.verify.deploy.level_table import EstimateSamples, LevelTable
+    from soter.verify.deploy.level_tables import EstimateSamples, LevelTable
     from soter.verify.problem.problem import Problem
 
     Place = tuple[int, float]
@@ -147,7 +147,7 @@ def check_decisions(
     checks = []
     for module in system.modules:
         check = DMCheck(module.name)
-        _all_facts(c, check)
+        _try_all_facts(c, check)
         inputs = _Inputs(c, system, module, check)
         inputs.run(points)
         for table in level_tables:
@@ -226,7 +226,7 @@ class _Compiled:
         return int(self.lib.soter_check_decide(module, self.ffi.from_buffer(state)))
 
 
-def _all_facts(c: _Compiled, check: DMCheck) -> None:
+def _try_all_facts(c: _Compiled, check: DMCheck) -> None:
     """Tries all 64 combinations of two modes and five facts."""
     names = ("stale", "ttf", "safer", "gate_fault", "clean")
     for mode in (SC, AC):
@@ -236,10 +236,12 @@ def _all_facts(c: _Compiled, check: DMCheck) -> None:
             check.facts += 1
             if wanted != got:
                 true = ", ".join(n for n, fact in said.items() if fact) or "no fact"
-                check.differs(f"in {_name(mode)} with {true}: {_name(got)}, not {_name(wanted)}")
+                check.differs(
+                    f"in {_name_of(mode)} with {true}: {_name_of(got)}, not {_name_of(wanted)}"
+                )
 
 
-def _name(mode: int) -> str:
+def _name_of(mode: int) -> str:
     return "AC" if mode == AC else "SC"
 
 
@@ -274,7 +276,7 @@ class _Inputs:
         scope = {**system.components[self.module.sc].scope.topics, **self.module.scope.topics}
         read = [scope[t] for t in topic_reads(*predicates)]
         expected = ExpectedFacts(system, self.module)
-        every = list(itertools.product(self._ages(), gates(self.module)))
+        every = list(itertools.product(self._ages_to_try(), gates(self.module)))
         for k, chosen_values in enumerate(values(system, read, points, self.chance)):
             topics = [t.default for t in system.topics]
             for index, value in zip(read, chosen_values, strict=True):
@@ -285,11 +287,11 @@ class _Inputs:
             for ages, gate in chosen:
                 if expected.reads_ages:
                     truths = expected.truths(tuple(topics), ages)
-                self._one(state, ages, gate, ttf=truths[0], safer=truths[1])
+                self._try_state(state, ages, gate, ttf=truths[0], safer=truths[1])
             if k < WHOLE or fresh[1]:
-                self._latched(state, ttf=fresh[0], safer=fresh[1])
+                self._try_latch(state, ttf=fresh[0], safer=fresh[1])
 
-    def _fresh(
+    def _fresh_state(
         self,
         own: LevelTable,
         others: Sequence[LevelTable],
@@ -324,22 +326,24 @@ class _Inputs:
         acted_ns: int | None,
     ) -> None:
         """Tries the samples of a table, with the other groups inside S_(m-2)."""
-        samples, fresh = table.samples, self._fresh(table, others, leaves_of)
+        samples, fresh = table.samples, self._fresh_state(table, others, leaves_of)
         if samples is None or fresh is None:
             return
         state, at = fresh
-        judged = list(self._commands(table, acted_ns))
+        judged = list(self._acting_commands(table, acted_ns))
         if not judged:
-            self._tried(state, at, samples)
+            self._try_samples(state, at, samples)
         else:
             for held, acting, permitted in judged:
                 for place, value in (held, acting):
                     struct.pack_into("<d", state, place, value)
                 levels = np.where(permitted, np.maximum(samples.surely, 1), 0).astype(np.uint8)
-                self._tried(state, at, replace(samples, surely=levels, least=levels))
+                self._try_samples(state, at, replace(samples, surely=levels, least=levels))
                 struct.pack_into("<d", state, acting[0], NEVER_HELD)
 
-    def _tried(self, state: bytearray, at: NDArray[np.uintp], samples: EstimateSamples) -> None:
+    def _try_samples(
+        self, state: bytearray, at: NDArray[np.uintp], samples: EstimateSamples
+    ) -> None:
         """Tries the compiled DM on samples, in this state otherwise."""
         points, surely = samples.points, samples.surely
         facts = (self.at["ttf"], self.at["safer"])
@@ -352,7 +356,7 @@ class _Inputs:
             where = points[k].tolist()
             self.check.differs(f"at {where} its level is {got[k]}, not {surely[k]}")
 
-    def _commands(self, table: LevelTable, acted_ns: int | None) -> Iterator[ActingCommands]:
+    def _acting_commands(self, table: LevelTable, acted_ns: int | None) -> Iterator[ActingCommands]:
         """All pairs of cells of the command that is held and of one that may just still act.
 
         Each with its offsets, and the samples at which it is permitted. `acted_ns` None: only the
@@ -384,7 +388,7 @@ class _Inputs:
                 when = (times + 8 * acting, (NOW_NS - (acted_ns or 0)) / 1e9)
                 yield (place, value), when, tops[:, low] > high
 
-    def _ages(self) -> Iterator[dict[int, int]]:
+    def _ages_to_try(self) -> Iterator[dict[int, int]]:
         """Ages to try: all fresh; each input at its limit, beyond, never published; `ASKED_NS`."""
         yield {}
         for index, limit in self.limits:
@@ -396,7 +400,7 @@ class _Inputs:
             for age in ASKED_NS:
                 yield {index: age}
 
-    def _one(
+    def _try_state(
         self,
         state: bytearray,
         ages: dict[int, int],
@@ -420,11 +424,13 @@ class _Inputs:
         self.check.states += 1
         wrong = [n for n, fact in facts.items() if state[self.at[n]] != fact]
         for name in wrong[:1]:
-            self.check.differs(f"in {_name(mode)} it finds `{name}` {not facts[name]}")
+            self.check.differs(f"in {_name_of(mode)} it finds `{name}` {not facts[name]}")
         if got != wanted:
-            self.check.differs(f"in {_name(mode)} on {facts}: {_name(got)}, not {_name(wanted)}")
+            self.check.differs(
+                f"in {_name_of(mode)} on {facts}: {_name_of(got)}, not {_name_of(wanted)}"
+            )
 
-    def _latched(self, state: bytearray, *, ttf: bool, safer: bool) -> None:
+    def _try_latch(self, state: bytearray, *, ttf: bool, safer: bool) -> None:
         """Tries the latch in every state, with all topics fresh and no clean outputs owed."""
         if self.latch is None or self.tried[ttf, safer] >= LATCHES:
             return
@@ -442,9 +448,11 @@ class _Inputs:
             after = self.latch.switched(wanted, NOW_NS) if wanted != mode else held
             self.check.states += 1
             if (got := self.c.decide(self.module.index, state)) != wanted:
-                self.check.differs(f"in {_name(mode)} on {seen}: {_name(got)}, not {_name(wanted)}")
+                self.check.differs(
+                    f"in {_name_of(mode)} on {seen}: {_name_of(got)}, not {_name_of(wanted)}"
+                )
             elif (kept := self.latch.remembered(state)) != after:
-                self.check.differs(f"in {_name(mode)} on {seen}: it keeps {kept}, not {after}")
+                self.check.differs(f"in {_name_of(mode)} on {seen}: it keeps {kept}, not {after}")
 
 
 def _place_of(layout: StateLayout, topic: Topic, leaf: int) -> int:

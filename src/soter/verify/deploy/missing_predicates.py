@@ -2,7 +2,7 @@
 
 Purpose: `complete` gives every such module of a flat system predicates that read tables, so that
 interpreter, lowering and C all see them; the sets are kept in the cache folder.
-Non-goals: computing sets (`verify/claims/`), tables (`grid_tables.py`), verdicts.
+Non-goals: computing sets (`verify/claims/`), tables (`level_tables.py`), verdicts.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from soter.verify.claims import claims
 from soter.verify.claims.choice import choose, with_way_back
 from soter.verify.claims.claims import compute_levels, has_unproved_levels
 from soter.verify.claims.grid_refinement import announce_work, cells_of
-from soter.verify.deploy.grid_tables import GroupTable, grid_ends, predicates
+from soter.verify.deploy.level_tables import GroupTable, grid_ends, predicates
 from soter.verify.deploy.shield_tables import ShieldWriter, shield_expressions
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.group_model import UnboundedError
@@ -39,8 +39,7 @@ from soter.verify.proof_methods import in_method_order, method_of, pairs_of, tab
 from soter.verify.tubes.generated_functions import TooLongError
 from soter.verify.tubes.problem import TubeProblem
 from soter.verify.tubes.rest_claims import RestClaims, show_rest_claims, too_long
-from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck
-from soter.verify.tubes.tube_table import TubeLevels
+from soter.verify.tubes.tube_check import MOST, PLAIN, TubeCheck, TubeLevels
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -53,7 +52,7 @@ if TYPE_CHECKING:
     from soter.language.model.typed import Cost, TopicSymbol, TypedExpr
     from soter.verify.claims.case import Case
     from soter.verify.claims.results import ModuleResult
-    from soter.verify.deploy.level_table import LevelTable
+    from soter.verify.deploy.level_tables import LevelTable
     from soter.verify.enclose.compiled_enclosures import ReachLibrary
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
@@ -94,7 +93,7 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
     """
     if flat.proved is not None:  # of a deployed system: what was computed where it was proved
         notes = complete(flat.proved, known)
-        _carry(flat, flat.proved)
+        _copy_predicates(flat, flat.proved)
         return notes
     todo = open_modules(flat)
     notes = []
@@ -106,7 +105,7 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
             continue
         if isinstance(problem, TubeProblem):
             with between(i / len(todo), (i + 1) / len(todo)):
-                notes.append(_follow(flat, module, problem))
+                notes.append(_install_tube_predicates(flat, module, problem))
             continue
         sets = None if known is None else known.sets(problem)
         if sets is None:
@@ -130,14 +129,14 @@ def complete(flat: System, known: Known | None = None) -> list[str]:
     return notes
 
 
-def _follow(flat: System, module: Module, problem: TubeProblem) -> str:
+def _install_tube_predicates(flat: System, module: Module, problem: TubeProblem) -> str:
     """Gives a module with `rest` its predicates, unless rest is not shown; returns a note."""
     phase(f"{problem.name}: whether SC keeps where it rests", anew=True)
     check = TubeCheck(problem)
     claims = rest_claims(check)
     if claims.kept:
         return f"{module.name}: {claims.kept}: {NEVER}"
-    install(flat, module, problem, [TubeLevels.of(check, claims)])
+    install(flat, module, problem, [TubeLevels.of(check, claims.ways)])
     module.unshown = "; ".join(filter(None, (claims.moves, claims.start)))
     missing = f"; not shown: {module.unshown}" if module.unshown else ""
     where = "SC, followed from there, comes to rest"
@@ -185,7 +184,7 @@ def rest_claims(check: TubeCheck) -> RestClaims:
     return claims
 
 
-def _carry(here: System, there: System) -> None:
+def _copy_predicates(here: System, there: System) -> None:
     """Gives the modules of `here` the predicates that were computed for those of `there`.
 
     A margin here reaches only to the next look (`Module.looks` stays 1): that more looks keep AC
@@ -198,13 +197,13 @@ def _carry(here: System, there: System) -> None:
         dm, sc = here.components[m.dm], here.components[m.sc]
         scope = {**sc.scope.topics, **m.scope.topics}
         m.symbol, m.computed, m.unshown = proved.symbol, proved.computed, proved.unshown
-        for topic in (*proved.symbol.topics_read, *_carry_shield(m, proved, there, scope)):
+        for topic in (*proved.symbol.topics_read, *_copy_shield(m, proved, there, scope)):
             m.scope.topics.setdefault(topic, scope[topic])
             dm.scope.topics.setdefault(topic, scope[topic])
         m.inputs = tuple(scope[topic] for topic in proved.symbol.topics_read)
 
 
-def _carry_shield(
+def _copy_shield(
     m: Module, proved: Module, there: System, scope: dict[TopicSymbol, int]
 ) -> list[TopicSymbol]:
     """Copies the shield's expressions from the proved module; returns the topics that they read.
@@ -227,7 +226,7 @@ def install(flat: System, module: Module, problem: Problem, level_tables: Found)
     reads = tuple(topic_reads(ttf, safer))
     scope = {**flat.components[module.sc].scope.topics, **module.scope.topics}
     if module.shield is not None:
-        ttf = _shield(flat, module, problem, level_tables, scope)
+        ttf = _shield_ttf(flat, module, problem, level_tables, scope)
     for topic in reads:
         module.scope.topics.setdefault(topic, scope[topic])
         flat.components[module.dm].scope.topics.setdefault(topic, scope[topic])
@@ -237,7 +236,7 @@ def install(flat: System, module: Module, problem: Problem, level_tables: Found)
     module.looks = looks_of(problem, level_tables)
 
 
-def _shield(
+def _shield_ttf(
     flat: System, module: Module, problem: Problem, level_tables: Found, scope: dict[Any, int]
 ) -> TypedExpr:
     """`ttf` of a module with a shield: true where the command that is held is not permitted.
@@ -251,15 +250,15 @@ def _shield(
         w = ShieldWriter(problem, flat, shield)
         judged = tubes[0].judged(w)
         shield.held, shield.permits = w.held(), w.chain("&&", [*w.fresh(), judged])
-        return _scoped(flat, module, shield, scope, TypedUnary(BOOL, span, "!", judged))
+        return _add_read_topics(flat, module, shield, scope, TypedUnary(BOOL, span, "!", judged))
     grids = [x for x in level_tables if isinstance(x, GroupTable) and x.commands is not None]
     if len(grids) < len(level_tables):
         return Literal(BOOL, span, True)
     shield.held, shield.permits, ttf = shield_expressions(problem, flat, shield, grids)
-    return _scoped(flat, module, shield, scope, ttf)
+    return _add_read_topics(flat, module, shield, scope, ttf)
 
 
-def _scoped(
+def _add_read_topics(
     flat: System, module: Module, shield: Shield, scope: dict[Any, int], ttf: TypedExpr
 ) -> TypedExpr:
     """Returns `ttf` after adding the topics that a shield reads to the module's and DM's scopes."""
@@ -296,12 +295,12 @@ def sets_of(problem: Problem) -> tuple[Problem, list[Pairs] | None]:
     """
     phase(f"{problem.name}: computing ttf and safer", anew=True)
     library, _ = library_of(problem)
-    key = _key(problem, library)
-    sets = _kept(key, problem)
+    key = _cache_key(problem, library)
+    sets = _cached_sets(key, problem)
     if sets is None:
-        sets = _computed(problem, library)
+        sets = _compute_sets(problem, library)
         if sets is not None:
-            _keep(key, *sets)
+            _store_sets(key, *sets)
     return sets or (problem, None)
 
 
@@ -313,12 +312,12 @@ def cache_sets(result: ModuleResult) -> None:
     problem = result.problem
     if problem.groups and all(result.findings[c].holds for c in OF_SETS):
         pairs = [pairs_of(case) for case in result.cases]
-        _keep(_key(problem, library_of(problem)[0]), problem, pairs)
+        _store_sets(_cache_key(problem, library_of(problem)[0]), problem, pairs)
 
 
-def _computed(problem: Problem, library: ReachLibrary) -> Sets | None:
-    announce_work(problem, partial(_case, library))
-    chosen = choose(problem, partial(_cases, library))
+def _compute_sets(problem: Problem, library: ReachLibrary) -> Sets | None:
+    announce_work(problem, partial(_one_case, library))
+    chosen = choose(problem, partial(_all_cases, library))
     problem = chosen.problem
     pairs = [pairs_of(case.sets) for case in chosen.done or ()]
     if not pairs or any(len(of_case) != len(problem.groups) for of_case in pairs):
@@ -326,7 +325,7 @@ def _computed(problem: Problem, library: ReachLibrary) -> Sets | None:
     return None if any(map(has_unproved_levels, chosen.done or ())) else (problem, pairs)
 
 
-def _cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
+def _all_cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
     """Every case with its levels, after P2b, for which K may lose cells.
 
     None where the dynamics have no enclosure. There are no levels where some case has no K.
@@ -336,14 +335,14 @@ def _cases(library: ReachLibrary, problem: Problem) -> list[Case] | None:
     for i, parameter in enumerate(every):
         share_done(i / len(every))  # how many rounds a case takes nobody knows before
         try:
-            case = _case(library, problem, parameter)
+            case = _one_case(library, problem, parameter)
         except UnboundedError:
             return None
         done.append(case)
     return done if any(case.failed("P2a") for case in done) else with_way_back(done)
 
 
-def _case(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...]) -> Case:
+def _one_case(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...]) -> Case:
     """One case with its levels, if it has a K."""
     case = claims.open_case(problem, library, problem.groups, parameter)
     within = claims.compute_constraint(case)
@@ -359,7 +358,7 @@ def _case(library: ReachLibrary, problem: Problem, parameter: tuple[int, ...]) -
 # ---------------------------------------------------------------- the cache
 
 
-def _key(problem: Problem, library: ReachLibrary) -> str:
+def _cache_key(problem: Problem, library: ReachLibrary) -> str:
     """A hash of everything the sets depend on: the enclosures' code, all numbers, the engine."""
     told = hashlib.sha256()
     for part in (
@@ -388,7 +387,7 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
         sorted(problem.topic_leaf_of_state.items()),
         sorted(topics_seen_by_dm(problem)),
         problem.law_unread,
-        *_of_the_law(problem),
+        *_law_parts(problem),
     ):
         told.update(repr(part).encode() + b"\0")
     for file in engine_files():
@@ -396,7 +395,7 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
     return told.hexdigest()
 
 
-def _of_the_law(problem: Problem) -> tuple[object, ...]:
+def _law_parts(problem: Problem) -> tuple[object, ...]:
     """What K_fs depends on besides, as SC has to keep it where a fail-safe law is declared."""
     law = problem.law
     if law is None:
@@ -412,7 +411,7 @@ def engine_files() -> list[Path]:
     return [*files, *texts]
 
 
-def _keep(key: str, problem: Problem, pairs: list[Pairs]) -> None:
+def _store_sets(key: str, problem: Problem, pairs: list[Pairs]) -> None:
     """Writes the sets into the cache; that it cannot be written is no error."""
     arrays: dict[str, NDArray[np.generic]] = {LEVELS: np.array(problem.levels)}
     for k, axis in enumerate(a for group in problem.groups for a in group.axes):
@@ -429,24 +428,24 @@ def _keep(key: str, problem: Problem, pairs: list[Pairs]) -> None:
         store("sets", key, (FILE,), make)
 
 
-def _kept(key: str, problem: Problem) -> Sets | None:
+def _cached_sets(key: str, problem: Problem) -> Sets | None:
     """The cached sets of an earlier run; None where there are none."""
     folder = find_cached("sets", key, (FILE,))
     if folder is None:
         return None
     try:
         with np.load(folder / FILE) as data:
-            problem = replace(_on_its_cells(data, problem), levels=int(data[LEVELS]))
+            problem = replace(_with_chosen_cells(data, problem), levels=int(data[LEVELS]))
             groups = in_method_order(problem.groups)
             return problem, [
-                [_pair(data, f"{i}_{j}_", group) for j, group in enumerate(groups)]
+                [_stored_pair(data, f"{i}_{j}_", group) for j, group in enumerate(groups)]
                 for i, _ in enumerate(cases(problem))
             ]
     except (OSError, ValueError, KeyError):
         return None
 
 
-def _on_its_cells(data: Any, problem: Problem) -> Problem:  # noqa: ANN401 - an open archive
+def _with_chosen_cells(data: Any, problem: Problem) -> Problem:  # noqa: ANN401 - an open archive
     """The problem on the cells that were chosen for it in an earlier run."""
     count, groups = itertools.count(), []
     for group in problem.groups:
@@ -459,6 +458,6 @@ def _on_its_cells(data: Any, problem: Problem) -> Problem:  # noqa: ANN401 - an 
     return replace(problem, groups=tuple(groups), declared_groups=declared)
 
 
-def _pair(data: Any, name: str, group: Group) -> object:  # noqa: ANN401 - an open archive
+def _stored_pair(data: Any, name: str, group: Group) -> object:  # noqa: ANN401 - an open archive
     own = {key.removeprefix(name): data[key] for key in data.files if key.startswith(name)}
     return method_of(group).unpack(group, own)

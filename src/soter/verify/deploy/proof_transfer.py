@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from soter.certificate.folder import Certificate
     from soter.language.model.system import Module, System
-    from soter.verify.deploy.level_table import LevelTable
+    from soter.verify.deploy.level_tables import LevelTable
     from soter.verify.problem.problem import Group, Problem
     from soter.verify.proof_methods import Pairs
 
@@ -47,7 +47,7 @@ def certified_sets(
     ]
     if len(entries) != 1 or problem.module.shield is not None or "levels" in entries[0]:
         return None  # what a shield permits for longer, and whether others would do, is not there
-    if not _wraps_alike(entries[0], problem):
+    if not _same_wrapping(entries[0], problem):
         return None
     given, every = entries[0].get("cases", []), list(cases(problem))
     if [tuple(c["parameter"]) for c in given] != every:
@@ -84,14 +84,14 @@ def same_tables(
     q, files = problem.quantities, dict[str, bytes]()
     names = [s.name for s in q.states]
     own = [table.entry(names, f"sets/{k}", files) for k, table in enumerate(built)]
-    told = _resolve_names(own, {**files, **_numbered([*names, *(c.name for c in q.controls)])})
+    told = _resolve_names(own, {**files, **_place_by_name([*names, *(c.name for c in q.controls)])})
     return all(
-        not e.get("tables") or (_tables_in(certificate, e) == told and _wraps_alike(e, problem))
+        not e.get("tables") or (_tables_in(certificate, e) == told and _same_wrapping(e, problem))
         for e in entries
     )
 
 
-def _wraps_alike(entry: Mapping[str, Any], problem: Problem) -> bool:
+def _same_wrapping(entry: Mapping[str, Any], problem: Problem) -> bool:
     """Whether the same axes wrap around as in the certificate's entry."""
     names = [i["name"] for i in entry["inputs"] if i["kind"] == "state"]
     wraps = entry.get("wraps", ())
@@ -101,10 +101,10 @@ def _wraps_alike(entry: Mapping[str, Any], problem: Problem) -> bool:
 def _tables_in(certificate: Certificate, entry: dict[str, Any]) -> Any:  # noqa: ANN401 - any entry
     """The tables of a module in a certificate, with names and files resolved."""
     inputs = [i["name"] for i in entry["inputs"] if i["kind"] in ("state", "control")]
-    return _resolve_names(entry["tables"], {**certificate.contents, **_numbered(inputs)})
+    return _resolve_names(entry["tables"], {**certificate.contents, **_place_by_name(inputs)})
 
 
-def _numbered(names: Sequence[str]) -> dict[str, object]:
+def _place_by_name(names: Sequence[str]) -> dict[str, object]:
     """The place of each name of a state or control: names differ in a file that is imported."""
     return {name: place for place, name in enumerate(names)}
 
@@ -156,8 +156,8 @@ def inherited(here: System, there: System) -> tuple[TransferredProof, ...]:
     """
     diagnostics = Diagnostics()
     proved = faultless(without_held_topics(there))
-    _all_sensed(here, there, diagnostics)
-    inheritances = [_of_module(here, m, proved, diagnostics) for m in here.modules]
+    _check_all_sensed(here, there, diagnostics)
+    inheritances = [_transferred_proof(here, m, proved, diagnostics) for m in here.modules]
     diagnostics.raise_errors()
     return tuple(inheritances)
 
@@ -174,7 +174,7 @@ def how_to_deploy(here: System, cert: str) -> tuple[str, str]:
     )
 
 
-def _all_sensed(here: System, there: System, diagnostics: Diagnostics) -> None:
+def _check_all_sensed(here: System, there: System, diagnostics: Diagnostics) -> None:
     """D019 where a plant reads a topic that is no external topic of the deployed system."""
     said = {here.topics[e.topic].name for e in here.externals}
     for c in there.components:
@@ -190,7 +190,7 @@ def _all_sensed(here: System, there: System, diagnostics: Diagnostics) -> None:
                 )
 
 
-def _of_module(
+def _transferred_proof(
     here: System, m: Module, there: System, diagnostics: Diagnostics
 ) -> TransferredProof:
     inheritance = TransferredProof(m.name)

@@ -21,15 +21,13 @@ moves in steps no other does. Times are floats of whole nanoseconds; a microseco
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from itertools import pairwise
 from math import inf, nextafter
 from typing import TYPE_CHECKING
 
 from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT, IntType, leaves
-from soter.verify.deploy.grid_tables import GroupTable, cell_of, estimate, place_function
-from soter.verify.deploy.level_table import Writer
+from soter.verify.deploy.level_tables import GroupTable, Writer, cell_of, estimate, place_function
 from soter.verify.problem.inputs import topics_seen_by_dm
 from soter.verify.problem.supported_constructs import map_topics
 
@@ -40,45 +38,8 @@ if TYPE_CHECKING:
     from soter.verify.problem.problem import Problem
 
 
-class ShieldParts(Writer):
-    """The parts that `moved` needs; `ShieldWriter` provides them.
-
-    `edges`, `places`: for each control the edges of its cells, and the function that finds a cell.
-    """
-
-    problem: Problem
-    name: str
-    cells: int
-    topic: Topic
-    edges: list[tuple[float, ...]]
-    places: list[t.FunSymbol]
-
-    @abstractmethod
-    def times(self) -> t.TypedExpr:
-        """The shield's topic."""
-
-    @abstractmethod
-    def since(self) -> t.TypedExpr:
-        """A command that was held then or later may act on what is read now: t - W, s."""
-
-    @abstractmethod
-    def acting(
-        self,
-        control: int,
-        ends: t.FunSymbol,
-        times: t.TypedExpr,
-        own: t.TypedExpr,
-        since: t.TypedExpr,
-    ) -> t.TypedExpr:
-        """The least cell and the greatest that may act where a command of cell `own` does."""
-
-    @abstractmethod
-    def reach(self, table: GroupTable, number: int) -> t.FunSymbol:
-        """A function: 1 where commands of the cells `ends` are permitted at an estimate, else 0."""
-
-
 def moved(
-    w: ShieldParts, topic: Topic, tables: Sequence[GroupTable], ends: t.FunSymbol
+    w: ShieldWriter, topic: Topic, tables: Sequence[GroupTable], ends: t.FunSymbol
 ) -> Iterator[t.TypedExpr]:
     """The numbers to publish in the place of AC's, in the order of `topic`; they are proposals."""
     read = t.TopicRead(topic.type, w.span, topic.symbol)
@@ -106,7 +67,7 @@ def moved(
 
 
 def _nearest(
-    w: ShieldParts, control: int, tables: Sequence[tuple[int, GroupTable]], ends: t.FunSymbol
+    w: ShieldWriter, control: int, tables: Sequence[tuple[int, GroupTable]], ends: t.FunSymbol
 ) -> t.FunSymbol:
     """`fun nearest(mine, other, times, since, x0, ...): float`, which does the search."""
     name = f"{w.name}_toward{control}"
@@ -131,9 +92,9 @@ def _nearest(
         _is_one(w, w.call(fun, *map(w.read, xs), w.read(cell)))
         for fun, xs in zip(lasting, states, strict=True)
     ]
-    there = w.op("<=", w.read(step), _product(w, sign, w.op("-", w.read(to), w.read(own))))
+    there = w.op("<=", w.read(step), w.op("*", w.read(sign), w.op("-", w.read(to), w.read(own))))
     fine = w.chain("&&", [there, *last_too, *permitted(cell)])
-    gone = w.op("+", w.read(own), _product(w, sign, w.read(step)))
+    gone = w.op("+", w.read(own), w.op("*", w.read(sign), w.read(step)))
     entrance = _either(
         w,
         w.op("==", w.read(cell), w.read(own)),
@@ -145,10 +106,10 @@ def _nearest(
     body: list[t.TypedStmt] = [
         w.declare(own, w.call(w.places[control], w.read(mine))),
         w.declare(to, w.call(w.places[control], w.read(other))),
-        _if(w, outside, w.give(w.read(mine))),
+        _when(w, outside, w.give(w.read(mine))),
         w.declare(sign, _either(w, up, w.number(1), w.number(-1))),
         t.ForRange(
-            w.span, step, 0, w.cells, (w.declare(cell, gone), _if(w, fine, w.give(entrance)))
+            w.span, step, 0, w.cells, (w.declare(cell, gone), _when(w, fine, w.give(entrance)))
         ),
         w.give(_either(w, w.chain("&&", permitted(to)), w.read(other), w.read(mine))),
     ]
@@ -156,7 +117,7 @@ def _nearest(
     return t.FunSymbol(name, w.span, inputs, FLOAT, tuple(body), False, None)
 
 
-def _lasting(w: ShieldParts, table: GroupTable, name: str) -> t.FunSymbol:
+def _lasting(w: ShieldWriter, table: GroupTable, name: str) -> t.FunSymbol:
     """A function: 1 where commands of a cell may act for longer at an estimate, else 0."""
     assert table.commands is not None
     assert table.commands.lasting is not None
@@ -170,7 +131,7 @@ def _lasting(w: ShieldParts, table: GroupTable, name: str) -> t.FunSymbol:
 
 
 def _entrances(
-    w: ShieldParts, name: str, control: int, cell: t.Variable
+    w: ShieldWriter, name: str, control: int, cell: t.Variable
 ) -> tuple[t.TypedExpr, t.TypedExpr]:
     """Expressions for the least and the greatest number that is looked up in a cell."""
     edges = w.edges[control]
@@ -182,20 +143,16 @@ def _entrances(
     return up, down
 
 
-def _product(w: ShieldParts, sign: t.Variable, value: t.TypedExpr) -> t.TypedExpr:
-    return w.op("*", w.read(sign), value)
-
-
-def _is_one(w: ShieldParts, value: t.TypedExpr) -> t.TypedExpr:
+def _is_one(w: ShieldWriter, value: t.TypedExpr) -> t.TypedExpr:
     return w.op("==", value, w.number(1))
 
 
-def _if(w: ShieldParts, condition: t.TypedExpr, then: t.TypedStmt) -> t.TypedStmt:
+def _when(w: ShieldWriter, condition: t.TypedExpr, then: t.TypedStmt) -> t.TypedStmt:
     return t.TypedIf(w.span, ((condition, (then,)),), ())
 
 
 def _either(
-    w: ShieldParts, condition: t.TypedExpr, then: t.TypedExpr, otherwise: t.TypedExpr
+    w: ShieldWriter, condition: t.TypedExpr, then: t.TypedExpr, otherwise: t.TypedExpr
 ) -> t.TypedExpr:
     return t.Conditional(then.type, w.span, condition, then, otherwise)
 
@@ -203,8 +160,11 @@ def _either(
 SLACK_NS = 1_000
 
 
-class ShieldWriter(ShieldParts):
-    """Builds the expressions of one module's shield."""
+class ShieldWriter(Writer):
+    """Builds the expressions of one module's shield.
+
+    `edges`, `places`: for each control the edges of its cells, and the function that finds a cell.
+    """
 
     def __init__(self, problem: Problem, system: System, shield: Shield) -> None:
         symbol = problem.module.symbol
@@ -313,8 +273,8 @@ class ShieldWriter(ShieldParts):
     def since(self) -> t.TypedExpr:
         """A command that was held then or later may act on what is read now: t - W, s."""
         window = self.problem.times.acted + SLACK_NS
-        back = t.Literal(FLOAT, self.span, window / 1e9)
-        return t.TypedBinary(FLOAT, self.span, "-", self.now, back)
+        back = self.decimal(window / 1e9)
+        return self.real("-", self.now, back)
 
     def acting(
         self,
@@ -358,7 +318,7 @@ class ShieldWriter(ShieldParts):
         for topic in self.problem.system.topics:
             if topic.symbol in shown and topic.max_age_ns is not None:
                 age = t.AgeRead(FLOAT, self.span, topic.symbol)
-                most = t.Literal(FLOAT, self.span, topic.max_age_ns / 1e9)
+                most = self.decimal(topic.max_age_ns / 1e9)
                 conditions.append(t.TypedBinary(BOOL, self.span, "<=", age, most))
         return conditions
 

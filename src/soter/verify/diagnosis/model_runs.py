@@ -208,9 +208,13 @@ def run(
     trace = ModelTrace([0.0], [np.array(start)])
     try:
         with np.errstate(all="ignore"):  # what is no number ends the run
-            for _ in _steps(model, trace, pattern, until_s):
+            for _ in _extend(model, trace, pattern, until_s):
                 x = trace.states[-1]
-                if not np.isfinite(x).all() or not going() or (not beyond and _left(model, trace)):
+                if (
+                    not np.isfinite(x).all()
+                    or not going()
+                    or (not beyond and _leaves(model, trace))
+                ):
                     break
     except StepFaultError:
         trace.left = False
@@ -222,7 +226,7 @@ def _scaled(model: PointModel, part: slice, signs: Floats) -> Floats:
     return np.asarray((low + high) / 2 + signs * (high - low) / 2)
 
 
-def _steps(model: PointModel, trace: ModelTrace, p: Pattern, until_s: float) -> Iterator[None]:
+def _extend(model: PointModel, trace: ModelTrace, p: Pattern, until_s: float) -> Iterator[None]:
     """Extends the trace step by step."""
     errors = _scaled(model, model.errors, p.errors)
     others = _scaled(model, model.others, p.others)
@@ -234,7 +238,7 @@ def _steps(model: PointModel, trace: ModelTrace, p: Pattern, until_s: float) -> 
         while t < until_s:
             u = model.law(x, errors, others)
             for _ in range(max(1, round(period / step))):
-                x, t = model.rate(x, u, _against(model, p, x, u)), t + step
+                x, t = model.rate(x, u, _disturbances_at(model, p, x, u)), t + step
                 trace.times.append(t)
                 trace.states.append(x)
                 yield
@@ -248,13 +252,13 @@ def _steps(model: PointModel, trace: ModelTrace, p: Pattern, until_s: float) -> 
         read = act - delay
         until = min(max(read, t), waiting[0][0]) if waiting else max(read, t)
         count = int(np.ceil((until - t) / longest - 1e-9))
-        w = _against(model, p, x, u)
+        w = _disturbances_at(model, p, x, u)
         for i in range(count):
             x = model.step(x, u, w, (until - t) / count)
             trace.times.append(t + (until - t) * (i + 1) / count)
             trace.states.append(x)
             yield
-            w = _against(model, p, x, u)
+            w = _disturbances_at(model, p, x, u)
         t = until
         if waiting and waiting[0][0] <= t:
             u = waiting.popleft()[1]
@@ -267,7 +271,7 @@ def _delays(model: PointModel) -> tuple[int, int]:
     return model.inputs.delay_ns, model.inputs.jitter_ns
 
 
-def _against(model: PointModel, p: Pattern, x: Floats, u: Floats) -> Floats:
+def _disturbances_at(model: PointModel, p: Pattern, x: Floats, u: Floats) -> Floats:
     """The values of the disturbances that the pattern has in this state."""
     if p.follows is None:
         return _scaled(model, model.disturbances, p.disturbances)
@@ -276,7 +280,7 @@ def _against(model: PointModel, p: Pattern, x: Floats, u: Floats) -> Floats:
     return _scaled(model, model.disturbances, p.disturbances * (1.0 if rate >= 0.0 else -1.0))
 
 
-def _left(model: PointModel, trace: ModelTrace) -> bool:
+def _leaves(model: PointModel, trace: ModelTrace) -> bool:
     """Whether the last state is outside C; if so it enters by which end it left."""
     x = trace.states[-1]
     beyond = (x < model.low) | (x > model.high)
@@ -334,7 +338,7 @@ def soonest(
             trace = run(model, start, pattern, best, going)
             search.runs += 1
             search.longest_s = max(search.longest_s, trace.times[-1])
-            reaches.append(_reach(model, trace))
+            reaches.append(_reach_of_run(model, trace))
             if not trace.left:
                 continue
             if not pattern.any:
@@ -348,7 +352,7 @@ def soonest(
     return search
 
 
-def _reach(model: PointModel, trace: ModelTrace) -> float:
+def _reach_of_run(model: PointModel, trace: ModelTrace) -> float:
     """How far a run gets from its start, in halves of the grid."""
     states = np.array(trace.states)
     half = np.maximum(model.high - model.low, 1e-300) / 2

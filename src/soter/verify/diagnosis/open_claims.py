@@ -69,7 +69,7 @@ def habit(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit 
     calm = next(patterns(model))
     until_s = HOLDS * model.inputs.period_ns * NS
     first = run(model, start, calm, until_s, going, beyond=True)
-    if not _rests(model, first) or not going():
+    if not _comes_to_rest(model, first) or not going():
         return None
     rest = first.states[-1]
     out = (rest < model.low) | (rest > model.high)
@@ -81,13 +81,13 @@ def habit(model: PointModel, start: Floats, going: Callable[[], bool]) -> Habit 
         return Habit(text, "an SC that comes to rest where `safe` holds")
     for axis in (i for i in range(len(rest)) if i not in model.turning):
         for side in (1.0, -1.0):
-            found = _beside(model, rest, axis, side, until_s, going)
+            found = _habit_beside_rest(model, rest, axis, side, until_s, going)
             if found is not None:
                 return found
     return None
 
 
-def _beside(
+def _habit_beside_rest(
     model: PointModel,
     rest: Floats,
     axis: int,
@@ -108,7 +108,7 @@ def _beside(
     if trace.left and moved > 0.0:
         text = f"without any disturbance SC drives {name} away: from {begin[axis]:.4g} it leaves C"
         return Habit(text, f"an SC that brings {name} back: perhaps a sign is wrong")
-    if trace.left or abs(moved) > 0.5 or not _rests(model, trace):
+    if trace.left or abs(moved) > 0.5 or not _comes_to_rest(model, trace):
         return None
     for pattern in patterns(model):
         pushed = run(model, rest, pattern, until_s / 4, going)
@@ -143,7 +143,7 @@ def _ends_unsafe(model: PointModel, rest: Floats, axis: int, speed: float) -> bo
     return False
 
 
-def _rests(model: PointModel, trace: ModelTrace) -> bool:
+def _comes_to_rest(model: PointModel, trace: ModelTrace) -> bool:
     """Whether the last quarter of a run moves no state."""
     late = [
         x for t, x in zip(trace.times, trace.states, strict=True) if t >= 0.75 * trace.times[-1]
@@ -179,14 +179,14 @@ def explain(done: Sequence[Case], result: ModuleResult, go_on: GoOn) -> None:
         for case in done:
             stuck = next((f for f in case.failed("P2b") if _is_way_back(f)), None)
             if stuck is not None:
-                p2b.causes.append(_WayBack(case, stuck).shown(_within(BACK_S, go_on)))
+                p2b.causes.append(_WayBackSearch(case, stuck).shown(_go_on_for(BACK_S, go_on)))
                 break
     clause = result.problem.module.symbol.stays
     if safer.verdict in OPEN and empty is None and clause:
         safer.causes.append(Cause("asked_all_the_same", GIVEN_ALL_THE_SAME.format(clause)))
 
 
-def _within(seconds: float, go_on: GoOn) -> GoOn:
+def _go_on_for(seconds: float, go_on: GoOn) -> GoOn:
     """A `go_on` that is true for this many CPU seconds, and while the given one is."""
     until = time.process_time() + seconds
     return lambda: go_on() and time.process_time() < until
@@ -201,13 +201,15 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
         return
     model, proof = PointModel(case), failure.proof
     if isinstance(proof, GridProof) and not proof.found.allowed.any():
-        why, cause = "there is no C", _no_constraint(model)
+        why, cause = "there is no C", _cause_without_c(model)
     else:
-        search = _leaving(case, model, _within(RUNS_S, go_on))
+        search = _leaving(case, model, _go_on_for(RUNS_S, go_on))
         finding.leaving = search.soonest
-        why, cause = _left(search, case) if search.soonest is not None else _none_left(search)
+        why, cause = (
+            _leaving_cause(search, case) if search.soonest is not None else _no_run_cause(search)
+        )
         by_safe = search.soonest is None or search.soonest.safe
-        found = habit(model, model.start, _within(HABIT_S, go_on)) if by_safe else None
+        found = habit(model, model.start, _go_on_for(HABIT_S, go_on)) if by_safe else None
         if found is not None:
             cause = Cause(HABIT, found.text, "", cause.numbers)
             finding.hint = found.hint
@@ -221,7 +223,7 @@ def _why_empty(done: Sequence[Case], case: Case, finding: Finding, go_on: GoOn) 
         finding.text = f"{EMPTY}: {why}"
 
 
-def _no_constraint(model: PointModel) -> Cause:
+def _cause_without_c(model: PointModel) -> Cause:
     """The cause that C itself has no cell."""
     start, held = model.start, model.safe(model.start)
     text = "`safe` holds on no whole cell of the grid"
@@ -230,7 +232,7 @@ def _no_constraint(model: PointModel) -> Cause:
     return Cause("constraint", text)
 
 
-def _left(search: LeavingSearch, case: Case) -> tuple[str, Cause]:
+def _leaving_cause(search: LeavingSearch, case: Case) -> tuple[str, Cause]:
     run_ = search.soonest
     assert run_ is not None
     if run_.safe:
@@ -246,7 +248,7 @@ def _left(search: LeavingSearch, case: Case) -> tuple[str, Cause]:
     return why, Cause("leaves", text, "", (("left_s", float(run_.time_s[-1])),))
 
 
-def _none_left(search: LeavingSearch) -> tuple[str, Cause]:
+def _no_run_cause(search: LeavingSearch) -> tuple[str, Cause]:
     """The text and cause where no run leaves C: cells are lost by their size, not by SC."""
     text = f"of {search.runs} runs of the model, up to {search.longest_s:.4g} s, none leaves C"
     text += " (cut off)" * search.cut + ": perhaps SC keeps C, and the sets do not show it"
@@ -257,12 +259,12 @@ def _none_left(search: LeavingSearch) -> tuple[str, Cause]:
 def _leaving(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
     """The run that leaves C soonest, from the declared start, else from another state of C."""
     last = LeavingSearch()
-    for start, whose in _starts(case, model):
+    for start, whose in _start_points(case, model):
         inside = (start >= model.low).all() and (start <= model.high).all()
         if not inside or not model.safe(start) & TRUE:
             continue
         part = FROM_START if whose == DECLARED else (1.0 - FROM_START) / 2
-        search = soonest(model, start, whose, _within(part * RUNS_S, go_on))
+        search = soonest(model, start, whose, _go_on_for(part * RUNS_S, go_on))
         search.runs += last.runs
         search.longest_s = max(search.longest_s, last.longest_s)
         search.cut |= last.cut
@@ -272,7 +274,7 @@ def _leaving(case: Case, model: PointModel, go_on: GoOn) -> LeavingSearch:
     return last
 
 
-def _starts(case: Case, model: PointModel) -> Iterator[tuple[Floats, str]]:
+def _start_points(case: Case, model: PointModel) -> Iterator[tuple[Floats, str]]:
     """The starts to try: the declared one, the middle of C, points half way to each end."""
     yield model.start, DECLARED
     middle = model.start
@@ -299,7 +301,7 @@ def _is_way_back(failure: Failure) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class _End:
+class _RunEnd:
     """The last quarter of a run, and which part of it is outside `safer`."""
 
     trace: ModelTrace
@@ -309,7 +311,7 @@ class _End:
     high: Floats
 
 
-class _WayBack:
+class _WayBackSearch:
     """Finds out where SC brings the plant, and whether the DM gives control back there."""
 
     def __init__(self, case: Case, failure: Failure) -> None:
@@ -323,12 +325,12 @@ class _WayBack:
         if target is not None and not target.any():
             text = "there is no cell all of whose estimates satisfy `safer`"
             return Cause("no_target", text)
-        start, whose = self._begin()
+        start, whose = self._start_point()
         head = f"from {whose} ({point_text(self.model, start)}) SC's run of the model"
-        worst: _End | None = None
+        worst: _RunEnd | None = None
         followed = 0
         for pattern in patterns(self.model):
-            end = self._end(start, pattern, go_on)
+            end = self._run_end(start, pattern, go_on)
             if end is None:
                 break
             followed += 1
@@ -342,19 +344,19 @@ class _WayBack:
                     break
         if worst is not None:
             kind = "pushed_out" if worst.pattern.any else "stays_away"
-            return Cause(kind, f"{head} {self._place(worst)}")
+            return Cause(kind, f"{head} {self._end_in_words(worst)}")
         text = f"of {followed} runs of the model from {whose} none stays outside `safer`: no set "
         return Cause("comes_back", text + "was shown that all runs stay in")
 
-    def _begin(self) -> tuple[Floats, str]:
+    def _start_point(self) -> tuple[Floats, str]:
         """The start and its name: a cell without a way back, the declared start, a state of K."""
         if self.failure.stuck and self.failure.cells is not None:
-            return self._inside(self.failure.cells), "one of them"
-        if self._in(self.grid.found.core > 0, self.model.start):
+            return self._middle_of_cell(self.failure.cells), "one of them"
+        if self._all_hold(self.grid.found.core > 0, self.model.start):
             return self.model.start, DECLARED
-        return self._inside(self.grid.found.core > 0), "inside K"
+        return self._middle_of_cell(self.grid.found.core > 0), "inside K"
 
-    def _inside(self, of: Bools) -> Floats:
+    def _middle_of_cell(self, of: Bools) -> Floats:
         """The middle of that cell of a set which is nearest to the grid's middle."""
         x, cells, middle = self.model.start, np.argwhere(of), np.array(of.shape) / 2
         at = cells[int(np.argmin((np.abs(cells - middle) / middle).max(axis=1)))]
@@ -362,7 +364,7 @@ class _WayBack:
             x[state] = (edges[i] + edges[i + 1]) / 2
         return x
 
-    def _in(self, cells: Bools, x: Floats) -> bool:
+    def _all_hold(self, cells: Bools, x: Floats) -> bool:
         """Whether all cells that hold a state, (states,), are in a set of the grid's shape."""
         pairs = zip(self.grid.engine.axes, self.grid.engine.edges, strict=True)
         at = [cells_holding(edges, float(x[state]), float(x[state])) for state, edges in pairs]
@@ -373,14 +375,14 @@ class _WayBack:
         """Whether DM gives control back at a state's exact estimate, or (not `exact`) at all."""
         if self.case.problem.computed:
             target = self.grid.found.target
-            return target is not None and self._in(target, x)
+            return target is not None and self._all_hold(target, x)
         if exact:
             return self.model.safer(x)
         box = self.case.forms.whole.copy()
         box[self.model.states] = np.stack([x, x], axis=1)
         return self.case.forms.truth(self.case.problem.returning, box) == TRUE
 
-    def _end(self, start: Floats, pattern: Pattern, go_on: GoOn) -> _End | None:
+    def _run_end(self, start: Floats, pattern: Pattern, go_on: GoOn) -> _RunEnd | None:
         holds = WALK_HOLDS * self.model.inputs.period_ns / 1e9
         trace = run(self.model, start, pattern, holds, go_on)
         if pattern.any and not go_on():
@@ -389,9 +391,9 @@ class _WayBack:
         late = [x for t, x in pairs if t >= 0.75 * trace.times[-1]]
         wrong = sum(not self._gives_back(x, exact=not pattern.any) for x in late)
         ends = np.min(late, axis=0), np.max(late, axis=0)
-        return _End(trace, pattern, wrong / len(late), *ends)
+        return _RunEnd(trace, pattern, wrong / len(late), *ends)
 
-    def _place(self, end: _End) -> str:
+    def _end_in_words(self, end: _RunEnd) -> str:
         model, low, high = self.model, end.low, end.high
         still = (high - low <= STILL * np.maximum(model.high - model.low, 1e-300)).all()
         every = zip(model.names, low, high, strict=True)

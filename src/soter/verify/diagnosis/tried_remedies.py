@@ -100,17 +100,17 @@ def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System
     flat, ends = fresh(), time.process_time() + CPU_S
     if problem is not None and remedied.module.sc != problem.module.sc:
         return RemedyCost(flat.name, not_measured="it is a module with other controllers")
-    if problem is not None and _world(remedied) != _world(problem):
+    if problem is not None and _plant_numbers(remedied) != _plant_numbers(problem):
         return RemedyCost(flat.name, not_measured="it is about another plant")
-    why = _why_not(flat, remedied)
+    why = _why_not_run(flat, remedied)
     if why or not flat.until_ns:
         return RemedyCost(flat.name, not_measured=why)
     until_ns = min(flat.until_ns, max(UNTIL_NS, PERIODS * remedied.times.delta_dm))
     try:
         with telling(None), cancelled_when(lambda: time.process_time() > ends):
-            before = None if problem is None else _flown(flat, problem, until_ns)
-            changed = _changed(fresh(), problem or remedied, remedied)
-            after = _flown(changed, remedied, until_ns)
+            before = None if problem is None else _flown_figures(flat, problem, until_ns)
+            changed = _remedied_system(fresh(), problem or remedied, remedied)
+            after = _flown_figures(changed, remedied, until_ns)
     except CancelledError:
         why = f"its runs, and the tables that they need, take more than {CPU_S:g} s of CPU time"
     except SoterError as error:
@@ -122,12 +122,12 @@ def _cost(problem: Problem | None, remedied: Problem, fresh: Callable[[], System
     return RemedyCost(flat.name, until_ns / 1e9, before, after)
 
 
-def _world(problem: Problem) -> object:
+def _plant_numbers(problem: Problem) -> object:
     """The numbers that a run takes from the plants, so that changes of them cannot be run."""
     return problem.initial, problem.disturbances, problem.errors
 
 
-def _why_not(flat: System, problem: Problem) -> str:
+def _why_not_run(flat: System, problem: Problem) -> str:
     """Why the system is not run; "" where it is."""
     asked = [x.name for x in flat.components if x.extern]
     asked += [f.source_name for f in lower(flat).functions if f.result is None]
@@ -147,7 +147,7 @@ def _instances(flat: System, problem: Problem) -> list[Module]:
     return [m for m in flat.modules if m.symbol.span == declared]
 
 
-def _changed(flat: System, problem: Problem, remedied: Problem) -> System:
+def _remedied_system(flat: System, problem: Problem, remedied: Problem) -> System:
     """A fresh system with the ages that were tried, and without predicates that were left out."""
     ages = {
         now.symbol: now.max_age_ns
@@ -165,7 +165,7 @@ def _changed(flat: System, problem: Problem, remedied: Problem) -> System:
     return with_changed_topics(flat, younger)
 
 
-def _flown(flat: System, tried: Problem, until_ns: int) -> FlownFigures | None:
+def _flown_figures(flat: System, tried: Problem, until_ns: int) -> FlownFigures | None:
     """The figures of a run with predicates computed for `tried`; None: none could be computed."""
     (module,) = _instances(flat, tried)
     count = 0
@@ -223,7 +223,7 @@ class Trials:
 
         An AC that never has control counts as a failure of `ttf`.
         """
-        done = self._done(problem)
+        done = self._cases_in_time(problem)
         if done is None:
             return None
         wrong = {f.claim for case in done for f in case.failures}
@@ -231,7 +231,7 @@ class Trials:
             wrong = {"ttf"}
         return tuple(claim for claim in ORDER if claim in wrong)
 
-    def _done(self, problem: Problem) -> list[Case] | None:
+    def _cases_in_time(self, problem: Problem) -> list[Case] | None:
         if not self.go_on():
             return None
         try:
@@ -244,7 +244,7 @@ class Trials:
 
     def stays(self, problem: Problem, leaving: LeavingRun | None) -> bool:
         """Whether the undisturbed run of a problem stays in C longer than the given run."""
-        done = self._done(with_merged_cells(problem, PILOT))
+        done = self._cases_in_time(with_merged_cells(problem, PILOT))
         if leaving is None or not done:
             return False
         model, until_s = PointModel(done[0]), LONGER * float(leaving.time_s[-1])
@@ -285,8 +285,8 @@ def diagnose(done: Sequence[Case], result: ModuleResult, cpu_s: float, attempt: 
         return  # where work was cut short no change makes less of it
     p2a = result.findings["P2a"]
     of_sc = p2a.verdict == REFUTED or any(c.kind == HABIT for c in p2a.causes)
-    helped = _Helped(NotProved(result.problem, failing, done, p2a.leaving, of_sc))
-    while helped.found.failing and len(helped.said) < CHAIN_MAX and helped.by_one_more(trials):
+    helped = _KeptChanges(NotProved(result.problem, failing, done, p2a.leaving, of_sc))
+    while helped.found.failing and len(helped.said) < CHAIN_MAX and helped.try_one_more(trials):
         pass
     helped.enter(result, failing)
 
@@ -298,7 +298,7 @@ def _first_verdict(result: ModuleResult) -> str:
     return "\n".join((f"{head}; looking for the cause, and what helps", *settled(result)))
 
 
-class _Helped:
+class _KeptChanges:
     """The changes kept so far, each made on top of the ones before."""
 
     def __init__(self, found: NotProved) -> None:
@@ -307,7 +307,7 @@ class _Helped:
         self.in_vain: dict[str, None] = {}
         self.untried: dict[str, None] = {}
 
-    def by_one_more(self, trials: Trials) -> bool:
+    def try_one_more(self, trials: Trials) -> bool:
         """Tries one more change, and keeps it if it helps; whether one was kept."""
         found = self.found
         for remedy, tried in in_order(remedies(found)):
@@ -315,7 +315,7 @@ class _Helped:
                 continue
             phase(f"{found.problem.name}: trying {remedy.said}")
             now, as_it_is = trials.failing(tried), tried is remedy.problem
-            if now == () or (as_it_is and now is not None and _better(now, found.failing)):
+            if now == () or (as_it_is and now is not None and _fewer_fail(now, found.failing)):
                 self.said.append(remedy.said)
                 self.in_vain.pop(remedy.said, None)
                 self.found = replace(found, problem=remedy.problem, failing=now)
@@ -351,7 +351,7 @@ class _Helped:
         p3.hint = next(same, p3.hint)
 
 
-def _better(now: Sequence[str], left: Sequence[str]) -> bool:
+def _fewer_fail(now: Sequence[str], left: Sequence[str]) -> bool:
     """Whether fewer claims fail now than before, or P2a no longer does."""
     return set(now) < set(left) or (left[0] == "P2a" and "P2a" not in now)
 

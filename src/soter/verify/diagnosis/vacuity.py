@@ -51,7 +51,7 @@ HOLDS_ANYWAY = "`safe` holds of all values that its topics may have: it says not
 
 def vacuity(done: Sequence[Case]) -> Vacuity | None:
     """The worst vacuity of all cases; None: the proof says something, and AC can have control."""
-    if done and (nothing := _says_nothing(done[0].problem)):
+    if done and (nothing := _vacuous_safe(done[0].problem)):
         return nothing
     every = [(case, case_vacuity) for case in done for case_vacuity in _vacuities_of_case(case)]
     if not every:
@@ -74,7 +74,7 @@ def vacuity(done: Sequence[Case]) -> Vacuity | None:
 
 def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
     """The vacuity of a proof by induction; `never`: as `Induction` has it."""
-    if nothing := _says_nothing(problem):
+    if nothing := _vacuous_safe(problem):
         return nothing
     if never == "fails":
         return Vacuity(NEVER, "safe", 0.0, HOLDS_ANYWAY)
@@ -88,7 +88,7 @@ def vacuity_of_nodes(problem: Problem, never: str) -> Vacuity | None:
     return None
 
 
-def _says_nothing(problem: Problem) -> Vacuity | None:
+def _vacuous_safe(problem: Problem) -> Vacuity | None:
     safe = problem.module.symbol.safe
     if not topic_reads(safe):
         return Vacuity(NEVER, "safe", 0.0, "`safe` reads no topic: it says nothing of the plant")
@@ -128,14 +128,14 @@ def _vacuities_of_case(case: Case) -> Iterator[Vacuity]:
         if predicate == "ttf" and _taken_by_age(case):
             yield Vacuity(NEVER, "ttf", 0.0, _why_no_control(case, "ttf", empty=False, of=OF_FRESH))
             continue
-        if _excluded(case, predicate):
+        if _never_lets(case, predicate):
             yield Vacuity(
                 NEVER, predicate, 0.0, _why_no_control(case, predicate, empty=free == 0.0)
             )
             continue
         least_share = min(_control_shares(case, predicate), default=1.0)
         if least_share < RARE_SHARE:
-            yield Vacuity(HARDLY_EVER, predicate, least_share, _hardly(predicate, least_share))
+            yield Vacuity(HARDLY_EVER, predicate, least_share, _rarity_text(predicate, least_share))
     yield from _never_kept(case)
 
 
@@ -172,7 +172,7 @@ def _why_no_control(case: Case, predicate: str, *, empty: bool, of: str = "every
     return f"AC never keeps control (`ttf` holds {of}: {span} at a time at most)"
 
 
-def _hardly(predicate: str, share: float) -> str:
+def _rarity_text(predicate: str, share: float) -> str:
     """Words on what hardly ever happens; a share of 0 among drawn states does not prove "never"."""
     much = f"{share:.2%}" if share > 0.0 else "none of the states drawn"
     what = "keeps" if predicate == "ttf" else "gets"
@@ -187,7 +187,7 @@ def _least_free(case: Case) -> float:
 # ---------------------------------------------------------------- never
 
 
-def _excluded(case: Case, predicate: str) -> bool:
+def _never_lets(case: Case, predicate: str) -> bool:
     """Whether surely no estimate of a state of K lets AC have control: enclosed, not sampled."""
     if any(p.excludes(predicate) for p in case.proofs):
         return True
@@ -232,12 +232,12 @@ def _control_shares(case: Case, predicate: str) -> Iterator[float]:
             yield share
     if case.problem.computed:
         return
-    drawer = _Drawer(case, predicate)
+    drawer = _StateDrawer(case, predicate)
     for own in case.proofs:
         yield drawer.share(own)
 
 
-class _Drawer:
+class _StateDrawer:
     """Draws states of K group by group, and evaluates a predicate on estimates of them."""
 
     def __init__(self, case: Case, predicate: str) -> None:
@@ -251,23 +251,23 @@ class _Drawer:
         """The share of one group's states, with other groups at the anchor where it is largest."""
         best = 0.0
         for anchor in self.anchors:
-            best = max(best, self._share(own, anchor))
+            best = max(best, self._share_at(own, anchor))
             if best >= RARE_SHARE:
                 break
         return best
 
-    def _share(self, own: GroupProof, anchor: Floats) -> float:
+    def _share_at(self, own: GroupProof, anchor: Floats) -> float:
         states = [a.state for a in own.group.axes]
         count = 0
         for k, values in enumerate(self.drawn[id(own)], 1):
             point = anchor.copy()
             point[states] = values
-            count += self._lets(point)
+            count += self._lets_control(point)
             if k >= FEW and count >= ENOUGH * k:
                 return count / k
         return count / DRAWN
 
-    def _lets(self, point: Floats) -> bool:
+    def _lets_control(self, point: Floats) -> bool:
         """Whether some estimate of the state lets AC have control, in some mode of others."""
         whole = self.case.forms.whole
         box = np.repeat(self.chance.uniform(whole[:, :1], whole[:, 1:]), 2, axis=1)
@@ -285,7 +285,7 @@ class _Drawer:
             point = anchors[0].copy()
             for part in self.groups:
                 point[[a.state for a in part.group.axes]] = self.drawn[id(part)][k]
-            if self._lets(point):
+            if self._lets_control(point):
                 anchors.append(point)
             if len(anchors) >= len(points_to_try(self.case.problem)) + ANCHORS_MAX:
                 break

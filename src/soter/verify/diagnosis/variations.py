@@ -105,15 +105,15 @@ def remedies(found: NotProved) -> Iterator[Remedy]:
 # ---------------------------------------------------------------- the changes
 
 
-def _longer(found: NotProved) -> Iterator[Change]:
+def _change_axes(found: NotProved) -> Iterator[Change]:
     """Changes to axes that reach further, at ends where K is lost and `safe` still holds beyond."""
     for part in LONGER if found.loses_core else LONGER[:1]:
-        longer = longer_axes(found.problem, _ends(found, part))
+        longer = longer_axes(found.problem, _longer_ends(found, part))
         if longer.groups != found.problem.groups and cells_of(longer) <= CELLS_MAX["P2a"]:
             yield longer, lines_of(longer)
 
 
-def _ends(found: NotProved, part: float) -> Ends:
+def _longer_ends(found: NotProved, part: float) -> Ends:
     """New ends by state, `part` of the axis further out, where K is lost or a run leaves."""
     ends: Ends = {}
 
@@ -124,15 +124,15 @@ def _ends(found: NotProved, part: float) -> Ends:
 
     left = found.leaving
     by = None if left is None else (left.names.index(left.axis), left.side > 0)
-    for grid, case in _declared(found.done):
-        for k, side in _sides(PointModel(case), grid):
+    for grid, case in _declared_grids(found.done):
+        for k, side in _losing_ends(PointModel(case), grid):
             axis = grid.group.axes[k]
             if by is None or by == (axis.state, side > 0):
                 lengthen(axis.state, axis.edges, side)
     return ends
 
 
-def _declared(done: Sequence[Case]) -> Iterator[tuple[GridProof, Case]]:
+def _declared_grids(done: Sequence[Case]) -> Iterator[tuple[GridProof, Case]]:
     """The grids of all cases, on the cells of the problem."""
     for case in (last.first or last for last in done):
         for proof in case.proofs:
@@ -140,7 +140,7 @@ def _declared(done: Sequence[Case]) -> Iterator[tuple[GridProof, Case]]:
                 yield proof, case
 
 
-def _sides(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
+def _losing_ends(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
     """Axis and side (0: low) of ends where K is lost, and beyond which `safe` holds."""
     sides = []
     lost = grid.found.allowed & ~(grid.found.core > 0)
@@ -161,7 +161,7 @@ def _sides(model: PointModel, grid: GridProof) -> list[tuple[int, int]]:
     return sides
 
 
-def _without_ends(found: NotProved) -> Iterator[Change]:
+def _open_axis(found: NotProved) -> Iterator[Change]:
     """The change to `open` of the axis by whose end a run leaves; a trial shows if it is read."""
     left = found.leaving
     if left is not None and not left.safe:
@@ -169,23 +169,23 @@ def _without_ends(found: NotProved) -> Iterator[Change]:
         yield opened, "" if opened is None else lines_of(opened)
 
 
-def _left_out(found: NotProved) -> Iterator[Change]:
+def _change_predicates(found: NotProved) -> Iterator[Change]:
     yield predicates_left_out(found.problem), ""
 
 
-def _younger(found: NotProved) -> Iterator[Change]:
+def _change_ages(found: NotProved) -> Iterator[Change]:
     younger = younger_reads(found.problem)
     if younger is not None:
         yield younger[0], " and ".join(younger[1])
 
 
-def _other_start(found: NotProved) -> Iterator[Change]:
+def _change_start(found: NotProved) -> Iterator[Change]:
     """The change to the nearest start from which SC is in time."""
     if "start" not in found.failing:
         return
     initial, said = list(found.problem.initial), []
-    for grid, case in _declared(found.done):
-        for state, value in _nearest(case, grid):
+    for grid, case in _declared_grids(found.done):
+        for state, value in _nearest_starts(case, grid):
             initial[state] = Interval(value, value)
             name = case.problem.quantities.states[state].name.rpartition(".")[2]
             said.append(f"`state {name}: float = {value:.6g};` in the plant")
@@ -193,7 +193,7 @@ def _other_start(found: NotProved) -> Iterator[Change]:
         yield replace(found.problem, initial=tuple(initial)), " and ".join(dict.fromkeys(said))
 
 
-def _nearest(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
+def _nearest_starts(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
     """New starts of states: of as few as can be, and as near as can be in widths of the grid."""
     times, engine = case.problem.times, grid.engine
     in_time = engine.safe_for(case.problem.in_horizon(times.start), grid.found.core > 0)
@@ -213,14 +213,14 @@ def _nearest(case: Case, grid: GridProof) -> Iterator[tuple[int, float]]:
         yield engine.axes[k], float(f"{moved[best, k]:.6g}")
 
 
-def _more_cells(found: NotProved) -> Iterator[Change]:
+def _change_cells(found: NotProved) -> Iterator[Change]:
     grids = [g for g in found.problem.groups if g.representation == "grid"]
     smaller = replace(smaller_cells(found.problem, grids), declared_groups=())
     if grids and cells_of(smaller) <= CELLS_MAX["P2a"]:
         yield smaller, lines_of(smaller)
 
 
-def _half_against(found: NotProved) -> Iterator[Change]:
+def _halve_disturbances(found: NotProved) -> Iterator[Change]:
     """The change that halves disturbances and errors, to see whether they or SC are at fault."""
     p = found.problem
 
@@ -234,7 +234,7 @@ def _half_against(found: NotProved) -> Iterator[Change]:
         yield changed, ""
 
 
-def _exchanged(found: NotProved) -> Iterator[Change]:
+def _exchange_controllers(found: NotProved) -> Iterator[Change]:
     """The change that puts AC in the place of SC, if a run of SC leaves `safe`."""
     if found.leaving is not None and found.leaving.safe:
         symbol = found.problem.module.symbol
@@ -244,27 +244,27 @@ def _exchanged(found: NotProved) -> Iterator[Change]:
 CELLS, HALF, OTHERS = 1, 2, 3
 """Costs above 0: other cells; more that is asked of the world; another controller that flies."""
 VARIATIONS = (
-    Variation("a longer axis: `{}`", _longer, without_core=True, with_core=True, cost=CELLS),
-    Variation("no ends where runs leave: `{}`", _without_ends, without_core=True, with_core=False),
+    Variation("a longer axis: `{}`", _change_axes, without_core=True, with_core=True, cost=CELLS),
+    Variation("no ends where runs leave: `{}`", _open_axis, without_core=True, with_core=False),
     Variation(
         "neither `ttf` nor `safer`: left out, both are computed",
-        _left_out,
+        _change_predicates,
         without_core=False,
         with_core=True,
     ),
-    Variation("{}", _younger, without_core=True, with_core=True),
-    Variation("{}", _other_start, without_core=False, with_core=True),
-    Variation("more cells: `{}`", _more_cells, without_core=False, with_core=True, cost=CELLS),
+    Variation("{}", _change_ages, without_core=True, with_core=True),
+    Variation("{}", _change_start, without_core=False, with_core=True),
+    Variation("more cells: `{}`", _change_cells, without_core=False, with_core=True, cost=CELLS),
     Variation(
         HALVED,
-        _half_against,
+        _halve_disturbances,
         without_core=True,
         with_core=True,
         cost=HALF,
     ),
     Variation(
         "`{}`, if that is what was meant",
-        _exchanged,
+        _exchange_controllers,
         without_core=True,
         with_core=False,
         cost=OTHERS,
@@ -280,7 +280,7 @@ def predicates_left_out(problem: Problem) -> Problem | None:
     if problem.computed:
         return None
     symbol = replace(problem.module.symbol, ttf=None, safer=None, topics_read=())
-    return _read_again(problem, problem.system, replace(problem.module, symbol=symbol))
+    return _extract_again(problem, problem.system, replace(problem.module, symbol=symbol))
 
 
 def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
@@ -298,7 +298,7 @@ def younger_reads(problem: Problem) -> tuple[Problem, tuple[str, ...]] | None:
     if not told:
         return None
     system = derived_systems.with_changed_topics(problem.system, changed)
-    again = _read_again(problem, system, problem.module)
+    again = _extract_again(problem, system, problem.module)
     return None if again is None else (again, tuple(told))
 
 
@@ -309,7 +309,7 @@ def without_ends(problem: Problem, state: int) -> Problem | None:
     group = problem.groups[0]
     if any(a.open or a.unbounded or a.wraps for a in group.axes) or group.representation != "grid":
         return None
-    axes = tuple(_unbounded(a) if a.state == state else a for a in group.axes)
+    axes = tuple(_unbounded_axis(a) if a.state == state else a for a in group.axes)
     states = list(problem.states)
     edges = next(a.edges for a in axes if a.state == state)
     states[state] = Interval(edges[0], edges[-1])
@@ -348,10 +348,10 @@ def exchanged(problem: Problem) -> Problem | None:
     symbol = replace(m.symbol, ac=m.symbol.sc, sc=m.symbol.ac)
     roles = replace(components[m.ac], role="sc"), replace(components[m.sc], role="ac")
     system = derived_systems.with_components(problem.system, roles)
-    return _read_again(problem, system, replace(m, ac=m.sc, sc=m.ac, symbol=symbol))
+    return _extract_again(problem, system, replace(m, ac=m.sc, sc=m.ac, symbol=symbol))
 
 
-def _read_again(problem: Problem, system: System, module: Module) -> Problem | None:
+def _extract_again(problem: Problem, system: System, module: Module) -> Problem | None:
     """The problem of a module that was changed in its own verification system; None: none.
 
     Grids that were changed before stay so.
@@ -373,7 +373,7 @@ def _read_again(problem: Problem, system: System, module: Module) -> Problem | N
 # ---------------------------------------------------------------- grids
 
 
-def _unbounded(axis: Axis) -> Axis:
+def _unbounded_axis(axis: Axis) -> Axis:
     width = axis.edges[-1] - axis.edges[0]
     ends = (axis.edges[0] - width, *axis.edges, axis.edges[-1] + width)
     return replace(axis, edges=ends, unbounded=True)
@@ -382,13 +382,13 @@ def _unbounded(axis: Axis) -> Axis:
 def lines_of(problem: Problem) -> str:
     """The `grid` lines of a problem."""
     return " ".join(
-        f"grid {', '.join(_written(a) for a in g.axes)};"
+        f"grid {', '.join(_axis_in_words(a) for a in g.axes)};"
         for g in problem.groups
         if g.representation == "grid"
     )
 
 
-def _written(axis: Axis) -> str:
+def _axis_in_words(axis: Axis) -> str:
     edges = axis.edges[1:-1] if axis.unbounded else axis.edges
     edges = edges[:-1] if axis.open else edges
     low, high = map(axis.end, (edges[0], edges[-1]))

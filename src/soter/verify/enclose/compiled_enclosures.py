@@ -103,7 +103,7 @@ def generate_enclosures(
     each state is a function of its own, too: `derivative_K`. EnclosureError says for people why
     something cannot be enclosed.
     """
-    unit = _Unit(system, core, module, quantities)
+    unit = _UnitWriter(system, core, module, quantities)
     unit.run(back)
     if apart:
         unit.derivatives()
@@ -112,7 +112,9 @@ def generate_enclosures(
     return EnclosureUnit(unit.text(), prelude, names, unit.reads, boundless, of_turns)
 
 
-class _Unit:
+class _UnitWriter:
+    """Writes the C of one module's enclosures, function by function."""
+
     def __init__(
         self, system: System, core: core_ir.CoreSystem, module: Module, quantities: Quantities
     ) -> None:
@@ -130,29 +132,29 @@ class _Unit:
 
     def run(self, back: TypedExpr | None) -> None:
         """Emits all functions that the module needs."""
-        hint, more = self._hint()
+        hint, more = self._core_hint()
         symbol = self.module.symbol
         if not symbol.synthesized:
-            self._law()
+            self._emit_law()
         if any(p.integrate for p in self.core.plants.values()):
             flow = Enclosed.is_flow(self.core)
             what = "derivative of every state" if flow else "every state one period later"
             name = "derivative" if flow else "next"
-            self._numbers(name, what, lambda e: e.derivative() if flow else e.next())
-        self._numbers("drives", "leaves of the topics that plants drive", lambda e: e.drives())
-        self._predicate("safe", symbol.safe, estimated=False)
-        self._constraint(symbol.safe)
+            self._emit_numbers(name, what, lambda e: e.derivative() if flow else e.next())
+        self._emit_numbers("drives", "leaves of the topics that plants drive", lambda e: e.drives())
+        self._emit_predicate("safe", symbol.safe, estimated=False)
+        self._emit_constraint(symbol.safe)
         if hint is not None:
-            self._truth("core", lambda e: e.predicate(hint, more, estimated=False))
+            self._emit_truth("core", lambda e: e.predicate(hint, more, estimated=False))
         ttf = ttf_of_states(symbol.ttf)
         for name, said in (("ttf", ttf), ("safer", symbol.safer), ("back", back)):
             if said is not None:
-                self._predicate(name, said, estimated=True)
+                self._emit_predicate(name, said, estimated=True)
         if symbol.verify.enters is not None:
             with suppress(EnclosureError):  # what rests on it is not shown then
-                self._expression("enters", symbol.verify.enters, estimated=True)
+                self._emit_expression("enters", symbol.verify.enters, estimated=True)
 
-    def _hint(self) -> tuple[core_ir.Predicate | None, dict[str, core_ir.Function]]:
+    def _core_hint(self) -> tuple[core_ir.Predicate | None, dict[str, core_ir.Function]]:
         """`core e;` lowered, with the functions that it calls."""
         e = self.module.symbol.verify.core
         if e is None:
@@ -167,12 +169,12 @@ class _Unit:
             enclosed = self._enclosed()
             rate = given(0, enclosed.derivative()[k])
             doc = f"derivative of {leaf.name} alone"
-            self._define(f"derivative_{k}", doc, PARAMETERS, enclosed.emitter, [rate])
+            self._add_function(f"derivative_{k}", doc, PARAMETERS, enclosed.emitter, [rate])
 
-    def _constraint(self, safe: TypedExpr) -> None:
+    def _emit_constraint(self, safe: TypedExpr) -> None:
         """Emits C and its parts: those of `safe`, then that plants can publish what they drive."""
         parts = conjuncts(safe)
-        self._truth("constraint", lambda e: e.constraint(safe))
+        self._emit_truth("constraint", lambda e: e.constraint(safe))
         probe = self._enclosed()
         probe.drive()
         leaves = len(probe.published())
@@ -180,11 +182,11 @@ class _Unit:
         if len(parts) == PARTS_MAX:
             return  # it is checked as a whole
         for k, part in enumerate(parts):
-            self._expression(f"constraint_{k}", part, estimated=False)
+            self._emit_expression(f"constraint_{k}", part, estimated=False)
         for k, number in enumerate(numbers, len(parts)):
-            self._truth(f"constraint_{k}", lambda e, n=number: e.publishing(n))  # type: ignore[misc]
+            self._emit_truth(f"constraint_{k}", lambda e, n=number: e.publishing(n))  # type: ignore[misc]
 
-    def _law(self) -> None:
+    def _emit_law(self) -> None:
         """Emits SC for all controls at once, and for each alone: few move a group.
 
         `law_K` puts control K into out[K]. It does not see a fault elsewhere in SC; `law` does.
@@ -192,21 +194,21 @@ class _Unit:
         enclosed = self._enclosed()
         results = [given(i, e) for i, e in enumerate(enclosed.law())]
         emitter = enclosed.emitter
-        self._define("law", "SC's published controls", PARAMETERS, emitter, results)
+        self._add_function("law", "SC's published controls", PARAMETERS, emitter, results)
         if 1 < len(results) <= CONTROLS_MAX:
             for k, result in enumerate(results):
                 doc = f"{self.quantities.controls[k].name} alone; faults elsewhere are not seen"
-                self._define(f"law_{k}", doc, PARAMETERS, emitter, [result], faults=False)
+                self._add_function(f"law_{k}", doc, PARAMETERS, emitter, [result], faults=False)
 
-    def _predicate(self, name: str, said: TypedExpr, *, estimated: bool) -> None:
+    def _emit_predicate(self, name: str, said: TypedExpr, *, estimated: bool) -> None:
         """A predicate, and its parts where it has several."""
-        self._expression(name, said, estimated=estimated)
+        self._emit_expression(name, said, estimated=estimated)
         parts = conjuncts(said)
         for k, part in enumerate(parts if len(parts) > 1 else []):
-            self._expression(f"{name}_{k}", part, estimated=estimated)
+            self._emit_expression(f"{name}_{k}", part, estimated=estimated)
 
-    def _expression(self, name: str, said: TypedExpr, *, estimated: bool) -> None:
-        self._truth(name, lambda e: e.expression(said, estimated=estimated))
+    def _emit_expression(self, name: str, said: TypedExpr, *, estimated: bool) -> None:
+        self._emit_truth(name, lambda e: e.expression(said, estimated=estimated))
 
     # ------------------------------------------------------------ one function
 
@@ -214,18 +216,18 @@ class _Unit:
         emitter = Emitter(self.statics)
         return Enclosed(self.system, self.core, self.module, self.quantities, emitter, self.prelude)
 
-    def _numbers(self, name: str, doc: str, make: Callable[[Enclosed], list[c.CExpr]]) -> None:
+    def _emit_numbers(self, name: str, doc: str, make: Callable[[Enclosed], list[c.CExpr]]) -> None:
         enclosed = self._enclosed()
         results = [given(i, e) for i, e in enumerate(make(enclosed))]
-        self._define(name, doc, PARAMETERS, enclosed.emitter, results)
+        self._add_function(name, doc, PARAMETERS, enclosed.emitter, results)
 
-    def _truth(self, name: str, make: Callable[[Enclosed], c.CExpr]) -> None:
+    def _emit_truth(self, name: str, make: Callable[[Enclosed], c.CExpr]) -> None:
         enclosed = self._enclosed()
         result = c.Assign(c.IndexExpr(c.Name("out"), c.Number("0")), make(enclosed))
         doc = f"`{name}` of {self.module.name}: false, true or either"
-        self._define(name, doc, PREDICATE_PARAMETERS, enclosed.emitter, [result])
+        self._add_function(name, doc, PREDICATE_PARAMETERS, enclosed.emitter, [result])
 
-    def _define(
+    def _add_function(
         self,
         name: str,
         doc: str,
@@ -296,7 +298,7 @@ def ffi() -> Any:  # noqa: ANN401 - cffi has no types
     return interface(FORMS, declarations(HERE / "soter_reach.h"), "\n".join(functions))
 
 
-def _inputs_of(source: str) -> int:
+def _input_count(source: str) -> int:
     match = re.search(r"^#define SOTER_INPUTS (\d+)$", source, re.MULTILINE)
     if match is None:
         raise ValueError("an enclosure unit defines SOTER_INPUTS")
@@ -316,7 +318,7 @@ class ReachLibrary:
 
         `reads`: the inputs that each function of the unit reads, where they are known.
         """
-        self.inputs, self.reads = _inputs_of(source), reads
+        self.inputs, self.reads = _input_count(source), reads
         self.ffi = ffi()
         self.path = compiled(source, self.inputs, extra)
         """The library's file, whose name is a hash of everything it was built from."""
@@ -363,22 +365,22 @@ def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
     """
     parts = problem.system, problem.core, problem.module, problem.quantities
     try:
-        unit = generate_enclosures(*parts, _back(problem))
+        unit = generate_enclosures(*parts, _safer_in_ac(problem))
     except EnclosureError as error:
         span = getattr(error, "span", None) or problem.module.symbol.span
         note = "a proof must be able to enclose what the program computes"
-        raise _refused(problem, str(error), span, note) from error
-    _unread(problem, unit)
+        raise _refusal(problem, str(error), span, note) from error
+    _refuse_unbounded_reads(problem, unit)
     return ReachLibrary(unit.source, reads=unit.reads), unit.prelude
 
 
-def _refused(problem: Problem, why: str, span: Span, note: str) -> SoterError:
+def _refusal(problem: Problem, why: str, span: Span, note: str) -> SoterError:
     diagnostics = Diagnostics()
     diagnostics.error("R007", f"module `{problem.name}`: {why}", span, notes=(note,))
     return SoterError(diagnostics.items)
 
 
-def _unread(problem: Problem, unit: EnclosureUnit) -> None:
+def _refuse_unbounded_reads(problem: Problem, unit: EnclosureUnit) -> None:
     """R007 where what moves the plants, or SC, reads a state whose axis is unbounded."""
     for group in problem.groups:
         for axis in (a for a in group.axes if a.unbounded):
@@ -386,15 +388,31 @@ def _unread(problem: Problem, unit: EnclosureUnit) -> None:
                 if axis.state in unit.reads.get(name, ()):
                     why = f"{who} reads `{axis.name}`, whose axis is `open`"
                     note = "beyond the ends of such an axis nothing is known but that it is alike"
-                    raise _refused(problem, why, group.span or problem.module.symbol.span, note)
+                    raise _refusal(problem, why, group.span or problem.module.symbol.span, note)
 
 
-def _back(problem: Problem) -> TypedExpr | None:
+def _safer_in_ac(problem: Problem) -> TypedExpr | None:
     """`safer` with the modules that it waits for in AC; None where it waits for none."""
     safer = problem.module.symbol.safer
     if safer is None or problem.modes is None or not problem.modes.waits:
         return None
     return with_other_modes_in_ac(safer, problem.modes)
+
+
+FORM = 4
+"""The number of a form's first coefficient, behind low, high, centre and remainder."""
+
+
+def affine_inputs(box: Floats, count: int) -> Floats:
+    """Forms of inputs in a box (n, 2), with a symbol for each, (count, 4 + count); zeros beyond."""
+    low, high = box[:, 0], box[:, 1]
+    n, point, middle = len(box), low == high, low / 2 + high / 2
+    radius = np.nextafter(np.maximum(high - middle, middle - low), np.inf)
+    forms = np.zeros((count, FORM + count))
+    forms[:n, 0], forms[:n, 1] = low, high
+    forms[:n, 2] = np.where(point, low, middle)
+    forms[range(n), range(FORM, FORM + n)] = np.where(point, 0.0, radius)
+    return forms
 
 
 class CompiledEnclosures:
@@ -403,8 +421,8 @@ class CompiledEnclosures:
     def __init__(self, library: ReachLibrary, problem: Problem, parameter: Sequence[int]) -> None:
         self.library = library
         self._n = library.inputs
-        self._in = np.zeros((self._n, 4 + self._n))
-        self._out = np.zeros((max(self._n, 64), 4 + self._n))
+        self._in = np.zeros((self._n, FORM + self._n))
+        self._out = np.zeros((max(self._n, 64), FORM + self._n))
         self.results = len(self._out)
         """The most results that a function may have."""
         self._param = np.array(list(parameter) or [0], dtype=np.int64)
@@ -438,16 +456,7 @@ class CompiledEnclosures:
         return 3 if self._call(name, box) else int(self._out.view(np.uint8).flat[0])
 
     def _call(self, name: str, box: Floats) -> int:
-        forms = self._in
-        forms[:] = 0.0
-        low, high = box[:, 0], box[:, 1]
-        n = len(box)
-        middle = low / 2 + high / 2
-        radius = np.maximum(high - middle, middle - low)
-        point = low == high
-        forms[:n, 0], forms[:n, 1] = low, high
-        forms[:n, 2] = np.where(point, low, middle)
-        forms[range(n), range(4, 4 + n)] = np.where(point, 0.0, np.nextafter(radius, np.inf))
+        self._in[:] = affine_inputs(box, self._n)
         return self._run(name)
 
     def _run(self, name: str) -> int:

@@ -4,11 +4,9 @@ Purpose: `EnclosureBody` turns Core into operations of the emitted C; where a br
 both of its sides become blocks of C. A function of the prelude is enclosed by its meaning: `sin`
 becomes an enclosure of the sine, widened by the tested bound of
 `language/prelude/function_error_bounds.py`, instead of an enclosure of its polynomial.
-`EnclosureInputs` knows which input each leaf is, makes estimates (a driven topic plus its
-measurement errors), and gives the declared range to a leaf that is no input of the function.
-Non-goals: the walk (`core/core_walks.py`), which functions are emitted (`compiled_enclosures.py`),
-the arithmetic (`enclosed_operations.py`); functions of the prelude without a tested bound, whose
-bodies are enclosed as they are.
+Non-goals: the walk (`core/core_walks.py`), inputs (`enclosure_inputs.py`), which functions are
+emitted (`compiled_enclosures.py`), the arithmetic (`enclosed_operations.py`); functions of the
+prelude without a tested bound, whose bodies are enclosed as they are.
 """
 
 from __future__ import annotations
@@ -17,21 +15,13 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.codegen import c_tree as c
 from soter.core import core
 from soter.core.core_walks import Execution
 from soter.language.model.types import (
-    ArrayType,
-    BoolType,
-    EnumType,
-    FloatType,
     IntType,
     ListType,
-    RecordType,
     Type,
-    default_value,
     leaf_count,
-    leaves,
 )
 from soter.language.model.values import Table
 from soter.language.prelude.function_error_bounds import BOUNDS
@@ -41,7 +31,6 @@ from soter.verify.enclose.enclosure_emitter import (
     Constant,
     EmittedBranch,
     EmittedInts,
-    EmittedTruth,
     EnclosureError,
     Form,
     Item,
@@ -49,20 +38,16 @@ from soter.verify.enclose.enclosure_emitter import (
     KnownTruth,
     MergedVariable,
     Sequence,
-    address,
     float_literal,
     is_scalar,
     opened,
-    whole_literal,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Mapping
 
     from soter.core.core_walks import Join
-    from soter.language.model.system import Bound, Disturbance, Topic
     from soter.verify.enclose.enclosure_emitter import Emitter, Step
-    from soter.verify.problem.problem import Leaf, Quantities
 
 
 ENCLOSED = frozenset(
@@ -70,7 +55,7 @@ ENCLOSED = frozenset(
 )
 """The functions that `soter_n_NAME` of verify/engine/soter_form_math.h encloses."""
 
-OF_A_TURN = frozenset({"sin", "cos", "tan", "wrap_angle"})
+PERIODIC = frozenset({"sin", "cos", "tan", "wrap_angle"})
 """Functions with the period of a full turn."""
 
 
@@ -84,10 +69,10 @@ def enclosed_call(
 ) -> Item | None:
     """An enclosure of what a prelude function means; None: its body has to be enclosed."""
     name = function.source_name
-    if is_prelude(function) and name in OF_A_TURN:
+    if is_prelude(function) and name in PERIODIC:
         (angle,) = arguments
         if isinstance(angle, Form) and angle.turns:
-            return _of_any_turn(ops, name, angle)
+            return _periodic_call(ops, name, angle)
     if name not in ENCLOSED or not is_prelude(function):
         return None
     bound = BOUNDS[name]
@@ -97,7 +82,7 @@ def enclosed_call(
     return Form(ops.emitter.emit("form", f"soter_n_{name}", *operands, float_literal(bound.ulps)))
 
 
-def _of_any_turn(ops: EnclosureOperations, name: str, angle: Form) -> Item:
+def _periodic_call(ops: EnclosureOperations, name: str, angle: Form) -> Item:
     """An enclosure of a function of a full turn, at an angle that may be any turns further."""
     bound, near = BOUNDS[name], ops.any_turn(angle)
     off = bound.absolute if name == "wrap_angle" else bound.ulps
@@ -311,174 +296,3 @@ class EnclosureBody(Execution[Item]):
             return self.ops.outlived(b, merged, sides[1])
 
         return join
-
-
-Path = tuple[str, ...]
-Key = tuple[int, str, Path]
-
-
-def parts(t: Type, v: Item) -> Iterator[tuple[Path, Type, Item]]:
-    """The leaves of a value, with paths and types; the type has no lists."""
-    if isinstance(v, AggregateParts):
-        for name, f, item in zip(names(t), types_of(t), v.items, strict=True):
-            for path, leaf, x in parts(f, item):
-                yield (name, *path), leaf, x
-    else:
-        yield (), t, v
-
-
-def names(t: Type) -> tuple[str, ...]:
-    """The names of the parts of a record or array, as they stand in paths."""
-    if isinstance(t, RecordType):
-        return tuple(n for n, _ in t.fields)
-    assert isinstance(t, ArrayType)
-    return tuple(f"[{i}]" for i in range(t.size))
-
-
-def types_of(t: Type) -> tuple[Type, ...]:
-    """The types of the parts of a record or array."""
-    if isinstance(t, RecordType):
-        return tuple(f for _, f in t.fields)
-    assert isinstance(t, ArrayType)
-    return (t.element,) * t.size
-
-
-class EnclosureInputs:
-    """Reads leaves of `in[]` and `param[]` in one emitted function."""
-
-    def __init__(self, ops: EnclosureOperations, quantities: Quantities) -> None:
-        self.ops = ops
-        groups: list[dict[Key, int]] = []
-        first = 0
-        q = quantities
-        for group in (q.states, q.controls, q.disturbances, q.errors, q.others):
-            groups.append({key(x): first + i for i, x in enumerate(group)})
-            first += len(group)
-        self.states, self.controls, self.disturbances, self.errors, self.others = groups
-        self.parameter = {key(x): i for i, x in enumerate(q.parameters)}
-        self.turning = q.turning
-
-    # ------------------------------------------------------------ leaves
-
-    def leaf(self, number: int, t: Type) -> Item:
-        """Input number `number` as a value of a scalar type."""
-        if isinstance(t, FloatType):
-            return Form(self.ops.emitter.read(number), turns=int(number in self.turning))
-        place = c.IndexExpr(c.Name("in"), c.Number(str(number)))
-        emit = self.ops.emitter.emit
-        if isinstance(t, BoolType):
-            return EmittedTruth(emit("truth", "soter_truth_input", address(place)))
-        low, high = (t.low, t.high) if isinstance(t, IntType) else (0, members(t) - 1)
-        ends = (whole_literal(low), whole_literal(high))
-        return EmittedInts(emit("ints", "soter_ints_input", address(place), *ends))
-
-    def parameter_leaf(self, number: int, t: Type) -> Item:
-        """Parameter number `number`, of which the function is given the exact value."""
-        place = c.IndexExpr(c.Name("param"), c.Number(str(number)))
-        emit = self.ops.emitter.emit
-        if isinstance(t, BoolType):
-            tests = (c.Binary(op, place, c.Number("0")) for op in ("!=", "=="))
-            return EmittedTruth(emit("truth", "soter_truth_of", *tests))
-        return EmittedInts(emit("ints", "soter_ints_of", place, place))
-
-    def build(self, t: Type, known: dict[Path, Item]) -> Item:
-        """A value of a type, made of known leaves; a missing leaf is any value of its type."""
-
-        def at(t: Type, path: Path) -> Item:
-            if path in known:
-                return known[path]
-            if isinstance(t, (RecordType, ArrayType)):
-                below = zip(names(t), types_of(t), strict=True)
-                return AggregateParts(tuple(at(f, (*path, n)) for n, f in below))
-            return self.ops.top(t)
-
-        return at(t, ())
-
-    # ------------------------------------------------------------ cells
-
-    def state(self, owner: int, name: str, t: Type) -> Item:
-        """The value of a plant's state."""
-        known: dict[Path, Item] = {}
-        for path, leaf in leaves(t, whole_lists=True):
-            k = (owner, name, path)
-            if k in self.states:
-                known[path] = self.leaf(self.states[k], leaf)
-            elif k in self.parameter:
-                known[path] = self.parameter_leaf(self.parameter[k], leaf)
-        return self.build(t, known)
-
-    def disturbance(self, owner: int, d: Disturbance, *, read: bool) -> Item:
-        """A disturbance: an input if the function reads it, else its whole range."""
-        t, known = d.variable.type, {}
-        for path, leaf in leaves(t, whole_lists=True):
-            number = self.disturbances.get((owner, d.variable.name, path))
-            if read and number is not None:
-                known[path] = self.leaf(number, leaf)
-            else:
-                known[path] = self.ops.float_range(d.low, d.high)
-        return self.build(t, known)
-
-    def topic(self, topic: Topic, numbers: dict[Key, int]) -> Item:
-        """A topic that no plant drives: the inputs that `numbers` has, else its declared set."""
-        known = self._bounded(topic)
-        for path, leaf in leaves(topic.type, whole_lists=True):
-            number = numbers.get((topic.index, "", path))
-            if number is not None:
-                known[path] = self.leaf(number, leaf)
-        return self.build(topic.type, known)
-
-    def _bounded(self, topic: Topic) -> dict[Path, Item]:
-        """The declared range of each leaf of a topic."""
-        bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
-        return {p: self.ranged(t, p, bounds) for p, t in leaves(topic.type, whole_lists=True)}
-
-    def ranged(self, t: Type, path: Path, bounds: dict[Path, Bound | None]) -> Item:
-        """Any value of a type within bounds."""
-        if isinstance(t, ListType):
-            inner = {
-                q: self.ranged(f, (*path, "[]", *q), bounds)
-                for q, f in leaves(t.element, whole_lists=True)
-            }
-            length = self.ops.whole_range(0, t.capacity)
-            zero = Constant(t.element, default_value(t.element))
-            item = self.ops.select(UNKNOWN, self.build(t.element, inner), zero)
-            return Sequence(length, (item,) * t.capacity)
-        bound = bounds[path]
-        if bound is None:
-            return self.ops.top(t)
-        if isinstance(t, FloatType):
-            return self.ops.float_range(bound.low, bound.high)
-        if isinstance(t, IntType):
-            return self.ops.whole_range(math.ceil(bound.low), math.floor(bound.high))
-        return self.ops.top(t)
-
-    def measured(self, topic: int, t: Type, true: Item, *, bounds: dict[Path, float]) -> Item:
-        """A driven topic as it is read: `true` plus its errors, which are inputs or ranges."""
-
-        def seen(t: Type, path: Path, v: Item) -> Item:
-            if path in bounds:
-                number = self.errors.get((topic, "", path))
-                limit = bounds[path]
-                error = (
-                    self.leaf(number, t)
-                    if number is not None
-                    else self.ops.float_range(-limit, limit)
-                )
-                return self.ops.binary("+", v, error)
-            if isinstance(v, AggregateParts) and isinstance(t, (RecordType, ArrayType)):
-                below = zip(names(t), types_of(t), v.items, strict=True)
-                return AggregateParts(tuple(seen(f, (*path, n), x) for n, f, x in below))
-            return v
-
-        return seen(t, (), true)
-
-
-def members(t: Type) -> int:
-    """How many members an enumeration has."""
-    assert isinstance(t, EnumType)
-    return len(t.members)
-
-
-def key(leaf: Leaf) -> Key:
-    """The key by which a leaf is looked up: its owner and path."""
-    return leaf.owner, leaf.member, leaf.path

@@ -17,7 +17,7 @@ from soter.core import core
 from soter.core.lower_statements import FunctionTable
 from soter.core.steps import lower_deciding, lower_predicate
 from soter.language.model.types import FloatType, IntType, RecordType, leaves
-from soter.verify.enclose.core_enclosure import EnclosureBody, EnclosureInputs, key, parts
+from soter.verify.enclose.core_enclosure import EnclosureBody
 from soter.verify.enclose.enclosed_operations import UNKNOWN, EnclosureOperations, kind_of
 from soter.verify.enclose.enclosure_emitter import (
     FAULT,
@@ -32,6 +32,7 @@ from soter.verify.enclose.enclosure_emitter import (
     at_most,
     float_literal,
 )
+from soter.verify.enclose.enclosure_inputs import EnclosureInputs, leaf_key, leaf_values
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -128,7 +129,7 @@ class Enclosed:
                 raise EnclosureError(msg)
         return plants
 
-    def _started(self, component: Component, step: core.PlantStep) -> EnclosureBody:
+    def _plant_body(self, component: Component, step: core.PlantStep) -> EnclosureBody:
         """A new body in which a plant's states and disturbances are bound."""
         body = self.body()
         for x in step.states:
@@ -145,14 +146,14 @@ class Enclosed:
         """Sets the topics that plants drive to what they publish in the present states."""
         driven: dict[int, Item] = {}
         for component, step in self.plants():
-            body = self._started(component, step)
+            body = self._plant_body(component, step)
             body.run(step.publish)
             for number, output in enumerate(step.outputs):
                 driven[output.topic] = body.frame.outputs[number][1]
         self._driven = driven
         self._topics = {}
 
-    def _see(self, topics: Iterable[int]) -> None:
+    def _make_estimates(self, topics: Iterable[int]) -> None:
         """Makes estimates before any branch: one first read in a branch is used after it, too."""
         for index in topics:
             self._topics[index] = self._topic(index)
@@ -168,17 +169,19 @@ class Enclosed:
         if component.extern:
             msg = f"SC `{component.name}` is extern: its commands cannot be enclosed"
             raise EnclosureError(msg)
-        self._see(component.scope.topics.values())
+        self._make_estimates(component.scope.topics.values())
         body = self.body()
         for x in step.locals:
             body.bind(x.name, x.type, self.ops.top(x.type))
         if step.takeover:
             body.branch(UNKNOWN, lambda: body.run(step.takeover), lambda: None)
         body.run(step.body)
-        published = {o.topic: self._gated(body, k, o) for k, o in enumerate(step.outputs)}
-        return [self.operand(self._leaf(published, x)) for x in self.quantities.controls]
+        published = {
+            o.topic: self._value_behind_gate(body, k, o) for k, o in enumerate(step.outputs)
+        }
+        return [self.operand(self._published_leaf(published, x)) for x in self.quantities.controls]
 
-    def _gated(self, body: EnclosureBody, number: int, output: core.Output) -> Item:
+    def _value_behind_gate(self, body: EnclosureBody, number: int, output: core.Output) -> Item:
         """The value of a topic behind the gate: what was published and passed, or the last one."""
         topic = self.system.topics[output.topic]
         held = self.inputs.topic(topic, {})
@@ -187,17 +190,17 @@ class Enclosed:
         bounds = dict(zip((p for p, _ in leaves(topic.type)), output.bounds, strict=True))
 
         def check() -> None:
-            for path, t, v in parts(topic.type, value):
-                checked[path] = self._checked(t, v, bounds.get(path))
+            for path, t, v in leaf_values(topic.type, value):
+                checked[path] = self._leaf_behind_gate(t, v, bounds.get(path))
 
         if has == KnownTruth(True):
             check()
         else:
             body.branch(has, check, lambda: None)
-            checked = {p: v for p, _, v in parts(topic.type, value)}
+            checked = {p: v for p, _, v in leaf_values(topic.type, value)}
         return self.ops.select(has, self.inputs.build(topic.type, checked), held)
 
-    def _checked(self, t: Type, v: Item, bound: Bound | None) -> Item:
+    def _leaf_behind_gate(self, t: Type, v: Item, bound: Bound | None) -> Item:
         """A leaf as it passes the gate; notes a fault if it may be outside its bounds."""
         if isinstance(t, FloatType):
             low, high = (bound.low, bound.high) if bound else (-float("inf"), float("inf"))
@@ -208,12 +211,12 @@ class Enclosed:
             return self.ops.narrowed(v, math.ceil(bound.low), math.floor(bound.high))
         return v
 
-    def _leaf(self, topics: Mapping[int, Item], leaf: Leaf) -> Item:
+    def _published_leaf(self, topics: Mapping[int, Item], leaf: Leaf) -> Item:
         t = self.system.topics[leaf.owner].type
         if leaf.owner not in topics:
             msg = f"SC does not publish `{leaf.name}`"
             raise EnclosureError(msg)
-        return {p: v for p, _, v in parts(t, topics[leaf.owner])}[leaf.path]
+        return {p: v for p, _, v in leaf_values(t, topics[leaf.owner])}[leaf.path]
 
     def operand(self, v: Item) -> c.CExpr:
         """A leaf as a form for the caller; for a list it is any number."""
@@ -228,7 +231,7 @@ class Enclosed:
         return [
             self.operand(v)
             for topic, value in sorted(self._driven.items())
-            for _, _, v in parts(self.system.topics[topic].type, value)
+            for _, _, v in leaf_values(self.system.topics[topic].type, value)
         ]
 
     def published(self) -> list[Item]:
@@ -245,7 +248,7 @@ class Enclosed:
             topic = self.system.topics[index]
             bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
             errors = self.error_bounds(index)
-            for path, t, v in parts(topic.type, value):
+            for path, t, v in leaf_values(topic.type, value):
                 bound = bounds.get(path)
                 if isinstance(t, FloatType):
                     low, high = room_of(bound, errors.get(path, 0.0))
@@ -279,7 +282,7 @@ class Enclosed:
             call = right_hand_side(step, self.functions)
             if call is None:
                 continue
-            body = self._started(component, step)
+            body = self._plant_body(component, step)
             function = self.functions[call.function]
             record = function.parameters[0].type
             assert isinstance(record, RecordType)
@@ -288,11 +291,11 @@ class Enclosed:
             x = AggregateParts(tuple(self.cell(cells[n].cell, t) for n, t in fields))
             others = tuple(body.expr(a) for a in call.arguments[1:])
             result = body.call(function, (x, *others))
-            for path, _, v in parts(record, result):
+            for path, _, v in leaf_values(record, result):
                 derivatives[component.index, path[0], path[1:]] = v
         zero = self.ops.form(FloatRange(0.0, 0.0))
         return [
-            self.operand(derivatives[key(s)]) if key(s) in derivatives else zero
+            self.operand(derivatives[leaf_key(s)]) if leaf_key(s) in derivatives else zero
             for s in self.quantities.states
         ]
 
@@ -301,41 +304,41 @@ class Enclosed:
         self.moving = True
         next_values: dict[tuple[int, str, tuple[str, ...]], Item] = {}
         for component, step in self.plants():
-            body = self._started(component, step)
+            body = self._plant_body(component, step)
             body.run(step.integrate)
             for x in step.states:
-                for path, _, v in parts(x.type, body.frame.variables[x.name]):
+                for path, _, v in leaf_values(x.type, body.frame.variables[x.name]):
                     next_values[component.index, x.cell.name, path] = v
-        return [self.operand(next_values[key(s)]) for s in self.quantities.states]
+        return [self.operand(next_values[leaf_key(s)]) for s in self.quantities.states]
 
     def predicate(
         self, p: core.Predicate, more: Mapping[str, core.Function], *, estimated: bool
     ) -> c.CExpr:
         """The truth of a predicate of Core on true or estimated topics."""
-        return self.ops.truth(self._holds(p, more, estimated=estimated))
+        return self.ops.truth(self._predicate_value(p, more, estimated=estimated))
 
-    def _holds(
+    def _predicate_value(
         self, p: core.Predicate, more: Mapping[str, core.Function], *, estimated: bool
     ) -> Item:
         self.drive()
         self.estimated = estimated
-        self._see(self.module.scope.topics.values())
+        self._make_estimates(self.module.scope.topics.values())
         body = self.body(more)
         body.run(p.body)
         return body.expr(p.value)
 
-    def _said(self, e: TypedExpr, *, estimated: bool) -> Item:
+    def _expression_value(self, e: TypedExpr, *, estimated: bool) -> Item:
         table = FunctionTable(self.system)
         system, module = self.system, self.module
         if estimated:  # what the DM evaluates
             p = lower_deciding(table, system, module, e)
         else:
             p = lower_predicate(table, system, module.scope, e, e.span)
-        return self._holds(p, table.by_name, estimated=estimated)
+        return self._predicate_value(p, table.by_name, estimated=estimated)
 
     def expression(self, e: TypedExpr, *, estimated: bool) -> c.CExpr:
         """The truth of a checked expression on true or estimated topics."""
-        return self.ops.truth(self._said(e, estimated=estimated))
+        return self.ops.truth(self._expression_value(e, estimated=estimated))
 
     def publishing(self, number: int | None = None) -> c.CExpr:
         """The truth that plants can publish what they drive: all of `published`, or one of it."""
@@ -347,7 +350,7 @@ class Enclosed:
 
     def constraint(self, safe: TypedExpr) -> c.CExpr:
         """C: `safe` on true states, and that plants can publish what they then drive."""
-        said = self._said(safe, estimated=False)
+        said = self._expression_value(safe, estimated=False)
         return self.ops.truth(reduce(self.ops.both, self.published(), said))
 
 
@@ -367,7 +370,7 @@ def right_hand_side(
     """The call of a plant's derivative function; None where the plant moves in steps (`next`)."""
     calls = [
         s
-        for s in _flat(step.integrate)
+        for s in _statements_in_loops(step.integrate)
         if isinstance(s, core.Call) and functions[s.function].source_name.endswith(": der")
     ]
     written = {x.name for x in step.states if x.written}
@@ -378,9 +381,9 @@ def right_hand_side(
     return calls[0] if len(written) == len(record.fields) else None
 
 
-def _flat(statements: tuple[core.Stmt, ...]) -> list[core.Stmt]:
+def _statements_in_loops(statements: tuple[core.Stmt, ...]) -> list[core.Stmt]:
     """Statements and those inside loops."""
     result: list[core.Stmt] = []
     for s in statements:
-        result += _flat(s.body) if isinstance(s, core.Loop) else [s]
+        result += _statements_in_loops(s.body) if isinstance(s, core.Loop) else [s]
     return result

@@ -21,6 +21,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.verify.enclose.compiled_enclosures import FORM
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
@@ -36,8 +38,6 @@ TERMS = 24
 SIZES = (0.25, 0.5, 0.75, 0.95)
 LINEAR = 2.0**-40
 """Remainders up to this share of a rate count as rounding: the flow is linear."""
-FORM = 4
-"""The number of a form's first coefficient, behind low, high, centre and remainder."""
 ROOM = 1.01
 STIFF = (
     "the error of the plant's scheme is not bounded: rate x step of {names} is {size:.3g}, at "
@@ -53,7 +53,7 @@ def scheme_weight(a: Floats, h: float, order: int = ORDER) -> Floats:
     Tails are bounded with d > 0 and z d <= size d: then z^k <= size^k d (1 / d)^T, entry by entry.
     """
     z = np.abs(a) * h * UP
-    scaled = _scale(z)
+    scaled = _weights_of_rows(z)
     if scaled is None:
         return np.full_like(z, np.inf)
     d, size = scaled
@@ -71,7 +71,7 @@ def scheme_weight(a: Floats, h: float, order: int = ORDER) -> Floats:
     return np.asarray(((inverse + beyond) @ (rest + tail) + 0.0) * UP)
 
 
-def _scale(z: Floats) -> tuple[Floats, float] | None:
+def _weights_of_rows(z: Floats) -> tuple[Floats, float] | None:
     """Weights d > 0 (n,) and a size < 1 with z d <= size d, z >= 0 (n, n); None: none were found.
 
     As rows differ in their units, so do the weights: d solves (1 - z / s) d = 1 for a few s.
@@ -139,49 +139,51 @@ class SimulatedFlow:
     controls: int
 
 
-def solution_of(of: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]) -> SchemeSolution:
+def scheme_solution(
+    flow: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]
+) -> SchemeSolution:
     """Whether the simulator's steps solve the model of a group's states `own`, by how much more.
 
     Inputs lie in [low, high], (inputs,). The states that drive `own` are stepped with them, so
     their rates count, too; stages may leave the ranges, and the flow has to be linear there.
     """
-    n = len(of.names)
-    inside = _linear(of, low, high, own)
+    n = len(flow.names)
+    inside = _linear_model(flow, low, high, own)
     if inside is None:
         return SchemeSolution()
     states, model = inside
-    if not all(of.steps[s][0] > 0.0 for s in states):
+    if not all(flow.steps[s][0] > 0.0 for s in states):
         return SchemeSolution()
     errors = np.zeros(n)
-    for plant in dict.fromkeys(of.steps[s][2] for s in states):
-        at = [s for s in states if of.steps[s][2] == plant]
+    for plant in dict.fromkeys(flow.steps[s][2] for s in states):
+        at = [s for s in states if flow.steps[s][2] == plant]
         others = [s for s in states if s not in at]
-        step, order, _ = of.steps[at[0]]
+        step, order, _ = flow.steps[at[0]]
         a = model["A"][np.ix_(at, at)]
         if model["A"][np.ix_(at, others)].any():
             return SchemeSolution()  # plants read no states of each other
         z = np.abs(a) * step
         weight = scheme_weight(a, step, order)
         if not np.all(np.isfinite(weight)):
-            return SchemeSolution(stiff=_too_fast([of.names[s] for s in at], z, step))
-        part = _only(model, at)
+            return SchemeSolution(stiff=_too_fast_in_words([flow.names[s] for s in at], z, step))
+        part = _submodel(model, at)
         largest = np.maximum(np.abs(low), np.abs(high))
-        bounds = largest[at], largest[n : n + of.controls]
-        beyond = _stages(z, step * largest_rates(part, *bounds))
+        bounds = largest[at], largest[n : n + flow.controls]
+        beyond = _stage_distance(z, step * largest_rates(part, *bounds))
         wider = low.copy(), high.copy()
         wider[0][at] -= beyond
         wider[1][at] += beyond
-        there = _linear(of, *wider, at)
+        there = _linear_model(flow, *wider, at)
         if there is None:
             return SchemeSolution()
-        moved = _only(there[1], at)
+        moved = _submodel(there[1], at)
         if np.any(step * largest_rates(moved, bounds[0] + beyond, bounds[1]) > beyond):
             return SchemeSolution()
         errors[at] = scheme_error(part, *bounds, step, order)
     return SchemeSolution(errors[list(own)])
 
 
-def _too_fast(names: Sequence[str], z: Floats, step: float) -> str:
+def _too_fast_in_words(names: Sequence[str], z: Floats, step: float) -> str:
     """Which states are too fast for a step, in words."""
     every = range(len(z))
     alone = [k for k in every if z[k, k] >= SIZES[-1]] or [*every]
@@ -189,7 +191,7 @@ def _too_fast(names: Sequence[str], z: Floats, step: float) -> str:
     return STIFF.format(names=", ".join(names[k] for k in alone), size=size, step=step)
 
 
-def _stages(z: Floats, first: Floats) -> Floats:
+def _stage_distance(z: Floats, first: Floats) -> Floats:
     """How far the stages of a step may be from where it began: the series of z^k `first`."""
     total, term = first.copy(), first.copy()
     for _ in range(TERMS * 20):
@@ -200,24 +202,24 @@ def _stages(z: Floats, first: Floats) -> Floats:
     return np.asarray(total * ROOM)
 
 
-def _only(model: dict[str, Floats], at: list[int]) -> dict[str, Floats]:
+def _submodel(model: dict[str, Floats], at: list[int]) -> dict[str, Floats]:
     """The model of the states `at`, which read no others."""
     return {k: v[at] if k != "A" else v[np.ix_(at, at)] for k, v in model.items()}
 
 
-def _linear(
-    of: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]
+def _linear_model(
+    flow: SimulatedFlow, low: Floats, high: Floats, own: Sequence[int]
 ) -> tuple[list[int], dict[str, Floats]] | None:
     """The states that `own` depend on, and the model of all; None where one of them is not linear.
 
     All controls are commands in it.
     """
-    given = of.rates(low, high)
+    given = flow.rates(low, high)
     if given is None:
         return None
     rates, radius = given
-    n = len(of.names)
-    moving = n + of.controls
+    n = len(flow.names)
+    moving = n + flow.controls
     size = np.abs(rates[:, 2]) + np.abs(rates[:, FORM:]).sum(axis=1)
     slopes = rates[:, FORM : FORM + moving] / np.where(radius[:moving] > 0, radius[:moving], 1.0)
     todo, states = list(own), set()

@@ -16,20 +16,15 @@ import numpy as np
 
 from soter.language.model.types import show_ns
 from soter.verify.claims.case import GroupProof, Method, axes_entry
-from soter.verify.claims.grid_refinement import (
-    cells_of_box,
-    drawn_edges,
-    regions_of,
-    volume_share,
-)
+from soter.verify.claims.grid_refinement import cells_of_box, regions_of
 from soter.verify.claims.product_sets import CellsPart, points_to_try, states_elsewhere
 from soter.verify.claims.results import GroupSets
-from soter.verify.deploy.grid_tables import CommandTable, Estimates, GroupTable, table
+from soter.verify.deploy.level_tables import CommandTable, Estimates, GroupTable, table
 from soter.verify.enclose.scheme_error import STIFF_HINT
 from soter.verify.grid import estimate_sets, recovery
 from soter.verify.grid.recovery import cells_in_way
-from soter.verify.grid.resting import resting
-from soter.verify.grid.set_figures import deepest, figure
+from soter.verify.grid.resting import cells_at_rest
+from soter.verify.grid.set_figures import deepest_cell, drawn_edges, figure, volume_share
 from soter.verify.grid.sets import RESTS, GridGroup
 from soter.verify.problem.problem_times import look_ahead_advice
 
@@ -44,7 +39,7 @@ if TYPE_CHECKING:
     from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
     from soter.verify.claims.results import Region
-    from soter.verify.deploy.level_table import LevelTable
+    from soter.verify.deploy.level_tables import LevelTable
     from soter.verify.problem.problem import Group, Problem
 
     Arrays = Mapping[str, NDArray[np.generic]]
@@ -137,7 +132,7 @@ class GridProof(GroupProof):
             case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
         rests = np.zeros(self.engine.shape, dtype=np.bool_)
         if case.problem.stays:
-            rests = resting(case, self.engine, self.found.allowed)
+            rests = cells_at_rest(case, self.engine, self.found.allowed)
         holds = case.holds or (0 if self.engine.is_linear or case.vain else HOLDS)
         kept = self.engine.core(self.found.allowed, vain=case.vain, holds=holds, resting=rests)
         self.found.core = kept.witness
@@ -188,7 +183,7 @@ class GridProof(GroupProof):
 
     def levels(self, case: Case) -> None:
         """Computes S_0, S_1, ..., the sets of estimates by which the DM decides."""
-        estimate_sets.find(case, self, self.engine, self.found)
+        estimate_sets.find_levels(case, self, self.engine, self.found)
 
     def without_levels(self) -> GridProof:
         """A copy of this proof with C, K and R(H) only."""
@@ -199,7 +194,7 @@ class GridProof(GroupProof):
     def take_table(self, case: Case, table: LevelTable) -> None:
         """Takes the DM's table and computes the states from which AC may have control by it."""
         assert isinstance(table, GroupTable)
-        estimate_sets.admit(case, self, self.engine, self.found, table)
+        estimate_sets.enter_table(case, self, self.engine, self.found, table)
 
     def start(self, case: Case, until_ns: int) -> None:
         """Enters a failure where an initial state is not in R(h_0)."""
@@ -225,7 +220,7 @@ class GridProof(GroupProof):
 
     def states_given_back(self, case: Case) -> CellsPart | None:
         """The states at which the DM's table gives AC control on any estimate."""
-        cells = estimate_sets.held(case, self.engine, self.found)
+        cells = estimate_sets.states_with_control(case, self.engine, self.found)
         return None if cells is None else CellsPart(self.engine, cells)
 
     def recover(self, case: Case, target: SetFactor) -> None:
@@ -284,7 +279,7 @@ class GridProof(GroupProof):
     # ------------------------------------------------------------ how much it says
 
     def shares(self, case: Case) -> dict[str, float]:
-        """The volume_share of the grid's volume of each set; `estimates`: S_0, if it is computed."""
+        """The share of the grid's volume of each set; `estimates`: S_0, if it is computed."""
         del case
         part, edges = self.found, drawn_edges(self.found.group.axes)
         sets = {
@@ -314,12 +309,12 @@ class GridProof(GroupProof):
 
     @property
     def free_share(self) -> float | None:
-        """The volume_share of the grid's cells that R(H) has; None before it is known."""
+        """The share of the grid's cells that R(H) has; None before it is known."""
         return None if self.found.free is None else float(np.mean(self.found.free))
 
     @property
     def overlap_of_predicates(self) -> tuple[float, bool] | None:
-        """The volume_share of K where `safer` may be true and `ttf` false; whether any state is so."""
+        """The share of K where AC gets control and may keep it; whether any state is so."""
         part, edges = self.found, drawn_edges(self.found.group.axes)
         if part.lets_ac is None or part.gives_back is None:
             return None
@@ -334,7 +329,7 @@ class GridProof(GroupProof):
         return lets is not None and not (lets & (part.core > 0)).any()
 
     def lets_share(self, case: Case, predicate: str) -> float | None:
-        """K's volume_share where a predicate lets AC have control, by the DM's table if there is one."""
+        """K's share where a predicate lets AC have control, by the DM's table if there is one."""
         del case
         part, edges = self.found, drawn_edges(self.found.group.axes)
         by_predicate = part.deployed or (part.lets_ac, part.gives_back)
@@ -352,7 +347,7 @@ class GridProof(GroupProof):
     @property
     def deepest(self) -> Mapping[int, float]:
         """The middle of a cell far inside C, by state."""
-        return deepest(self.found)
+        return deepest_cell(self.found)
 
     # ------------------------------------------------------------ results
 

@@ -1,11 +1,12 @@
 """Sets of estimates on a grid: levels, what of them a DM holds, and what a shield permits there.
 
-Purpose: `find` computes S_0, S_1, ... by eroding R(H) (docs/verification.md, section 3); `admit`
-the states from which AC may have control by the DM's table, which all cases share. `permitted` cuts
-the range of a shield's command into cells: for each cell of estimates and each command cell it
-computes in `tops` up to which cell commands may act together with those of that one, in any order,
-until SC's first output does (docs/proof-flight.md, "A gate that looks at commands").
-Non-goals: the tables (`verify/deploy/grid_tables.py`, `shield_tables.py`). Symbols: `sets.py`.
+Purpose: `find_levels` computes S_0, S_1, ... by eroding R(H) (docs/verification.md, section 3);
+`enter_table` takes the DM's table, which all cases share, and enters the states from which AC may
+have control by it. `find_permitted_commands` cuts the range of a shield's command into cells: for
+each cell of estimates and each command cell it computes in `tops` up to which cell commands may act
+together with those of that one, in any order, until SC's first output does (docs/proof-flight.md,
+"A gate that looks at commands").
+Non-goals: the tables (`verify/deploy/level_tables.py`, `shield_tables.py`). Symbols: `sets.py`.
 
 R_V(H) is R(H) with a box V of commands in the place of U: the same engine, told that the group's
 command lies in V. For a map V is one command, so one cell. Groups that several commands move have
@@ -23,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.verify.deploy.grid_tables import FULL
+from soter.verify.deploy.level_tables import FULL
 from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.grid.sets import GridGroup
 from soter.verify.problem.inputs import errors_of, topics_seen_by_dm
@@ -32,14 +33,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.core.layout import Bools
-    from soter.language.model.typed import TopicSymbol
     from soter.verify.claims.case import Case, GroupProof
     from soter.verify.claims.results import GroupSets
-    from soter.verify.deploy.grid_tables import GroupTable
+    from soter.verify.deploy.level_tables import GroupTable
     from soter.verify.problem.problem import Problem
 
 
-def permitted(
+def find_permitted_commands(
     case: Case,
     proof: GroupProof,
     engine: GridGroup,
@@ -54,35 +54,23 @@ def permitted(
     assert problem.module.shield is not None
     n = problem.module.shield.cells
     part.tops = np.zeros((*part.allowed.shape, n), dtype=np.uint8)
-    ages = {t.name for t in topics_seen_by_dm(problem).values() if _max_age(problem, t) is None}
-    if ages:
-        names = ", ".join(sorted(ages))
-        text = f"a shield asks how old an estimate may be, which {names} does not say"
-        case.fail("ttf", text, proof, "give it a `max_age`")
-        return
-    group = engine.c
-    if group.commands > 1:
-        several = [
-            problem.quantities.controls[group.command[k]].name for k in range(group.commands)
-        ]
-        text = f"a shield asks for groups that one command moves, here {' and '.join(several)} do"
-        case.fail("ttf", text, proof, "groups of one command each, or no `shield`")
+    if why := _why_no_shield(problem, engine):
+        case.fail("ttf", why[0], proof, why[1])
         return
     part.lasting = np.ones_like(part.tops) if problem.module.symbol.toward_sc else None
-    if not group.commands:
+    if not engine.c.commands:
         part.tops[part.levels[0]] = n
         return
-    part.command = int(group.command[0])
+    part.command = int(engine.c.command[0])
     limits = problem.controls[part.command]
     edges = command_edges(limits.low, limits.high, n)
+    core, errors = part.core > 0, errors_of(problem)
     horizon = problem.in_horizon(problem.times.horizon_ns)
-    errors = errors_of(problem)
     for i in range(n):
         permitted = np.ones(part.allowed.shape, dtype=np.bool_)
         for j in range(i, n if problem.kind == "flow" else i + 1):
-            box = between(engine, part.command, edges[i], edges[j + 1])
-            free = box.safe_for(horizon, part.core > 0)
-            permitted &= anywhere(engine.erode(free, errors))
+            box = engine_with_command_in(engine, part.command, edges[i], edges[j + 1])
+            permitted &= anywhere(engine.erode(box.safe_for(horizon, core), errors))
             if not permitted.any():
                 break
             part.tops[permitted, i] = j + 1
@@ -91,9 +79,25 @@ def permitted(
         return
     longer = problem.in_horizon(problem.times.horizon_ns + lead_ns(problem))
     for i in range(n):
-        box = between(engine, part.command, edges[i], edges[i + 1])
-        free = engine.erode(box.safe_for(longer, part.core > 0), errors)
+        box = engine_with_command_in(engine, part.command, edges[i], edges[i + 1])
+        free = engine.erode(box.safe_for(longer, core), errors)
         part.lasting[..., i] = anywhere(engine.erode(free, errors))
+
+
+def _why_no_shield(problem: Problem, engine: GridGroup) -> tuple[str, str] | None:
+    """Why a group can have no shield, and what would help; None where it can have one."""
+    first_age = {t.symbol: t.max_age_ns for t in reversed(problem.system.topics)}
+    ageless = {s.name for s in topics_seen_by_dm(problem).values() if first_age[s] is None}
+    if ageless:
+        names = ", ".join(sorted(ageless))
+        text = f"a shield asks how old an estimate may be, which {names} does not say"
+        return text, "give it a `max_age`"
+    group, controls = engine.c, problem.quantities.controls
+    if group.commands > 1:
+        several = " and ".join(controls[group.command[k]].name for k in range(group.commands))
+        text = f"a shield asks for groups that one command moves, here {several} do"
+        return text, "groups of one command each, or no `shield`"
+    return None
 
 
 def lead_ns(problem: Problem) -> int:
@@ -107,11 +111,7 @@ def lead_ns(problem: Problem) -> int:
     return period + (times.acted + times.age_dm if problem.kind == "flow" else 0)
 
 
-def _max_age(problem: Problem, symbol: TopicSymbol) -> int | None:
-    return next(t.max_age_ns for t in problem.system.topics if t.symbol is symbol)
-
-
-def between(engine: GridGroup, control: int, low: float, high: float) -> GridGroup:
+def engine_with_command_in(engine: GridGroup, control: int, low: float, high: float) -> GridGroup:
     """The engine of the same group with this command in [low, high]."""
     controls = list(engine.inputs.controls)
     controls[control] = (low, high)
@@ -126,21 +126,23 @@ def between(engine: GridGroup, control: int, low: float, high: float) -> GridGro
     )
 
 
-def find(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets) -> None:
+def find_levels(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets) -> None:
     """Fills in S_0 ... S_(m-2); enters failures of `ttf` and `safer` where they are empty."""
     problem = case.problem
     errors, shown = errors_of(problem), topics_seen_by_dm(problem)
     window = problem.in_horizon(problem.times.decision)
     assert part.free is not None
     blind = tuple(k for k, a in enumerate(engine.axes) if a not in shown)
-    part.levels = [_anywhere(engine.erode(part.free, errors), blind)]
+    part.levels = [_at_any_place(engine.erode(part.free, errors), blind)]
     for _ in range(max(problem.levels, 2) - 2):
         inner = engine.erode(part.levels[-1], errors)
         following = engine.safe_for(window, inner)
-        estimates = _anywhere(engine.erode(following, errors), blind)
+        estimates = _at_any_place(engine.erode(following, errors), blind)
         part.levels.append(estimates & part.levels[-1])
     if problem.module.shield is not None:
-        permitted(case, proof, engine, part, lambda cells: _anywhere(cells, blind))
+        find_permitted_commands(
+            case, proof, engine, part, lambda cells: _at_any_place(cells, blind)
+        )
     names = [problem.quantities.states[engine.axes[k]].name for k in blind]
     hint = problem.stronger
     if names:
@@ -152,7 +154,7 @@ def find(case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets) -> N
             case.fail(claim, text, proof, hint).cells = part.free
 
 
-def _anywhere(cells: Bools, axes: tuple[int, ...]) -> Bools:
+def _at_any_place(cells: Bools, axes: tuple[int, ...]) -> Bools:
     """The cells that stay in the set whatever their place on these axes."""
     if not axes:
         return cells
@@ -160,12 +162,12 @@ def _anywhere(cells: Bools, axes: tuple[int, ...]) -> Bools:
     return np.array(np.broadcast_to(every, cells.shape), dtype=np.bool_)
 
 
-def admit(
+def enter_table(
     case: Case, proof: GroupProof, engine: GridGroup, part: GroupSets, table: GroupTable
 ) -> None:
     """Fills in the states from which AC may have control by the table; a failure if none is."""
     errors = errors_of(case.problem)
-    outer, inner = part.deployed = _of_table(part, table)
+    outer, inner = part.deployed = _sets_of_table(part, table)
     assert part.free is not None
     part.lets_ac = engine.dilate(outer, errors) & part.free
     part.gives_back = engine.dilate(inner, errors) & part.free
@@ -177,14 +179,14 @@ def admit(
             case.fail(claim, text, proof, hint).cells = part.free
 
 
-def _of_table(part: GroupSets, table: GroupTable) -> tuple[Bools, Bools]:
+def _sets_of_table(part: GroupSets, table: GroupTable) -> tuple[Bools, Bools]:
     """The two sets of a table over all axes of its group."""
     shape = [len(a.edges) - 1 if a.state in table.states else 1 for a in part.group.axes]
     entries = np.broadcast_to(table.entries.reshape(shape), part.allowed.shape)
     return entries > 0, entries >= FULL
 
 
-def held(case: Case, engine: GridGroup, part: GroupSets) -> Bools | None:
+def states_with_control(case: Case, engine: GridGroup, part: GroupSets) -> Bools | None:
     """States, in the grid's shape, where DM gives AC control on any estimate; None: no table."""
     if part.deployed is None:
         return None

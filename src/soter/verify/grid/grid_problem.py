@@ -1,7 +1,7 @@
 """The inputs of a grid group's analysis: ranges, times, and which ends of the grid are kept.
 
 Purpose: `of_problem` reads the ranges, times and scheme of one module for `GridGroup`; tests write
-them by hand. `borders_of` finds the ends that no run passes (a level that is never below zero, a
+them by hand. `kept_ends_of` finds the ends that no run passes (a level that is never below zero, a
 state between two stops), so that a grid may end exactly there though images round outward, and
 rates that are zero but for rounding: `soter_reach_invariant_ends.c` uses both.
 Non-goals: reading a program (`problem/extract.py`); ends that only SC keeps: commands may be
@@ -116,8 +116,8 @@ LOOK_AHEAD = 4.0
 """The stages of the simulator's scheme stay within this many of its steps from the state."""
 
 
-class BorderedModel(Protocol):
-    """What `borders_of` needs of a group's model (`GridModel`)."""
+class ModelWithEnds(Protocol):
+    """What `kept_ends_of` needs of a group's model (`GridModel`)."""
 
     c: Any
     inputs: GridInputs
@@ -134,14 +134,14 @@ class BorderedModel(Protocol):
         """Breakpoints of each axis, (cells + 1,)."""
 
     def rates_within(self, low: Floats, high: Floats) -> Floats | None:
-        """Bounds (states, 2) of the rates over ranges of all inputs; None: a possible fault."""
+        """Bounds (states, 2) of the rates over ranges of all inputs; None: a fault, or no bound."""
 
-    def hangs_on_states(self, state: int, low: Floats, high: Floats) -> bool:
+    def rate_reads_states(self, state: int, low: Floats, high: Floats) -> bool:
         """Whether a state's rate depends on states in these ranges (one a number)."""
 
 
 @dataclass(eq=False)
-class Borders:
+class KeptEnds:
     """The ends of a group's axes that are kept, and the domain, which goes on beyond these."""
 
     low: Floats
@@ -155,7 +155,7 @@ class Borders:
     """Ends that the flow keeps but the simulator's scheme is not shown to keep, in words."""
 
 
-def borders_of(model: BorderedModel) -> Borders | None:
+def kept_ends_of(model: ModelWithEnds) -> KeptEnds | None:
     """Finds the ends that are kept; None where a rate has no bounds.
 
     An end counts only if the simulator's scheme keeps it, too: that of a linear flow is part of the
@@ -163,12 +163,12 @@ def borders_of(model: BorderedModel) -> Borders | None:
     moves the way that the rate says, rounding included.
     """
     g = model.c
-    whole = _rates(model, model.low, model.high)
+    whole = model.rates_within(model.low, model.high)
     if whole is None:
         return None
     steps = [step for step, _, _ in model.inputs.steps]
     step = max(steps, default=0.0) if model.covers_scheme else 0.0
-    found = Borders(model.low.copy(), model.high.copy(), LOOK_AHEAD * step)
+    found = KeptEnds(model.low.copy(), model.high.copy(), LOOK_AHEAD * step)
     back = BACK * (g.delay + max(2 * g.jitter, g.swept)) if g.is_local else 0.0
     for i, state in enumerate(model.axes):
         largest = float(np.abs(whole[state]).max())
@@ -178,11 +178,11 @@ def borders_of(model: BorderedModel) -> Borders | None:
             if endless:
                 found.kept[i, upper] = endless
             else:
-                _keep_end(model, found, i, back * largest, upper=upper)
+                _enter_end(model, found, i, back * largest, upper=upper)
     return found
 
 
-def _keep_end(model: BorderedModel, found: Borders, i: int, back: float, *, upper: bool) -> None:
+def _enter_end(model: ModelWithEnds, found: KeptEnds, i: int, back: float, *, upper: bool) -> None:
     """Enters one end of one axis in `found`, if it is kept."""
     state, edges = model.axes[i], model.edges[i]
     low, high = found.low.copy(), found.high.copy()
@@ -190,14 +190,14 @@ def _keep_end(model: BorderedModel, found: Borders, i: int, back: float, *, uppe
         low[state], high[state] = edges[-1], high[state] + back
     else:
         low[state], high[state] = low[state] - back, edges[0]
-    rates = _rates(model, low, high)
+    rates = model.rates_within(low, high)
     if rates is None:
         return
     if not (upper and state in model.open_ends):
         inwards = -rates[state][1] if upper else rates[state][0]
         if not inwards >= 0.0:
             return
-        if not inwards >= model.c.extra_w[i] and model.hangs_on_states(
+        if not inwards >= model.c.extra_w[i] and model.rate_reads_states(
             state, found.low, found.high
         ):
             count = len(model.inputs.states)
@@ -210,9 +210,3 @@ def _keep_end(model: BorderedModel, found: Borders, i: int, back: float, *, uppe
         found.high[state] = high[state]
     else:
         found.low[state] = low[state]
-
-
-def _rates(model: BorderedModel, low: Floats, high: Floats) -> Floats | None:
-    """Bounds (states, 2) of every rate of the exact flow; None where a step fault is possible."""
-    ends = model.rates_within(low, high)
-    return ends if ends is not None and bool(np.all(np.isfinite(ends))) else None

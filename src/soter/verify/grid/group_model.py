@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.verify.enclose.scheme_error import NS, SchemeSolution, SimulatedFlow, solution_of
-from soter.verify.grid.grid_problem import borders_of
+from soter.verify.enclose.compiled_enclosures import FORM, affine_inputs
+from soter.verify.enclose.scheme_error import NS, SchemeSolution, SimulatedFlow, scheme_solution
+from soter.verify.grid.grid_problem import kept_ends_of
 from soter.verify.problem.problem import FARTHEST
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ class UnboundedError(Exception):
     """The enclosures give no finite bound (a possible step fault, or too stiff a flow)."""
 
 
-def _guesses(edges: Floats) -> Ints:
+def _search_starts(edges: Floats) -> Ints:
     """For each of equal buckets along the axis a cell near it, from where the engine searches."""
     n = len(edges) - 1
     width = np.diff(edges)
@@ -97,7 +98,9 @@ class GridModel:
         self.open_ends, self.unbounded = frozenset(open_ends), frozenset(unbounded)
         self.wraps = frozenset(wraps)
         self.axes = tuple(int(i) for i, _ in axes)
-        self.edges = tuple(self._whole(i, np.array(e, dtype=np.float64)) for i, e in axes)
+        self.edges = tuple(
+            self._lengthened_edges(i, np.array(e, dtype=np.float64)) for i, e in axes
+        )
         self.shape = tuple(len(e) - 1 for e in self.edges)
         assert 1 <= len(self.axes) <= 4, "a group has one to four axes"
         longest = [n * (1 + (i in self.wraps)) for i, n in zip(self.axes, self.shape, strict=True)]
@@ -108,7 +111,7 @@ class GridModel:
             assert 2 * inputs.jitter_ns <= inputs.period_ns, "the jitter is below half a period"
         assert inputs.period_ns % (inputs.map_step_ns or 1) == 0, "SC steps with the map"
         self._kept: list[Any] = []
-        self.c = self._described()
+        self.c = self._description_in_c()
         self.covers_scheme = False
         """Whether each step of the simulator's scheme is a solution of the model."""
         self.stiff = ""
@@ -118,7 +121,7 @@ class GridModel:
         self._linearize(linear)
         self._narrow_law()
 
-    def _whole(self, state: int, edges: Floats) -> Floats:
+    def _lengthened_edges(self, state: int, edges: Floats) -> Floats:
         """The breakpoints; where an axis wraps, with outer cells lengthened so that they meet."""
         if state in self.wraps and edges[-1] - edges[0] < TURN + SEAM:
             edges[[0, -1]] += -SEAM, SEAM
@@ -131,7 +134,7 @@ class GridModel:
         self._kept.append(array)
         return self.library.ffi.cast(ctype, array.ctypes.data)
 
-    def _described(self) -> Any:  # noqa: ANN401 - cdata
+    def _description_in_c(self) -> Any:  # noqa: ANN401 - cdata
         ffi, x = self.library.ffi, self.inputs
         g = ffi.new("soter_reach_group *")
         low, high = (np.array([r[k] for r in x.ranges] or [0.0]) for k in (0, 1))
@@ -154,7 +157,7 @@ class GridModel:
         g.axes = len(self.axes)
         tile = TILE[len(self.axes)]
         for a, (state, edges) in enumerate(zip(self.axes, self.edges, strict=True)):
-            guess = _guesses(edges)
+            guess = _search_starts(edges)
             g.axis[a], g.cells[a], g.tile[a] = state, len(edges) - 1, tile[a]
             g.tiles[a] = -(-(len(edges) - 1) // tile[a])
             g.edges[a] = self._array(edges, "f8", "double *")
@@ -206,7 +209,7 @@ class GridModel:
         if self.inputs.kind == "flow" and not g.is_local:
             remainder = self._remainder()
             g.is_local = not (remainder < 1e-3 if linear is None else linear)
-        by_scheme = self._followed()
+        by_scheme = self._scheme_solution()
         extra, self.stiff = by_scheme.error, by_scheme.stiff
         self.covers_scheme = extra is not None
         if extra is not None:
@@ -216,7 +219,7 @@ class GridModel:
         if g.is_local:
             self._enclose(ends)
         if self.inputs.kind == "flow":
-            self._go_beyond_borders()
+            self._extend_to_kept_ends()
         if self.inputs.kind == "flow" and not g.commands:
             g.delay = g.jitter = g.swept = (
                 0.0  # no command moves this group: when one acts is all the same
@@ -225,8 +228,8 @@ class GridModel:
         if not lib.soter_reach_prepare(g):
             raise UnboundedError("the flow is too stiff for one period of SC")
 
-    def _go_beyond_borders(self) -> None:
-        found, g = borders_of(self), self.c
+    def _extend_to_kept_ends(self) -> None:
+        found, g = kept_ends_of(self), self.c
         if found is None:
             return
         self.low[:], self.high[:] = found.low, found.high
@@ -275,27 +278,25 @@ class GridModel:
 
     def _forms(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
         """The inputs as affine forms over their ranges, and an array for the results."""
-        count, given = self.library.inputs, len(low)
-        mid = low / 2 + high / 2
-        rad = np.where(low < high, np.nextafter(np.maximum(high - mid, mid - low), np.inf), 0.0)
+        count = self.library.inputs
         results = max(count, len(self.inputs.states), len(self.inputs.controls))
-        forms, out = np.zeros((count, 4 + count)), np.zeros((results, 4 + count))
-        forms[:given, 0], forms[:given, 1], forms[:given, 2] = low, high, mid
-        forms[range(given), range(4, 4 + given)] = rad
-        return forms, out
+        forms = affine_inputs(np.stack([low, high], axis=1), count)
+        return forms, np.zeros((results, FORM + count))
 
     def rates_within(self, low: Floats, high: Floats) -> Floats | None:
-        """Bounds (states, 2) of the rates over ranges of all inputs; None: a possible fault."""
-        forms, out = self._forms(low, high)
-        ends = [self.library.ffi.cast("void *", x.ctypes.data) for x in (forms, out)]
-        if self.library.lib.soter_derivative(ends[0], self.c.param, ends[1]):
-            return None
-        return np.asarray(out[: len(self.inputs.states), :2])
+        """Bounds (states, 2) of the rates over ranges of all inputs.
 
-    def hangs_on_states(self, state: int, low: Floats, high: Floats) -> bool:
+        None where a step fault is possible, or a rate has no bound.
+        """
+        found = self._rate_forms(low, high)
+        if found is None or not np.isfinite(found[0][:, :2]).all():
+            return None
+        return np.asarray(found[0][:, :2])
+
+    def rate_reads_states(self, state: int, low: Floats, high: Floats) -> bool:
         """Whether the rate of a state may depend on states, over these ranges (one a number)."""
         found = self._rate_forms(low, high)
-        return found is None or bool(found[0][state, 4 : 4 + len(self.inputs.states)].any())
+        return found is None or bool(found[0][state, FORM : FORM + len(self.inputs.states)].any())
 
     def _remainder(self) -> float:
         """How much the model's remainder w grows from a small box to the domain, over the rates."""
@@ -319,20 +320,20 @@ class GridModel:
         grown = whole["w"] - small["w"]
         return float(np.max(np.where(rates > 0, grown / np.where(rates > 0, rates, 1), 0)))
 
-    def _followed(self) -> SchemeSolution:
+    def _scheme_solution(self) -> SchemeSolution:
         """Whether the simulator's steps are solutions of the model, and what has to be added."""
         x = self.inputs
         if x.kind != "flow" or not self.is_linear or not x.steps:
             return SchemeSolution()
         names = x.names or tuple(f"state {k}" for k in range(len(x.states)))
         stepped = SimulatedFlow(self._rate_forms, names, x.steps, len(x.controls))
-        return solution_of(stepped, self.low, self.high, self.axes)
+        return scheme_solution(stepped, self.low, self.high, self.axes)
 
     def _rate_forms(self, low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
         """Forms of all rates, (states, 4 + inputs), and the radius of every input."""
         ffi, n = self.library.ffi, len(self.inputs.states)
         forms, out = self._forms(low, high)
-        radius = forms[range(len(low)), range(4, 4 + len(low))]
+        radius = forms[range(len(low)), range(FORM, FORM + len(low))]
         ends = [ffi.cast("void *", x.ctypes.data) for x in (forms, out)]
         if self.library.lib.soter_derivative(ends[0], self.c.param, ends[1]):
             return None

@@ -185,7 +185,7 @@ def cells_in_way(part: GroupSets) -> Bools:
 def parts_of(part: GroupSets, group: Group) -> tuple[NDArray[np.intp], ...]:
     """An index: `cells[index]` is a set of declared cells, in the shape of the cells of `group`."""
     return np.ix_(
-        *(_origin(a, np.array(b.edges)) for a, b in zip(part.edges, group.axes, strict=True))
+        *(_intervals_of(a, np.array(b.edges)) for a, b in zip(part.edges, group.axes, strict=True))
     )
 
 
@@ -194,12 +194,12 @@ def _halved(group: Group, declared: Group, inner: Bools) -> Group:
     axes = []
     for k, axis in enumerate(group.axes):
         near = np.asarray(inner.any(axis=tuple(i for i in range(inner.ndim) if i != k)))
-        at = _origin(declared.axes[k].edges, np.array(axis.edges))
+        at = _intervals_of(declared.axes[k].edges, np.array(axis.edges))
         axes.append(with_halved_cells(axis, near[at]))
     return replace(group, axes=tuple(axes))
 
 
-def _origin(declared: Sequence[float], edges: NDArray[np.float64]) -> NDArray[np.intp]:
+def _intervals_of(declared: Sequence[float], edges: NDArray[np.float64]) -> NDArray[np.intp]:
     """For each interval of an axis the number of the declared interval that holds it."""
     return np.maximum(np.searchsorted(np.array(declared), edges[:-1], side="right") - 1, 0)
 

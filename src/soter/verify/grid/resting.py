@@ -1,9 +1,9 @@
 """Cells from which SC comes to rest wherever the plant is ("Rest anywhere", docs/proof-sets.md).
 
-Purpose: `resting` finds cells of K that no chain can show. An SC that only stops still moves a
-*way*, a state that nothing reads, by ever less; but on a grid each period touches the next cell, so
-chains go on for ever. So a potential bounds once how far the way gets in all: while another state
-falls by 1, the way changes by c at most. B is the box of those other states, around 0.
+Purpose: `cells_at_rest` finds cells of K that no chain can show. An SC that only stops still moves
+a *way*, a state that nothing reads, by ever less; but on a grid each period touches the next cell,
+so chains go on for ever. So a potential bounds once how far the way gets in all: while another
+state falls by 1, the way changes by c at most. B is the box of those other states, around 0.
 Non-goals: all other cells of K (`sets.py`, whose head has the symbols).
 """
 
@@ -54,26 +54,26 @@ class _Potential:
     below: Fraction
     above: Fraction
 
-    def most(self, low: float, high: float) -> Fraction:
+    def reach(self, low: float, high: float) -> Fraction:
         """The farthest that the way gets from states in [low, high]."""
         return max(self.below * Fraction(max(0.0, -low)), self.above * Fraction(max(0.0, high)))
 
 
-def resting(case: Case, engine: GridGroup, allowed: Bools) -> Bools:
+def cells_at_rest(case: Case, engine: GridGroup, allowed: Bools) -> Bools:
     """Cells of `allowed`, in the grid's shape, from which every SC-run stays in C for ever.
 
     Of a module that stays where SC leads it: from such cells SC may never lead back.
     """
     assert case.problem.stays
     none = np.zeros(engine.shape, dtype=np.bool_)
-    ways = _ways(engine) if _may_rest(case.problem, engine) else []
+    ways = _unread_axes(engine) if _may_rest(case.problem, engine) else []
     if not ways or len(ways) == len(engine.axes):
         return none
     try:
-        search = _Search(case, engine, ways)
+        search = _RestSearch(case, engine, ways)
     except NoExpressionError:
         return none
-    found = [none, *(search.cells(allowed, *sides) for sides in SIDES)]
+    found = [none, *(search.cells_kept(allowed, *sides) for sides in SIDES)]
     return max(found, key=np.count_nonzero)
 
 
@@ -91,7 +91,7 @@ def _may_rest(problem: Problem, engine: GridGroup) -> bool:
     )
 
 
-def _ways(engine: GridGroup) -> list[int]:
+def _unread_axes(engine: GridGroup) -> list[int]:
     """Axes whose states neither SC nor any rate reads."""
     reads = engine.library.reads
     if not {"law", "derivative"} <= reads.keys():
@@ -100,7 +100,7 @@ def _ways(engine: GridGroup) -> list[int]:
     return [a for a, state in enumerate(engine.axes) if state not in read]
 
 
-class _Search:
+class _RestSearch:
     """Looks for boxes B and potentials in them, for one group."""
 
     def __init__(self, case: Case, engine: GridGroup, ways: Sequence[int]) -> None:
@@ -115,24 +115,24 @@ class _Search:
         self.law = forms.numbers("law", whole, len(case.problem.controls))
         self.ranges = {("x", s): Interval(*map(float, whole[s])) for s in range(n)}
         self.signs = tuple(product((-1, 0, 1), repeat=len(self.moving)))
-        self.written = self._written() if self.law is not None else None
+        self.enclosures = self._rate_enclosures() if self.law is not None else None
 
     # ------------------------------------------------------------ B
 
-    def cells(self, allowed: Bools, below: bool, above: bool) -> Bools:
+    def cells_kept(self, allowed: Bools, below: bool, above: bool) -> Bools:
         """The cells that are kept with a B that reaches the grid's end below or above, or not."""
         none = np.zeros_like(allowed)
-        box = [self._around_rest(axis, below, above) for axis in self.moving]
+        box = [self._side_of_box(axis, below, above) for axis in self.moving]
         within = [b for b in box if b is not None]
-        if self.law is None or len(within) < len(box) or not self._defined(within):
+        if self.law is None or len(within) < len(box) or not self._plants_defined(within):
             return none
         rates = self._rates_in(within)
-        if not self._kept(rates):
+        if not self._no_state_leaves(rates):
             return none
         far = [[self._potentials(rates, way, sign) for sign in (-1, 1)] for way in self.ways]
-        return self._standing(allowed, within, far)
+        return self._cells_safe_around(allowed, within, far)
 
-    def _around_rest(self, axis: int, below: bool, above: bool) -> Interval | None:
+    def _side_of_box(self, axis: int, below: bool, above: bool) -> Interval | None:
         """The side of B along an axis; None where the grid does not reach to both sides of 0."""
         edges = self.engine.edges[axis]
         if not edges[0] < 0.0 < edges[-1]:
@@ -153,7 +153,7 @@ class _Search:
             assert ends[-1].high > r.high
         return ends
 
-    def _defined(self, box: Sequence[Interval]) -> bool:
+    def _plants_defined(self, box: Sequence[Interval]) -> bool:
         """Whether no plant faults at the states of B."""
         whole = self.whole.copy()
         for axis, r in zip(self.moving, self._wider(box), strict=True):
@@ -165,7 +165,7 @@ class _Search:
 
     # ------------------------------------------------------------ rates
 
-    def _written(self) -> Enclosures:
+    def _rate_enclosures(self) -> Enclosures:
         """The rates of all states by signs, for any answer that SC may give."""
         assert self.law is not None
         make, winds = self.make, self.case.problem.disturbances
@@ -178,7 +178,7 @@ class _Search:
         for signs in self.signs:
             known = dict(certain)
             for axis, sign in zip(self.moving, signs, strict=True):
-                known |= _signed(make, make.input("x", self.engine.axes[axis]), sign)
+                known |= _sign_replacements(make, make.input("x", self.engine.axes[axis]), sign)
             lists.append([make.replaced(e, known) for e in self.rates])
         return Enclosures(lists)
 
@@ -188,21 +188,21 @@ class _Search:
         At 0 the rates on both sides count, too: a run that goes to and fro there has any of them.
         """
         found = {}
-        assert self.written is not None
+        assert self.enclosures is not None
         for signs in self.signs:
             ranges = dict(self.ranges)
             for axis, r, sign in zip(self.moving, self._wider(box), signs, strict=True):
                 ends = {-1: (r.low, 0.0), 0: (0.0, 0.0), 1: (0.0, r.high)}[sign]
                 ranges["x", self.engine.axes[axis]] = Interval(*ends)
             beside = product(*((s,) if s else (-1, 0, 1) for s in signs))
-            every = [self.written.of(self.signs.index(at), ranges) for at in beside]
+            every = [self.enclosures.of(self.signs.index(at), ranges) for at in beside]
             found[signs] = [
                 Interval(min(r.low for r in of), max(r.high for r in of))
                 for of in zip(*every, strict=True)
             ]
         return found
 
-    def _kept(self, rates: Rates) -> bool:
+    def _no_state_leaves(self, rates: Rates) -> bool:
         """Whether no state of B moves away from 0."""
         for signs, of in rates.items():
             for axis, sign in zip(self.moving, signs, strict=True):
@@ -214,7 +214,7 @@ class _Search:
     def _potentials(self, rates: Rates, way: int, sign: int) -> list[_Potential]:
         """Potentials that bound how far a way gets down (`sign` -1) or up (1), if there are any."""
         state = self.engine.axes[way]
-        grows = {signs: _times(of[state], sign).high for signs, of in rates.items()}
+        grows = {signs: _with_sign(of[state], sign).high for signs, of in rates.items()}
         found = []
         for k, axis in enumerate(self.moving):
             slopes = {-1: Fraction(0), 1: Fraction(0)}
@@ -234,7 +234,7 @@ class _Search:
 
     # ------------------------------------------------------------ cells
 
-    def _standing(
+    def _cells_safe_around(
         self, allowed: Bools, box: Sequence[Interval], far: Sequence[Sequence[list[_Potential]]]
     ) -> Bools:
         """The cells of B such that everything the states may reach from them lies in C."""
@@ -246,18 +246,20 @@ class _Search:
         ]
         for of_moving in product(*inside):
             place = dict(zip(self.moving, of_moving, strict=True))
-            to_rest = [slice(*_to_rest(e, place.get(a))) for a, e in enumerate(edges)]
+            to_rest = [slice(*_cells_up_to_zero(e, place.get(a))) for a, e in enumerate(edges)]
             fine: Bools = np.asarray(allowed[tuple(to_rest)].all(axis=tuple(self.moving)))
             for k, (way, of, out) in enumerate(zip(self.ways, far, beyond, strict=True)):
-                least = [min((self._most(p, place) for p in side), default=inf) for side in of]
-                fine = _all_fine_within(fine, k, edges[way], least, out)
+                least = [
+                    min((self._reach_from_cell(p, place) for p in side), default=inf) for side in of
+                ]
+                fine = _fine_around(fine, k, edges[way], least, out)
             cells[tuple(place.get(a, slice(None)) for a in range(len(edges)))] = fine
         return cells & allowed
 
-    def _most(self, potential: _Potential, place: Mapping[int, int]) -> float:
+    def _reach_from_cell(self, potential: _Potential, place: Mapping[int, int]) -> float:
         """How far a way gets from a cell, rounded up."""
         edges, k = self.engine.edges[potential.axis], place[potential.axis]
-        most = potential.most(float(edges[k]), float(edges[k + 1]))
+        most = potential.reach(float(edges[k]), float(edges[k + 1]))
         return float(np.nextafter(float(most), inf)) if most else 0.0
 
     def _safe_beyond(self, box: Sequence[Interval], way: int, sign: int) -> bool:
@@ -275,7 +277,7 @@ class _Search:
         return self.case.forms.true("constraint" if named else "safe", whole)
 
 
-def _signed(make: Expressions, x: Node, sign: int) -> dict[Node, Node]:
+def _sign_replacements(make: Expressions, x: Node, sign: int) -> dict[Node, Node]:
     """Replacements for comparisons of x with 0, where x has this sign; for x, where that is 0."""
     if not sign:
         return {x: make.number(0.0)}
@@ -284,11 +286,11 @@ def _signed(make: Expressions, x: Node, sign: int) -> dict[Node, Node]:
     return {make.compare(op, a, b): held[true] for a, b, true in pairs for op in (">", ">=")}
 
 
-def _times(r: Interval, sign: int) -> Interval:
+def _with_sign(r: Interval, sign: int) -> Interval:
     return r if sign > 0 else Interval(-r.high, -r.low)
 
 
-def _to_rest(edges: NDArray[np.float64], k: int | None) -> tuple[int, int]:
+def _cells_up_to_zero(edges: NDArray[np.float64], k: int | None) -> tuple[int, int]:
     """The range (first, last + 1) of cells between cell k and 0; all cells for k None."""
     if k is None:
         return 0, len(edges) - 1
@@ -297,7 +299,7 @@ def _to_rest(edges: NDArray[np.float64], k: int | None) -> tuple[int, int]:
     return min(k, first), max(k, last) + 1
 
 
-def _all_fine_within(
+def _fine_around(
     fine: Bools, axis: int, edges: NDArray[np.float64], far: Sequence[float], beyond: Sequence[bool]
 ) -> Bools:
     """The cells of `fine` around which everything within `far` along an axis is fine, too."""

@@ -1,7 +1,8 @@
 """The sets of a grid in figures: the paper's regions R1 to R5.
 
 Purpose: `regions` gives each cell of a group its region, and `figure` makes a figure of the first
-two axes, with slices through the third. `deepest` finds a state deep in C.
+two axes, with slices through the third. `deepest_cell` finds a state deep in C. `volume_share` is
+the part of a grid that some cells have.
 Non-goals: anything that a proof rests on; drawing (`report/proof_page.py`). Symbols: `sets.py`.
 """
 
@@ -12,16 +13,38 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.report.proof_page import R1, R2, R3, R4, R5, RegionFigure, RegionSlice
-from soter.verify.claims.grid_refinement import drawn_edges
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
+    from soter.core.layout import Bools
     from soter.verify.claims.results import GroupSets
     from soter.verify.problem.problem import Axis
 
 
-def deepest(part: GroupSets) -> dict[int, float]:
+def drawn_edges(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
+    """The edges of each axis, (n + 1,), with the cell at an open end as long as the mean cell."""
+    edges_by_axis = []
+    for axis in axes:
+        edges = np.array(axis.edges)
+        if axis.open:
+            edges[-1] = edges[-2] + (edges[-2] - edges[0]) / (len(edges) - 2)
+        edges_by_axis.append(edges)
+    return edges_by_axis
+
+
+def volume_share(cells: Bools, edges: Sequence[NDArray[np.float64]]) -> float:
+    """The share of a grid's volume that `cells`, of its shape, have; `edges` are (cells + 1,)."""
+    weight = cells.astype(np.float64)
+    for e in reversed(edges):
+        # not `@`: BLAS has a thread a core for that, and they spin for a while afterwards
+        weight = np.einsum("...i,i", weight, np.diff(e) / (e[-1] - e[0]))
+    return float(weight)
+
+
+def deepest_cell(part: GroupSets) -> dict[int, float]:
     """The middle, by state, of a cell far from the border of C; empty where C is."""
     left = part.allowed
     while True:
@@ -67,7 +90,7 @@ def figure(sets: GroupSets, note: str) -> RegionFigure:
     axes, drawn = sets.group.axes, drawn_edges(sets.group.axes)
     cells, lets_ac = regions(sets), sets.lets_ac
     at = fullest(cells)
-    fourth = [_place(a, i) for a, i in zip(axes[3:], at[1:], strict=True)]
+    fourth = [_cell_in_words(a, i) for a, i in zip(axes[3:], at[1:], strict=True)]
     open_ends = [f"{a.name} goes on to {a.edges[-1]:g}" for a in axes[:2] if a.open]
     text = "; ".join(filter(None, (note, ", ".join(fourth), *open_ends)))
     x, unit = drawn[0], axes[0].unit
@@ -91,7 +114,7 @@ def figure(sets: GroupSets, note: str) -> RegionFigure:
     def lets(i: int) -> NDArray[np.bool_] | None:
         return None if ttf is None else ttf[:, :, i]
 
-    indices = _sliced(cells.shape[2], at[0]) if at else []
+    indices = _slice_numbers(cells.shape[2], at[0]) if at else []
     return RegionFigure(
         title=f"{axes[0].name} and {axes[1].name}",
         x_name=axes[0].name,
@@ -103,7 +126,9 @@ def figure(sets: GroupSets, note: str) -> RegionFigure:
         x_unit=unit,
         y_unit=axes[1].unit,
         across=axes[2].name if at else "",
-        slices=tuple(RegionSlice(_place(axes[2], i), through[:, :, i], lets(i)) for i in indices),
+        slices=tuple(
+            RegionSlice(_cell_in_words(axes[2], i), through[:, :, i], lets(i)) for i in indices
+        ),
         shown=indices.index(at[0]) if at else 0,
         lets_ac=lets(at[0]) if at else ttf,
     )
@@ -127,13 +152,13 @@ def fullest(cells: NDArray[np.uint8]) -> tuple[int, ...]:
     return tuple(int(i) for i in places[:, best])
 
 
-def _sliced(count: int, shown: int) -> list[int]:
+def _slice_numbers(count: int, shown: int) -> list[int]:
     """The numbers of the slices to draw, of `count`: both ends and `shown` are among them."""
     even = np.linspace(0, count - 1, min(count, SLICES_MAX)).round().astype(int)
     return sorted({*even.tolist(), shown})
 
 
-def _place(axis: Axis, index: int) -> str:
+def _cell_in_words(axis: Axis, index: int) -> str:
     """The range of a cell of an axis, in words."""
     unit = f" {axis.unit}" if axis.unit else ""
     return f"{axis.name} in [{axis.edges[index]:.4g}, {axis.edges[index + 1]:.4g}]{unit}"

@@ -214,7 +214,11 @@ class GridGroup(GridModel):
             return Core(np.ones(self.shape, dtype=np.uint8), 0, 0)
         most = max(VAIN_LEAST, int(vain * np.count_nonzero(allowed))) if vain else 0
         kept = np.zeros(self.shape, dtype=np.bool_) if resting is None else resting
-        return self._core(allowed, (members, kept), (longest, patience), (most, holds))
+        assert 1 <= longest <= LONGEST
+        assert self.c.law != self.library.ffi.NULL or self.c.held_low, "there is no law"
+        return self._core_by_engine(
+            allowed, members, kept, longest=longest, patience=patience, vain_max=most, holds=holds
+        )
 
     @property
     def still(self) -> bool:
@@ -237,19 +241,20 @@ class GridGroup(GridModel):
         slack = 2.0**-48 * (abs(a) * max(abs(low), abs(high)) + abs(c) + w) + 1e-300
         return a * high + c + w + slack <= 0 and a * low + c - w - slack >= 0
 
-    def _core(
+    def _core_by_engine(
         self,
         allowed: Bools,
-        of_k: tuple[Bools, Bools],
-        lengths: tuple[int, int],
-        ends: tuple[int, int],
+        members: Bools,
+        resting: Bools,
+        *,
+        longest: int,
+        patience: int,
+        vain_max: int,
+        holds: int,
     ) -> Core:
-        (members, resting), (longest, patience), (vain_max, holds) = of_k, lengths, ends
-        assert 1 <= longest <= LONGEST
-        assert self.c.law != self.library.ffi.NULL or self.c.held_low, "there is no law"
+        """K as `core` says, by the engine; `vain_max`: that many cells in vain, 0: no limit."""
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
         size = int(np.prod(self.shape))
-        members, resting = of_k
         bits, of_members, without_chain = map(self.bits, (allowed, members, resting))
         pool = max(256, min(size, POOL_BYTES // ffi.sizeof("soter_reach_chain")))
         witness = np.empty(self.shape, dtype=np.uint8)
@@ -347,7 +352,7 @@ class GridGroup(GridModel):
 
     # ------------------------------------------------------------ estimates
 
-    def _moved(self, cells: Bools, errors: Mapping[int, float], *, grow: bool) -> Bools:
+    def _shifted_by_errors(self, cells: Bools, errors: Mapping[int, float], *, grow: bool) -> Bools:
         now = np.ascontiguousarray(cells).view(np.uint8)
         for a, cells_by_cell in enumerate(self.touched(errors)):
             if not errors.get(self.axes[a], 0.0):
@@ -377,11 +382,11 @@ class GridGroup(GridModel):
         As E is symmetric these are both the estimates all of whose states, and the states all of
         whose estimates, are in the set. `errors`: the largest error of each state, which make E.
         """
-        return self._moved(cells, errors, grow=False)
+        return self._shifted_by_errors(cells, errors, grow=False)
 
     def dilate(self, cells: Bools, errors: Mapping[int, float]) -> Bools:
         """Cells that c + E touches for some c of the set, in the grid's shape."""
-        return self._moved(cells, errors, grow=True)
+        return self._shifted_by_errors(cells, errors, grow=True)
 
     # ------------------------------------------------------------ for tests and refutation
 

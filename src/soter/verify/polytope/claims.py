@@ -24,10 +24,22 @@ from soter.verify.claims.product_sets import BoxPart
 from soter.verify.claims.results import PolytopePart
 from soter.verify.polytope import proofs
 from soter.verify.polytope.extract_group import NotLinearError, linear_group
-from soter.verify.polytope.half_spaces import LinearProgram, Polytope, SpentError, inner_point
+from soter.verify.polytope.half_spaces import (
+    LinearProgram,
+    Polytope,
+    SpentError,
+    box_polytope,
+    inner_point,
+)
 from soter.verify.polytope.matrices import BeyondError
 from soter.verify.polytope.proofs import NotProvedError, Windows
-from soter.verify.polytope.regions import box_of, figures, inside, outside, shares
+from soter.verify.polytope.regions import (
+    box_outside_free,
+    box_where_true,
+    figures,
+    random_points,
+    shares,
+)
 from soter.verify.polytope.tables import Facets, entry, polytope_of
 from soter.verify.problem.inputs import topics_seen_by_dm
 from soter.verify.problem.problem_times import look_ahead_advice
@@ -42,7 +54,7 @@ if TYPE_CHECKING:
     from soter.report.proof_page import RegionFigure
     from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
-    from soter.verify.deploy.level_table import LevelTable
+    from soter.verify.deploy.level_tables import LevelTable
     from soter.verify.polytope.proofs import PolytopeSets
     from soter.verify.problem.problem import Group, Problem
 
@@ -119,7 +131,7 @@ class PolytopeProof(GroupProof):
             self.shown.add(name)
             return True
         sets = self.found.sets
-        record = proofs.claims_of(work=None if sets is None else sets.work)
+        record = proofs.Claims(work=None if sets is None else sets.work)
         why = why_not(lambda: prove(self.found.sets, record), self.group)
         self.found.multipliers[name] = record.record
         for claim in claims if why else ():
@@ -247,7 +259,7 @@ class PolytopeProof(GroupProof):
         """Enters a failure where a predicate lets AC have control at a state of C outside R(H)."""
         if self.found.sets is None:
             return
-        wrong = outside(case.forms, case.problem, self.found, predicate)
+        wrong = box_outside_free(case.forms, case.problem, self.found, predicate)
         if wrong is None:
             return
         says = "may be false" if predicate == "ttf" else "may be true"
@@ -264,7 +276,7 @@ class PolytopeProof(GroupProof):
             return
         ends = [case.problem.initial[a.state] for a in self.group.axes]
         low, high = np.array([(i.low, i.high) for i in ends]).T
-        box = Polytope(low, high, np.zeros((0, len(low))), np.zeros(0))
+        box = box_polytope(low, high)
 
         def prove(sets: PolytopeSets, record: proofs.Claims) -> None:
             proofs.prove_start(sets, record, box, until_ns)
@@ -325,7 +337,7 @@ class PolytopeProof(GroupProof):
     def random_states(self, chance: np.random.Generator, count: int) -> Floats:
         """Random states of K, (count, n): uniform if possible, else mixtures of extreme ones."""
         assert self.found.sets is not None
-        return inside(self.found.sets.core, chance, count)
+        return random_points(self.found.sets.core, chance, count)
 
     @property
     def estimates(self) -> Mapping[int, tuple[float, float]]:
@@ -337,7 +349,7 @@ class PolytopeProof(GroupProof):
         part = self.found
         if not case.problem.computed or part.deployed is None or part.sets is None:
             return None
-        drawn = inside(part.sets.core, np.random.default_rng(0), DRAWN)
+        drawn = random_points(part.sets.core, np.random.default_rng(0), DRAWN)
         return float(part.deployed[0 if predicate == "ttf" else 1].contains(drawn).mean())
 
     @property
@@ -404,7 +416,7 @@ class Polytopes(Method):
         if not any(p.fresh for p in own):
             return [BoxPart(p.estimates) for p in own]
         ends = {a.state: (a.edges[0], a.edges[-1]) for p in own for a in p.group.axes}
-        box = box_of(case.forms, case.problem, predicate, ends)
+        box = box_where_true(case.forms, case.problem, predicate, ends)
         if box is None:
             return None
         return [BoxPart({a.state: box[a.state] for a in p.group.axes}) for p in own]
@@ -459,12 +471,11 @@ def _targets(case: Case, own: Sequence[PolytopeProof]) -> list[Target] | None:
         for a, row, (low, high) in zip(p.group.axes, eye, p.found.limits, strict=True):
             least, most = -program.greatest(-row)[0], program.greatest(row)[0]
             ends[a.state] = (max(low, least), min(high, most))
-    ranges = box_of(case.forms, case.problem, case.problem.returning, ends)
+    ranges = box_where_true(case.forms, case.problem, case.problem.returning, ends)
     if ranges is None:
         return None
     targets = []
     for p in own:
         low, high = np.array([ranges[a.state] for a in p.group.axes]).T
-        box = Polytope(low, high, np.zeros((0, len(low))), np.zeros(0))
-        targets.append(Target.of(p.group, box))
+        targets.append(Target.of(p.group, box_polytope(low, high)))
     return targets

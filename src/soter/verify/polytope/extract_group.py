@@ -22,12 +22,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.verify.enclose.compiled_enclosures import FORM, affine_inputs
 from soter.verify.enclose.scheme_error import (
     LINEAR,
     STIFF_HINT,
     SchemeSolution,
     SimulatedFlow,
-    solution_of,
+    scheme_solution,
 )
 from soter.verify.grid.group_model import OUTSET
 from soter.verify.polytope.linear_group import LinearGroup
@@ -47,8 +48,6 @@ if TYPE_CHECKING:
     """Gain, offset, value at rest and bounds of commands, and which commands."""
 
 F = Fraction
-FORM = 4
-"""low, high, centre, remainder; then the coefficients."""
 NEAR = 2.0**-12
 """How small the box near rest is, relative to the ranges, from which the gain is taken."""
 SMALL = 1e-6
@@ -101,26 +100,26 @@ def linear_group(
     margin = (domain[:n, 1] - domain[:n, 0]) * OUTSET
     domain[:n, 0] -= margin
     domain[:n, 1] += margin
-    rates = forms.affine("derivative", inputs(domain), n)
+    rates = forms.affine("derivative", affine_inputs(domain, len(domain)), n)
     if rates is None:
         raise NotLinearError("the plants may fault in the group's ranges", "smaller ranges")
     commands = [a for a in range(m) if np.any(rates[own, FORM + n + a] != 0.0)]
     if not commands:
         raise NotLinearError("no command moves this group", "a `grid`")
     moving = [*own, *(n + a for a in commands)]
-    parts = [split(rates[s], domain, moving) for s in own]
+    parts = [affine_parts(rates[s], domain, moving) for s in own]
     matrix = np.array([p[0] for p in parts])
     drift = np.array([(p[1], p[2]) for p in parts])
-    by_scheme = _followed(problem, forms, domain, own)
+    by_scheme = _scheme_solution(problem, forms, domain, own)
     if by_scheme.stiff:
         raise NotLinearError(by_scheme.stiff, STIFF_HINT)
     extra = by_scheme.error
     if extra is not None:
         drift[:, 0] = np.nextafter(drift[:, 0] - extra, -np.inf)
         drift[:, 1] = np.nextafter(drift[:, 1] + extra, np.inf)
-    law, linear = _law(problem, forms, domain, commands, own)
+    law, linear = _linear_law(problem, forms, domain, commands, own)
     error = np.array([errors_of(problem).get(s, 0.0) for s in own])
-    offset, remainder = _seen(problem, law, domain, own, error)
+    offset, remainder = _law_on_estimates(problem, law, domain, own, error)
     k, times = len(own), problem.times
     bounds = np.array([(problem.controls[a].low, problem.controls[a].high) for a in commands])
     low, high = np.array(limits, dtype=np.float64).T
@@ -165,14 +164,14 @@ def _supported(problem: Problem, group: Group) -> None:
         )
     if not all(np.isfinite(a.edges).all() for a in group.axes):
         raise NotLinearError("an axis has no range", "`polytope a in [low, high];`")
-    if times.delay_sc > 0 and len(_sources(problem, group)) > 1:
+    if times.delay_sc > 0 and len(_topics_with_states(problem, group)) > 1:
         raise NotLinearError(
             "SC sees the states of this group in several topics, of different ages",
             "one topic with all of them",
         )
 
 
-def _sources(problem: Problem, group: Group) -> set[int]:
+def _topics_with_states(problem: Problem, group: Group) -> set[int]:
     """The topics that plants drive and SC reads, but for those that only show other groups."""
     own = {a.state for a in group.axes}
     sc = problem.system.components[problem.module.sc]
@@ -199,16 +198,6 @@ def _sources(problem: Problem, group: Group) -> set[int]:
 # ---------------------------------------------------------------- forms
 
 
-def inputs(box: Floats) -> Floats:
-    """Forms of all inputs of a box (inputs, 2), with a symbol for each."""
-    n = len(box)
-    affine_forms = np.zeros((n, FORM + n))
-    middle, radius = _centred(box)
-    affine_forms[:, 0], affine_forms[:, 1], affine_forms[:, 2] = box[:, 0], box[:, 1], middle
-    affine_forms[range(n), range(FORM, FORM + n)] = radius
-    return affine_forms
-
-
 def _centred(box: Floats) -> tuple[Floats, Floats]:
     middle = box[:, 0] / 2 + box[:, 1] / 2
     radius = np.nextafter(np.maximum(box[:, 1] - middle, middle - box[:, 0]), np.inf)
@@ -216,7 +205,7 @@ def _centred(box: Floats) -> tuple[Floats, Floats]:
     return np.where(point, box[:, 0], middle), np.where(point, 0.0, radius)
 
 
-def split(form: Floats, box: Floats, chosen: Sequence[int]) -> tuple[Floats, float, float]:
+def affine_parts(form: Floats, box: Floats, chosen: Sequence[int]) -> tuple[Floats, float, float]:
     """(a, low, high): a form's value lies in sum a_i x_i + [low, high] over the chosen inputs.
 
     `form` (4 + inputs,), `box` (inputs, 2), a (chosen,).
@@ -230,40 +219,40 @@ def split(form: Floats, box: Floats, chosen: Sequence[int]) -> tuple[Floats, flo
     for i, slope in zip(chosen, a, strict=True):
         centre -= F(slope) * F(middle[i])
         spread += abs(F(g[i]) - F(slope) * F(radius[i]))
-    return a, down(centre - spread), up(centre + spread)
+    return a, rounded_down(centre - spread), rounded_up(centre + spread)
 
 
-def down(x: Fraction) -> float:
+def rounded_down(x: Fraction) -> float:
     """A double that is at most x."""
     double = float(x)
     return double if F(double) <= x else float(np.nextafter(double, -np.inf))
 
 
-def up(x: Fraction) -> float:
+def rounded_up(x: Fraction) -> float:
     """A double that is at least x."""
-    return -down(-x)
+    return -rounded_down(-x)
 
 
-def _followed(
+def _scheme_solution(
     problem: Problem, forms: CompiledEnclosures, domain: Floats, own: Sequence[int]
 ) -> SchemeSolution:
     """Whether the simulator's steps solve the model of the group's states, by how much more."""
     n = len(problem.states)
 
     def rates(low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
-        given = inputs(np.stack([low, high], axis=1))
+        given = affine_inputs(np.stack([low, high], axis=1), len(domain))
         derivatives = forms.affine("derivative", given, n)
         return None if derivatives is None else (derivatives, np.diag(given[:, FORM:]))
 
     names = tuple(s.name for s in problem.quantities.states)
     stepped = SimulatedFlow(rates, names, problem.schemes, len(problem.controls))
-    return solution_of(stepped, domain[:, 0], domain[:, 1], own)
+    return scheme_solution(stepped, domain[:, 0], domain[:, 1], own)
 
 
 # ---------------------------------------------------------------- the law
 
 
-def _law(
+def _linear_law(
     problem: Problem,
     forms: CompiledEnclosures,
     domain: Floats,
@@ -278,12 +267,12 @@ def _law(
     chosen = list(range(len(domain)))
     bounds = np.array([(problem.controls[a].low, problem.controls[a].high) for a in commands])
     width = bounds[:, 1] - bounds[:, 0]
-    for point in rests(problem, domain):
-        near = _near(domain, point)
-        affine_law = forms.affine("law", inputs(near), every)
+    for point in rest_points(problem, domain):
+        near = _box_near(domain, point)
+        affine_law = forms.affine("law", affine_inputs(near, len(domain)), every)
         if affine_law is None:
             continue
-        parts = [split(affine_law[a], near, chosen) for a in commands]
+        parts = [affine_parts(affine_law[a], near, chosen) for a in commands]
         gain = np.array([p[0] for p in parts])
         offset = np.array([p[1] / 2 + p[2] / 2 for p in parts])
         spread = np.array([p[2] - p[1] for p in parts])
@@ -292,11 +281,11 @@ def _law(
         rest = np.clip(gain @ point + offset, bounds[:, 0], bounds[:, 1])
 
         given = gain, offset, rest, bounds, commands
-        law = _limited(forms, domain, *given, closer=True)
+        law = _law_within_limits(forms, domain, *given, closer=True)
         if law is not None:
             return law, domain
         box = _where_linear(forms, domain, near, own, given)
-        law = _limited(forms, box, *given, closer=False)
+        law = _law_within_limits(forms, box, *given, closer=False)
         if law is not None:
             return law, box
     raise NotLinearError(
@@ -305,7 +294,7 @@ def _law(
     )
 
 
-def rests(problem: Problem, domain: Floats) -> list[Floats]:
+def rest_points(problem: Problem, domain: Floats) -> list[Floats]:
     """Points, (inputs,) each, near which SC may be linear: the start, zero, the middle.
 
     `domain`: the ranges of the inputs, (inputs, 2).
@@ -316,7 +305,7 @@ def rests(problem: Problem, domain: Floats) -> list[Floats]:
     return [np.clip(p, domain[:, 0], domain[:, 1]) for p in (start, np.zeros_like(middle), middle)]
 
 
-def _near(domain: Floats, point: Floats) -> Floats:
+def _box_near(domain: Floats, point: Floats) -> Floats:
     reach = (domain[:, 1] - domain[:, 0]) * NEAR
     low, high = np.maximum(domain[:, 0], point - reach), np.minimum(domain[:, 1], point + reach)
     return np.stack([low, high], axis=1)
@@ -340,7 +329,7 @@ def _where_linear(
             middle = good / 2 + bad / 2 if share is None else share
             tried = box.copy()
             tried[at] = least + middle * (most - least)
-            fine = _limited(forms, tried, *given, closer=False) is not None
+            fine = _law_within_limits(forms, tried, *given, closer=False) is not None
             good, bad = (middle, bad) if fine else (good, middle)
             if good == 1.0:
                 break
@@ -348,7 +337,7 @@ def _where_linear(
     return box
 
 
-def _limited(
+def _law_within_limits(
     forms: CompiledEnclosures,
     domain: Floats,
     gain: Floats,
@@ -390,7 +379,7 @@ def _rounded(centre: F, parts: Sequence[F]) -> tuple[float, float, list[float]]:
     rounded = [float(x) for x in parts]
     loss = abs(centre - F(float(centre)))
     loss += sum(abs(x - F(y)) for x, y in zip(parts, rounded, strict=True))
-    return float(centre), up(loss), rounded
+    return float(centre), rounded_up(loss), rounded
 
 
 def remainder_of(
@@ -408,7 +397,7 @@ def remainder_of(
     rationals. None where SC may fault there.
     """
     count = forms.library.inputs
-    given = inputs(domain)
+    given = affine_inputs(domain, len(domain))
     middle, radius = _centred(domain)
     z_mid, z_rad = _centred(np.stack([low, high], axis=1))
     rows, pivots = pivots_of(gain, radius)
@@ -435,12 +424,12 @@ def remainder_of(
             g[pivots[rows.index(k)]] -= F(z_rad[k])
             gap = abs(centre - F(z_mid[k]))
         else:  # z follows from the others, or is constant: compare with it as it is
-            gap, g = _against(gain[k], offset[k], given, centre, g)
-        result.append(up(gap + sum((abs(x) for x in g), F(0)) + F(affine_law[a, 3])))
+            gap, g = _difference_from_row(gain[k], offset[k], given, centre, g)
+        result.append(rounded_up(gap + sum((abs(x) for x in g), F(0)) + F(affine_law[a, 3])))
     return np.array(result)
 
 
-def _against(
+def _difference_from_row(
     row: Floats, offset: float, given: Floats, centre: Fraction, g: list[Fraction]
 ) -> tuple[Fraction, list[Fraction]]:
     """The form (centre, g) minus that of row xi + offset over the forms `given`."""
@@ -454,7 +443,7 @@ def _against(
     return abs(gap) + slack, rest
 
 
-def _seen(
+def _law_on_estimates(
     problem: Problem, law: AffineLaw, domain: Floats, own: Sequence[int], error: Floats
 ) -> tuple[Floats, Floats]:
     """(offset, remainder) of the law as a function of the group's estimates, all else at worst."""
@@ -475,5 +464,5 @@ def _seen(
         spread += max(F(0), wrong - known)
         offset = float(exact)
         offsets.append(offset)
-        remainders.append(up(spread + abs(exact - F(offset))))
+        remainders.append(rounded_up(spread + abs(exact - F(offset))))
     return np.array(offsets), np.array(remainders)

@@ -102,6 +102,11 @@ class Polytope:
         )
 
 
+def box_polytope(low: Array, high: Array) -> Polytope:
+    """The box of all points between `low` and `high`, (n,) each, as a polytope."""
+    return Polytope(low, high, np.zeros((0, len(low))), np.zeros(0))
+
+
 class SpentError(Exception):
     """The linear programs of a group have used up their limit of half-spaces."""
 
@@ -307,7 +312,7 @@ def lean(polytope: Polytope, work: Work | None = None) -> Polytope:
     scale = np.maximum(np.linalg.norm(rows, axis=1), 1e-300)
     order = np.lexsort((bounds / scale,))
     kept: list[int] = []
-    program = LinearProgram(Polytope(polytope.low, polytope.high, rows[:0], bounds[:0]), work)
+    program = LinearProgram(box_polytope(polytope.low, polytope.high), work)
     for i in order:
         if program.greatest(rows[i])[0] > bounds[i]:
             program.add(rows[i], bounds[i])

@@ -235,23 +235,23 @@ class Hold:
         self.gain = gain - self.rate_rows.times(half)
         self.offset = exact(group.offset) - self.rate_offset.times(half)
         self.constant = exact(group.control) @ self.offset + exact(group.drift[0])
-        self.spread = up_sum(group.remainder, self._read())
-        self.other = self._other()
+        self.spread = up_sum(group.remainder, self._read_error())
+        self.other = self._neighbour_difference()
 
-    def _push(self) -> Array:
+    def _push_bound(self) -> Array:
         """A bound of |K (B (u - u_c) + w)|: how fast commands and drift move K x."""
         group = self.group
         steered = (exact(group.gain) @ exact(group.control)).magnitude()
         steered = up_product(steered, group.controls[1])
         return up_sum(steered, up_product(np.abs(group.gain), group.drift[1]))
 
-    def _bend(self, time_ns: int) -> Array:
+    def _bend_bound(self, time_ns: int) -> Array:
         """A bound of |K A (x(s) - x(a))| / |s - a| for |s - a| <= `time_ns`, x(a) in the extent."""
         group = self.group
         away = up_product(group.growth(time_ns), up_sum(group.speed, group.drift[1]))
         return up_product(self.rate_rows.magnitude(), away)
 
-    def _read(self) -> Array:
+    def _read_error(self) -> Array:
         """A bound of what errors and ages of reads change in the command, beyond the age d / 2."""
         group = self.group
         error = up_product(np.abs(group.gain), group.error)
@@ -259,21 +259,21 @@ class Hold:
             return error
         far = float(seconds(group.delay_ns + group.jitter_ns).upper())
         off = float(seconds(group.delay_ns + 2 * group.jitter_ns).upper()) * 0.5 * (1 + 2.0**-40)
-        bend = up_times(self._bend(group.delay_ns + group.jitter_ns), far, far, 0.5)
-        return up_sum(error, up_times(self.rate, off), up_times(self._push(), far), bend)
+        bend = up_times(self._bend_bound(group.delay_ns + group.jitter_ns), far, far, 0.5)
+        return up_sum(error, up_times(self.rate, off), up_times(self._push_bound(), far), bend)
 
-    def _other(self) -> Array:
+    def _neighbour_difference(self) -> Array:
         """A bound of |u_(k+-1) - u_k|: the neighbours' commands may act near the hold's ends."""
         group = self.group
         if group.jitter_ns == 0:
             return np.zeros(len(self.rate))
         apart_ns = group.delta_ns + group.delay_ns + group.jitter_ns
         apart = float(seconds(apart_ns).upper())
-        speed = up_sum(self.rate, self._push(), up_times(self._bend(apart_ns), apart))
+        speed = up_sum(self.rate, self._push_bound(), up_times(self._bend_bound(apart_ns), apart))
         error = up_sum(group.remainder, up_product(np.abs(group.gain), group.error))
         return up_sum(up_times(speed, apart), up_times(error, 2.0))
 
-    def _exchanged(self, rows: Ball) -> Array:
+    def _exchange_loss(self, rows: Ball) -> Array:
         """A bound of what the neighbours' commands, which act for j in all, add to c x."""
         group = self.group
         total = np.zeros(rows.mid.shape[0])
@@ -289,7 +289,7 @@ class Hold:
         steer = up_sum(steer, up_times(bend, h, h, 0.125))
         return up_times(up_product(steer, self.other), float(seconds(group.jitter_ns).upper()))
 
-    def _mapped(self, rows: Ball, maps: tuple[Ball, Ball]) -> tuple[Ball, Array]:
+    def _mapped_rows(self, rows: Ball, maps: tuple[Ball, Ball]) -> tuple[Ball, Array]:
         e, g = maps
         through = rows @ g
         steer = through @ exact(self.group.control)
@@ -303,18 +303,18 @@ class Hold:
         group = self.group
         noise = self.grid.noise(rows, exact(np.diag(group.drift[1])))
         sag = group.sagging(rows, self.grid.step_ns, group.delta_ns)
-        common = up_sum(sag, self._exchanged(rows))
+        common = up_sum(sag, self._exchange_loss(rows))
         pairs = []
         for k, maps in enumerate(self.grid.maps):
-            row, loss = self._mapped(rows, maps)
+            row, loss = self._mapped_rows(rows, maps)
             pairs.append((row, up_sum(loss, noise[min(k + 1, len(noise) - 1)], common)))
         return pairs
 
     def after(self, rows: Ball) -> tuple[Ball, Array]:
         """(row, loss): c x <= row x + loss when the hold ends. c (N, n), loss (N,)."""
         noise = self.grid.noise(rows, exact(np.diag(self.group.drift[1])))[-1]
-        row, loss = self._mapped(rows, self.grid.maps[-1])
-        return row, up_sum(loss, noise, self._exchanged(rows))
+        row, loss = self._mapped_rows(rows, self.grid.maps[-1])
+        return row, up_sum(loss, noise, self._exchange_loss(rows))
 
     def commands(self) -> tuple[Ball, Array, Array]:
         """(row, low, high): low <= row x <= high keeps the law linear, whatever the read was.

@@ -31,6 +31,7 @@ from soter.verify.polytope.half_spaces import (
     LinearProgram,
     Polytope,
     Work,
+    box_polytope,
     lean,
 )
 from soter.verify.polytope.linear_group import FreePhase, Hold, LinearGroup
@@ -127,11 +128,11 @@ def find_core(
     """Finds K and R(H), no levels yet; `SpentError` where K takes more than half of `work`."""
     work = work_of(group) if work is None else work
     with work.half():
-        solution = _core(group, group.rows, group.bounds, work)
+        solution = _greatest_kept_set(group, group.rows, group.bounds, work)
     if solution is None:
         return None
     core, rate = solution
-    free = _free(group, core, core, windows.horizon_ns, work)
+    free = _set_that_stays(group, core, core, windows.horizon_ns, work)
     return PolytopeSets(group, windows, rate, core, free, [], [], work=work)
 
 
@@ -141,13 +142,13 @@ def find_levels(sets: PolytopeSets) -> None:
     sets.allowed, sets.carried = [lean(_tighter(free.shrunk(group.error)), work)], []
     for _ in range(windows.levels - 2):
         inner = sets.allowed[-1].shrunk(group.error)
-        following = _free(group, free, inner, windows.window_ns, work)
+        following = _set_that_stays(group, free, inner, windows.window_ns, work)
         estimates = _tighter(following.shrunk(group.error))
         sets.carried.append(following)
         sets.allowed.append(lean(estimates.meet(_tighter(sets.allowed[-1])), work))
 
 
-def _plain(rows: Ball, limits: Array, reach: Array) -> tuple[Array, Array]:
+def _plain_rows(rows: Ball, limits: Array, reach: Array) -> tuple[Array, Array]:
     """Rows of doubles, of length one, for rows of balls; thresholds are lowered for the radii."""
     limits = limits - up_product(rows.rad, reach)
     size = np.maximum(np.linalg.norm(rows.mid, axis=1), 1e-12)
@@ -158,12 +159,12 @@ def _first_rows(hold: Hold, rows: Array, bounds: Array) -> tuple[Array, Array]:
     """The half-spaces that a state must satisfy for one hold: C throughout, linear law, rate."""
     group = hold.group
     half_spaces = [(row, bounds - loss) for row, loss in hold.everywhere(exact(rows))]
-    half_spaces += _linear(hold)
-    plain = [_plain(row, limit, group.reach) for row, limit in half_spaces]
+    half_spaces += _rows_of_linear_law(hold)
+    plain = [_plain_rows(row, limit, group.reach) for row, limit in half_spaces]
     return np.concatenate([r for r, _ in plain]), np.concatenate([b for _, b in plain])
 
 
-def _linear(hold: Hold) -> Pairs:
+def _rows_of_linear_law(hold: Hold) -> Pairs:
     """Half-spaces on which the law is linear and the rate holds."""
     command, low, high = hold.commands()
     half_spaces = [(command, high), (-command, -low)]
@@ -176,7 +177,7 @@ def _linear(hold: Hold) -> Pairs:
     return half_spaces
 
 
-def _core(
+def _greatest_kept_set(
     group: LinearGroup, rows: Array, bounds: Array, work: Work
 ) -> tuple[Polytope, Array] | None:
     """The greatest set that SC keeps inside rows x <= bounds, and its `rate`; None: it is empty.
@@ -202,16 +203,16 @@ def _core(
             program = LinearProgram(core)
             if program.empty:
                 break
-            rate = _rate(program, hold)
+            rate = _greatest_rate(program, hold)
             continue
         best = (core, rate)
-        rate = _rate(LinearProgram(core), hold)
+        rate = _greatest_rate(LinearProgram(core), hold)
         if (rate >= best[1] * (1 - GAINED)).all():
             break
     return None if best is None else (lean(best[0], work), best[1])
 
 
-def _rate(program: LinearProgram, hold: Hold) -> Array:
+def _greatest_rate(program: LinearProgram, hold: Hold) -> Array:
     """The greatest |K (A x + b + B u_c)| on a set."""
     row, offset = hold.rate_rows.mid, hold.rate_offset.mid
     rates = [
@@ -223,7 +224,7 @@ def _rate(program: LinearProgram, hold: Hold) -> Array:
 
 def _fixpoint(hold: Hold, start: Polytope, work: Work) -> Polytope | None:
     """The states from which every run of holds satisfies `start` at each one; None: empty."""
-    p = Polytope(start.low, start.high, start.rows[:0], start.bounds[:0])
+    p = box_polytope(start.low, start.high)
     program = LinearProgram(p, work)
     wave = (start.rows, start.bounds)
     for _ in range(WAVES_MAX):
@@ -237,23 +238,23 @@ def _fixpoint(hold: Hold, start: Polytope, work: Work) -> Polytope | None:
         if program.is_empty():
             return None
         cut = wave[0][fresh], wave[1][fresh]
-        p, wave = p.with_rows(*cut), _before(hold, *cut)
+        p, wave = p.with_rows(*cut), _rows_before_hold(hold, *cut)
     return None
 
 
-def _before(hold: Hold, rows: Array, bounds: Array) -> tuple[Array, Array]:
+def _rows_before_hold(hold: Hold, rows: Array, bounds: Array) -> tuple[Array, Array]:
     """The half-spaces of states from which a hold ends in rows x <= bounds."""
     row, loss = hold.after(exact(rows))
-    return _plain(row, bounds - loss, hold.group.reach)
+    return _plain_rows(row, bounds - loss, hold.group.reach)
 
 
-def _free(
+def _set_that_stays(
     group: LinearGroup, outer: Polytope, inner: Polytope, until_ns: int, work: Work
 ) -> Polytope:
     """The states of `outer` that stay in `inner` during [0, until], whatever control acts."""
     rows, bounds = inner.faces
     pairs = FreePhase(group, until_ns).everywhere(exact(rows))
-    plain = [_plain(row, bounds - loss, group.reach) for row, loss in pairs]
+    plain = [_plain_rows(row, bounds - loss, group.reach) for row, loss in pairs]
     return lean(
         outer.with_rows(
             np.concatenate([r for r, _ in plain]), np.concatenate([b for _, b in plain])
@@ -270,7 +271,7 @@ def _tighter(p: Polytope) -> Polytope:
 def find_return(sets: PolytopeSets) -> None:
     """Finds Q inside `home`, and after how many holds every run from K is in it."""
     group = sets.group
-    solution = _core(group, *home(sets).faces, sets.work)
+    solution = _greatest_kept_set(group, *home(sets).faces, sets.work)
     if solution is None:
         return
     sets.kept, sets.kept_rate = solution
@@ -280,12 +281,12 @@ def find_return(sets: PolytopeSets) -> None:
     except NotProvedError:
         sets.kept = None
         return
-    sets.periods = _periods(sets)
+    sets.periods = _return_periods(sets)
     if not sets.periods:
         sets.kept = None
 
 
-def _periods(sets: PolytopeSets) -> int:
+def _return_periods(sets: PolytopeSets) -> int:
     """The number of holds after which every run from K is in Q, to be proved; 0: none found."""
     assert sets.kept is not None
     hold, bounds = Hold(sets.group, sets.rate), Bounds(sets.core, work=sets.work)
@@ -324,9 +325,12 @@ def _guesses() -> Iterable[int]:
 
 
 class Claims:
-    """Proves claims one after the other, with multipliers found by LPs or taken from a record."""
+    """Proves claims one after the other, with multipliers found by LPs or taken from a record.
 
-    def __init__(self, multipliers: list[Array] | None, work: Work | None = None) -> None:
+    Multipliers are (rows, half_spaces) for each claim, in order. `work`: the limit for the LPs.
+    """
+
+    def __init__(self, multipliers: list[Array] | None = None, work: Work | None = None) -> None:
         self.record: list[Array] = []
         self._work = work
         self._kept = iter(multipliers) if multipliers is not None else None
@@ -367,14 +371,6 @@ def prove(sets: PolytopeSets, multipliers: list[Array] | None = None) -> list[Ar
     return claims.record
 
 
-def claims_of(multipliers: list[Array] | None = None, work: Work | None = None) -> Claims:
-    """A new `Claims`, which the parts of a proof fill with multipliers or take them from.
-
-    They are (rows, half_spaces) for each claim, in order. `work`: the limit for the LPs.
-    """
-    return Claims(multipliers, work)
-
-
 def prove_core(sets: PolytopeSets, claims: Claims) -> None:
     """Proves P2a: SC keeps C from K."""
     group = sets.group
@@ -400,7 +396,7 @@ def prove_levels(sets: PolytopeSets, claims: Claims) -> None:
         inner = before.shrunk(group.error)
         _prove_free(claims, f"G_{j + 1}", group, carried, inner, sets.windows.window_ns)
         _prove_estimates(claims, f"S_{j + 1}", group, after, carried)
-        _inside(claims, f"S_{j + 1} in S_{j}", after, before)
+        _prove_inside(claims, f"S_{j + 1} in S_{j}", after, before)
 
 
 def prove_return(sets: PolytopeSets, claims: Claims) -> None:
@@ -409,7 +405,7 @@ def prove_return(sets: PolytopeSets, claims: Claims) -> None:
     _prove_recovery(claims, sets, sets.periods)
 
 
-def _inside(claims: Claims, what: str, inner: Polytope, outer: Polytope) -> None:
+def _prove_inside(claims: Claims, what: str, inner: Polytope, outer: Polytope) -> None:
     if not ((inner.low >= outer.low) & (inner.high <= outer.high)).all():
         raise NotProvedError(f"{what}: its box is larger")
     if len(outer.rows):
@@ -422,8 +418,8 @@ def _prove_kept(
     """Proves that SC keeps `core`, the extent and rows x <= bounds from every state of `core`."""
     group = hold.group
     extent = Polytope(group.low, group.high, rows, bounds)
-    _inside(claims, f"{what} in the extent", core, extent)
-    for row, limit in _linear(hold):
+    _prove_inside(claims, f"{what} in the extent", core, extent)
+    for row, limit in _rows_of_linear_law(hold):
         claims.holds(f"{what}: the law is linear", core, row, limit)
     every, limits = extent.faces
     for row, loss in hold.everywhere(exact(every)):
@@ -440,9 +436,7 @@ def _prove_free(
 
     The bounds hold for states of the extent, of which `start` must be a part.
     """
-    _inside(
-        claims, f"{what} in the extent", start, Polytope(group.low, group.high, *_nothing(group))
-    )
+    _prove_inside(claims, f"{what} in the extent", start, box_polytope(group.low, group.high))
     rows, limits = inner.faces
     for row, loss in FreePhase(group, until_ns).everywhere(exact(rows)):
         claims.holds(what, start, row, np.nextafter(limits - loss, -np.inf))
@@ -478,7 +472,3 @@ def _one_hold_back(hold: Hold, rows: Ball) -> tuple[Ball, Array]:
     """(row, loss) in plain doubles: c x after any hold <= row x + loss for x in the extent."""
     row, loss = hold.after(rows)
     return exact(row.mid), up_sum(loss, up_product(row.rad, hold.group.reach))
-
-
-def _nothing(group: LinearGroup) -> tuple[Array, Array]:
-    return np.zeros((0, len(group.low))), np.zeros(0)

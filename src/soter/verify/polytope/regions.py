@@ -1,8 +1,8 @@
 """Regions of polytope groups: where predicates hold, on boxes and on states that are drawn.
 
-Purpose: `box_of` finds ranges over which a predicate surely holds; `outside` a box where it may let
-AC have control outside R(H). `shares` says how large the sets are, for people; `figures` decides
-the paper's region, R1 to R5, of points over the group's first two states.
+Purpose: `box_where_true` finds ranges over which a predicate surely holds, `box_outside_free` a box
+where it may let AC have control outside R(H). `shares` says how large the sets are, for people;
+`figures` decides the paper's region, R1 to R5, of points over the group's first two states.
 Non-goals: proofs about sets (`proofs.py`); drawing (`report/proof_page.py`).
 
 A predicate is compared with R(H) on boxes: for a linear function the worst point of a box is one of
@@ -45,14 +45,16 @@ MAY = {"ttf": 1, "safer": 2}
 """The bit of a predicate's truth that means: an estimate may let AC have control."""
 
 
-def box_of(forms: CompiledEnclosures, problem: Problem, predicate: str, ends: Box) -> Box | None:
+def box_where_true(
+    forms: CompiledEnclosures, problem: Problem, predicate: str, ends: Box
+) -> Box | None:
     """Ranges inside `ends` over which a predicate surely holds, all else at a point; None: none."""
     n = len(problem.states)
     for point in points_to_try(problem):
         base = forms.whole.copy()
         base[:n, 0] = base[:n, 1] = point
-        outside = any(not low <= point[s] <= high for s, (low, high) in ends.items())
-        if outside or not forms.true(predicate, base):
+        box_outside_free = any(not low <= point[s] <= high for s, (low, high) in ends.items())
+        if box_outside_free or not forms.true(predicate, base):
             continue
 
         def fine(ranges: Box, base: Floats = base) -> bool:
@@ -65,8 +67,8 @@ def box_of(forms: CompiledEnclosures, problem: Problem, predicate: str, ends: Bo
         for s, (low, high) in ends.items():
             p = float(point[s])
             inner_ranges[s] = (
-                _furthest(p, low, lambda x, s=s, p=p: fine({s: (x, p)})),  # type: ignore[misc]
-                _furthest(p, high, lambda x, s=s, p=p: fine({s: (p, x)})),  # type: ignore[misc]
+                _bisected(p, low, lambda x, s=s, p=p: fine({s: (x, p)})),  # type: ignore[misc]
+                _bisected(p, high, lambda x, s=s, p=p: fine({s: (p, x)})),  # type: ignore[misc]
             )
 
         def part(share: float, inner_ranges: Box = inner_ranges, point: Floats = point) -> Box:
@@ -77,13 +79,13 @@ def box_of(forms: CompiledEnclosures, problem: Problem, predicate: str, ends: Bo
 
         if fine(inner_ranges):
             return inner_ranges
-        share = _furthest(0.0, 1.0, lambda x: fine(part(x)))
+        share = _bisected(0.0, 1.0, lambda x: fine(part(x)))
         if share > 0.0:
             return part(share)
     return None
 
 
-def _furthest(start: float, end: float, fine: Callable[[float], bool]) -> float:
+def _bisected(start: float, end: float, fine: Callable[[float], bool]) -> float:
     """The farthest point found from `start` towards `end` at which a test holds, as at `start`."""
     if fine(end):
         return end
@@ -94,7 +96,7 @@ def _furthest(start: float, end: float, fine: Callable[[float], bool]) -> float:
     return good
 
 
-def outside(
+def box_outside_free(
     forms: CompiledEnclosures, problem: Problem, part: PolytopePart, predicate: str
 ) -> Region | None:
     """A box of C where a predicate may let AC have control and R(H) was not shown, if any."""
@@ -150,12 +152,12 @@ def shares(forms: CompiledEnclosures, problem: Problem, part: PolytopePart) -> d
         share_by_name["estimates"] = share_by_name["lets_ac"]
     elif not problem.computed:
         few = points[:SAMPLES_OF_PREDICATES]
-        share_by_name["lets_ac"] = _sampled(forms, part, "ttf", few)
-        share_by_name["gives_back"] = _sampled(forms, part, "safer", few)
+        share_by_name["lets_ac"] = _share_of_points(forms, part, "ttf", few)
+        share_by_name["gives_back"] = _share_of_points(forms, part, "safer", few)
     return share_by_name
 
 
-def _sampled(
+def _share_of_points(
     forms: CompiledEnclosures, part: PolytopePart, predicate: str, points: Floats
 ) -> float:
     """The share of points at whose estimates a predicate may let AC have control."""
@@ -168,13 +170,13 @@ def _sampled(
     return count / len(points)
 
 
-def inside(p: Polytope, chance: np.random.Generator, count: int) -> Floats:
+def random_points(p: Polytope, chance: np.random.Generator, count: int) -> Floats:
     """Random points (count, n) of a polytope: uniform if possible, else mixtures of extremes."""
     low, high = np.maximum(p.low, -1e300), np.minimum(p.high, 1e300)
     points = chance.uniform(low, high, (50 * count, len(low)))
-    inside = points[p.contains(points)][:count]
-    if len(inside) == count:
-        return np.asarray(inside)
+    random_points = points[p.contains(points)][:count]
+    if len(random_points) == count:
+        return np.asarray(random_points)
     program, eye = LinearProgram(p), np.eye(len(low))
     extremes = np.array([program.greatest(row)[1] for row in np.concatenate([eye, -eye, p.rows])])
     weights = chance.dirichlet(np.full(len(extremes), 0.3), count)

@@ -3,7 +3,7 @@
 Purpose: `Facets` holds S_0 and S_(m-2) of a group; `facets_function` writes the function that finds
 the level of an estimate by some hundred scalar products, which the interpreter, Core and C treat
 like any other. `entry` writes the group's sets and multipliers into a certificate.
-Non-goals: the sets (`proofs.py`), tables of grids (`verify/deploy/grid_tables.py`), checking a
+Non-goals: the sets (`proofs.py`), tables of grids (`verify/deploy/level_tables.py`), checking a
 certificate (`soter recheck`).
 
 Why it is sound. The estimate is first compared with a box, which NaN, infinities and everything
@@ -26,7 +26,7 @@ import numpy as np
 from soter.language.model import typed as t
 from soter.language.model.types import BOOL, FLOAT, INT
 from soter.verify.claims.case import axes_entry, matrix_entry
-from soter.verify.deploy.level_table import EstimateSamples, LevelTable
+from soter.verify.deploy.level_tables import EstimateSamples, LevelTable
 from soter.verify.polytope.half_spaces import Polytope, inner_point, surely_inside
 from soter.verify.polytope.linear_group import free_instants, hold_instants
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from soter.certificate.folder import Certificate
     from soter.core.layout import Floats
     from soter.verify.claims.results import PolytopePart
-    from soter.verify.deploy.level_table import Writer
+    from soter.verify.deploy.level_tables import Writer
     from soter.verify.problem.problem import Group, Problem
 
 
@@ -186,8 +186,10 @@ class Facets(LevelTable):
     @property
     def certain(self) -> tuple[Polytope, Polytope]:
         """The parts of S_0 and S_(m-2) at which the function certainly gives levels 1 and 2."""
-        outer = _surely(self.outer)
-        return _once(outer), _once(_surely(self.inner).meet(outer))
+        outer = _certain_part(self.outer)
+        return _without_equal_rows(outer), _without_equal_rows(
+            _certain_part(self.inner).meet(outer)
+        )
 
     @property
     def polytopes(self) -> tuple[Polytope, Polytope]:
@@ -208,13 +210,13 @@ def thresholds(p: Polytope) -> Floats:
     return np.array(limits)
 
 
-def _surely(p: Polytope) -> Polytope:
+def _certain_part(p: Polytope) -> Polytope:
     """The part of a polytope on which the computed comparisons certainly succeed."""
     once = Polytope(p.low, p.high, p.rows, thresholds(p))
     return Polytope(p.low, p.high, p.rows, thresholds(once))
 
 
-def _once(p: Polytope) -> Polytope:
+def _without_equal_rows(p: Polytope) -> Polytope:
     """The polytope with only the least threshold of equal rows."""
     rows, at = np.unique(p.rows, axis=0, return_inverse=True)
     bounds = np.full(len(rows), np.inf)
@@ -226,20 +228,19 @@ def facets_function(w: Writer, name: str, facets: Facets) -> t.FunSymbol:
     """`fun level(x0: float, ...): int`: 0, 1 or 2 for an estimate; 0 outside S_0."""
     inputs = tuple(w.variable(f"x{k}", "parameter", FLOAT) for k in range(len(facets.states)))
     level = w.variable("level", "var", INT)
-    inside = _inside(w, inputs, facets.inner)
+    inside = _inside_box(w, inputs, facets.inner)
+    outside = t.TypedUnary(BOOL, w.span, "!", _inside_box(w, inputs, facets.outer))
     body: list[t.TypedStmt] = [
-        t.TypedIf(
-            w.span, ((_not(w, _inside(w, inputs, facets.outer)), (w.give(w.number(0)),)),), ()
-        ),
+        t.TypedIf(w.span, ((outside, (w.give(w.number(0)),)),), ()),
         w.declare(level, t.Conditional(INT, w.span, inside, w.number(2), w.number(1))),
     ]
     for value, part, p in ((1, "inner", facets.inner), (0, "outer", facets.outer)):
         if len(p.rows):
-            body.append(_scan(w, f"{name}_{part}", inputs, level, value, p))
+            body.append(_scan_half_spaces(w, f"{name}_{part}", inputs, level, value, p))
     return w.function(name, inputs, [*body, w.give(w.read(level))])
 
 
-def _scan(
+def _scan_half_spaces(
     w: Writer, name: str, inputs: Sequence[t.Variable], level: t.Variable, value: int, p: Polytope
 ) -> t.TypedStmt:
     """The statement that sets the level to `value` unless every half-space holds."""
@@ -250,8 +251,8 @@ def _scan(
     total: t.TypedExpr | None = None
     for k, x in enumerate(inputs):
         at = w.op("+", w.op("*", w.read(i), w.number(n)), w.number(k))
-        term = _float(w, "*", w.at(rows, at), w.read(x))
-        total = term if total is None else _float(w, "+", total, term)
+        term = w.real("*", w.at(rows, at), w.read(x))
+        total = term if total is None else w.real("+", total, term)
     assert total is not None
     holds = w.op("<=", total, w.at(limits, w.read(i)))
     now = t.Conditional(INT, w.span, holds, w.read(level), w.number(value))
@@ -259,21 +260,13 @@ def _scan(
     return t.ForRange(w.span, i, 0, len(p.rows), (t.TypedAssign(w.span, place, now),))
 
 
-def _inside(w: Writer, inputs: Sequence[t.Variable], p: Polytope) -> t.TypedExpr:
+def _inside_box(w: Writer, inputs: Sequence[t.Variable], p: Polytope) -> t.TypedExpr:
     """The expression that the estimate lies in the polytope's box."""
     tests = []
     for x, low, high in zip(inputs, p.low, p.high, strict=True):
-        tests.append(w.op(">=", w.read(x), t.Literal(FLOAT, w.span, float(low))))
-        tests.append(w.op("<=", w.read(x), t.Literal(FLOAT, w.span, float(high))))
+        tests.append(w.op(">=", w.read(x), w.decimal(float(low))))
+        tests.append(w.op("<=", w.read(x), w.decimal(float(high))))
     return w.chain("&&", tests)
-
-
-def _float(w: Writer, op: str, left: t.TypedExpr, right: t.TypedExpr) -> t.TypedExpr:
-    return t.TypedBinary(FLOAT, w.span, op, left, right)
-
-
-def _not(w: Writer, e: t.TypedExpr) -> t.TypedExpr:
-    return t.TypedUnary(BOOL, w.span, "!", e)
 
 
 # ---------------------------------------------------------------- for the check of a DM

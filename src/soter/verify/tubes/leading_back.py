@@ -101,25 +101,27 @@ def runs_from(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int])
     A start is astray where at no output of SC all its runs, one for each disturbance, are back: no
     part of the box that holds it can be shown. None where an operation cannot be simulated.
     """
-    if not (flow := _Flow.of(check)):
+    if not (flow := _SimulatedRuns.of(check)):
         return None
-    starts, winds = _start_points(check, box, own), _disturbance_samples(check)
-    x = np.repeat(starts, len(winds), axis=0).T
-    w = np.tile(winds, (len(starts), 1)).T
+    start_points, disturbances = _start_points(check, box, own), _disturbance_samples(check)
+    states = np.repeat(start_points, len(disturbances), axis=0).T
+    disturbance_by_run = np.tile(disturbances, (len(start_points), 1)).T
     rows = [check.states.index(s) for s in own]
     low, high = (np.array([[getattr(box[s], e)] for s in own]) for e in ("low", "high"))
-    wide = np.maximum(high - low, np.finfo(float).tiny)
-    back = np.zeros(len(starts), dtype=bool)
-    n, still = 0, False
+    width = np.maximum(high - low, np.finfo(float).tiny)
+    back = np.zeros(len(start_points), dtype=bool)
+    outputs, settled = 0, False
     with np.errstate(all="ignore"):
-        while n < check.times.switches and not (still or back.all()):
-            n += 1
-            before, x = x, flow.after_a_hold(x, w)
-            off = np.maximum(low - x[rows], x[rows] - high) / wide
-            off = np.where(np.isfinite(off), off, np.inf).reshape(len(own), len(starts), -1)
-            back |= (off <= 0.0).all(axis=(0, 2))
-            still = bool((np.abs(x - before)[rows] <= STILL * wide).all())
-        ends = x[rows]
+        while outputs < check.times.switches and not (settled or back.all()):
+            outputs += 1
+            before, states = states, flow.states_after_hold(states, disturbance_by_run)
+            distance = np.maximum(low - states[rows], states[rows] - high) / width
+            distance = np.where(np.isfinite(distance), distance, np.inf).reshape(
+                len(own), len(start_points), -1
+            )
+            back |= (distance <= 0.0).all(axis=(0, 2))
+            settled = bool((np.abs(states - before)[rows] <= STILL * width).all())
+        ends = states[rows]
         reached = {
             s: Interval(float(np.nanmin(of)), float(np.nanmax(of))) if np.isfinite(of).any()
             else Interval(-np.inf, np.inf)
@@ -127,17 +129,19 @@ def runs_from(check: TubeCheck, box: Mapping[int, Interval], own: Sequence[int])
         }  # fmt: skip
     if back.all():
         return RestRuns(reached, None)
-    gone = np.where(back[None, :, None], -np.inf, off)
-    state, start, wind = (int(k) for k in np.unravel_index(gone.argmax(), gone.shape))
-    run = start * len(winds) + wind
+    distance_if_astray = np.where(back[None, :, None], -np.inf, distance)
+    state, start, wind = (
+        int(k) for k in np.unravel_index(distance_if_astray.argmax(), distance_if_astray.shape)
+    )
+    run = start * len(disturbances) + wind
     return RestRuns(
         reached,
         RunNotBack(
             own[state],
             float(ends[state, run]),
-            n * check.times.period * 1e-9,
-            dict(zip(check.states, map(float, starts[start]), strict=True)),
-            dict(enumerate(map(float, winds[wind]))),
+            outputs * check.times.period * 1e-9,
+            dict(zip(check.states, map(float, start_points[start]), strict=True)),
+            dict(enumerate(map(float, disturbances[wind]))),
         ),
     )
 
@@ -176,14 +180,14 @@ def _disturbance_samples(check: TubeCheck) -> Values:
 
 
 @dataclass(frozen=True)
-class _Flow:
+class _SimulatedRuns:
     """Simulates many runs at once: arrays of states of shape (states, runs)."""
 
     check: TubeCheck
     steps: int
 
     @classmethod
-    def of(cls, check: TubeCheck) -> _Flow | None:
+    def of(cls, check: TubeCheck) -> _SimulatedRuns | None:
         """The simulation of a check; None where an operation is missing in `OPERATIONS`."""
         known = {"number", "input", "known", *OPERATIONS}
         rates = [check.rates[s] for s in check.states]
@@ -192,18 +196,18 @@ class _Flow:
         fine = -(-check.times.period // max(1, check.problem.plant_period_ns))
         return cls(check, max(2, min(fine, STEPS_MAX // max(1, check.times.switches))))
 
-    def after_a_hold(self, x: Values, w: Values) -> Values:
+    def states_after_hold(self, x: Values, w: Values) -> Values:
         """The states, one period of SC later, by Runge-Kutta; the command is held meanwhile."""
         check, runs = self.check, x.shape[1]
         step = check.times.period * 1e-9 / self.steps
         read = {("y", s): x[k] for k, s in enumerate(check.states)}
-        given = {("u", k): u for k, u in enumerate(_values(check.law, read, runs))}
+        given = {("u", k): u for k, u in enumerate(_values_of_nodes(check.law, read, runs))}
         given |= {("w", k): wind for k, wind in enumerate(w)}
         rates = [check.rates[s] for s in check.states]
 
         def rate(at: Values) -> Values:
             states = {("x", s): at[k] for k, s in enumerate(check.states)}
-            return np.array(_values(rates, {**given, **states}, runs))
+            return np.array(_values_of_nodes(rates, {**given, **states}, runs))
 
         for _ in range(self.steps):
             a = rate(x)
@@ -214,7 +218,7 @@ class _Flow:
         return x
 
 
-def _values(
+def _values_of_nodes(
     roots: Sequence[Node], inputs: Mapping[tuple[str, int], Values], runs: int
 ) -> list[Values]:
     """The values of some expressions for given inputs, each of shape (runs,)."""
@@ -264,10 +268,10 @@ def box_in_words(check: TubeCheck, box: Mapping[int, Interval]) -> str:
 
 def leads_back(check: TubeCheck, caller: Caller, box: Box, own: Sequence[int]) -> LeadBackResult:
     """Whether SC leads from all of `box` back into it, as far as the states `own` are concerned."""
-    return _Search(check, caller, box, own).result()
+    return _LeadBackSearch(check, caller, box, own).result()
 
 
-class _Search:
+class _LeadBackSearch:
     """Asks the tube about one box and parts of it."""
 
     def __init__(self, check: TubeCheck, caller: Caller, box: Box, own: Sequence[int]) -> None:
@@ -281,7 +285,7 @@ class _Search:
         into = box_in_words(self._check, ways)
         runs = runs_from(self._check, self._box, own) if own else None
         if runs is not None and runs.astray:
-            why = f"SC does not lead back into {into}: {self._run(runs.astray)}"
+            why = f"SC does not lead back into {into}: {self._run_in_words(runs.astray)}"
             announce(lambda: f"{self._name}: {why}")
             return LeadBackResult({}, why + self._larger_box_in_words(runs.reached), astray=True)
         todo, shown, tried = [(self._box, 0, 1.0)], 0.0, 0
@@ -289,39 +293,39 @@ class _Search:
         while todo:
             part, depth, share = todo.pop()
             tried += 1
-            way = self._way(part, self._box) if depth else self._whole()
+            way = self._way(part, self._box) if depth else self._way_from_whole_box()
             if way is not None:
                 shown += share
                 ways = {s: _hull(ways[s], way[s]) for s in own}
             elif depth == SPLITS or not own or tried >= parts_max:
-                return self._given_up(part, into, shown, tried, runs)
+                return self._result_of_failure(part, into, shown, tried, runs)
             else:
                 todo += [(half, depth + 1, 0.5 * share) for half in self._halves(part)]
                 if not depth:
                     announce(lambda: f"{self._name}: SC is not shown to lead back into {into} from "
                              "all of it at once; asked of parts")  # fmt: skip
-                    todo.append((self._last_part(), SPLITS, 0.0))  # counted with its whole
+                    todo.append((self._smallest_last_part(), SPLITS, 0.0))  # counted with its whole
             phase(f"{self._name}: shown that SC leads back from {shown:.1%} of rest")
             share_done(shown)
         return LeadBackResult(ways)
 
-    def _given_up(
+    def _result_of_failure(
         self, part: Box, into: str, shown: float, tried: int, runs: RestRuns | None
     ) -> LeadBackResult:
         if self._rests is not None:
             self._check.cut, way = self._rests
             return LeadBackResult({s: _hull(self._box[s], way[s]) for s in self._own})
         reached = {} if runs is None else runs.reached
-        return LeadBackResult({}, self._not_from(part, into, shown, tried, reached))
+        return LeadBackResult({}, self._unshown_part_in_words(part, into, shown, tried, reached))
 
-    def _last_part(self) -> Box:
+    def _smallest_last_part(self) -> Box:
         """The smallest part that would be asked last: if it fails, the search ends at once."""
         part = self._box
         for _ in range(SPLITS):
             part = self._halves(part)[-1]
         return part
 
-    def _whole(self) -> Box | None:
+    def _way_from_whole_box(self) -> Box | None:
         """The way from all of the box, by the first of `CUTS` with which the start is shown, too.
 
         `_rests` keeps the first cut that shows rest alone, with its way: it is the answer where
@@ -329,13 +333,13 @@ class _Search:
         """
         for cut in range(len(CUTS)) if self._check.read_by_law else ():
             with suppress(TooLongError, SoterError):  # it does not fit into a step, or into forms
-                way = self._way_by(cut)
-                if way is not None and self._starts(way):
+                way = self._way_with_cut(cut)
+                if way is not None and self._start_leads_to_rest(way):
                     return way
                 self._rests = self._rests or (None if way is None else (cut, way))
-        return self._way_by(PLAIN)
+        return self._way_with_cut(PLAIN)
 
-    def _way_by(self, cut: int) -> Box | None:
+    def _way_with_cut(self, cut: int) -> Box | None:
         check = self._check
         check.cut = cut
         if cut != PLAIN:
@@ -343,7 +347,7 @@ class _Search:
         self._caller = Caller(check.offline({}))
         return self._way(self._box, self._box)
 
-    def _starts(self, way: Box) -> bool:
+    def _start_leads_to_rest(self, way: Box) -> bool:
         initial = {s: self._check.problem.initial[s] for s in self._check.states}
         return Caller(self._check.offline(way)).holds("starts", region_of(self._check, initial))
 
@@ -369,7 +373,7 @@ class _Search:
 
     # ------------------------------------------------------------ in words
 
-    def _run(self, run: RunNotBack) -> str:
+    def _run_in_words(self, run: RunNotBack) -> str:
         states = self._check.problem.quantities.states
         winds = self._check.problem.quantities.disturbances
         start = ", ".join(f"{states[s].name} = {x:.3g}" for s, x in run.start.items())
@@ -377,7 +381,9 @@ class _Search:
         where = f"{states[run.state].name} = {run.value:.4g} after {run.after_s:.4g} s"
         return f"a run from {start}{f' under {under}' if under else ''} is at {where}"
 
-    def _not_from(self, part: Box, into: str, shown: float, tried: int, reached: Box) -> str:
+    def _unshown_part_in_words(
+        self, part: Box, into: str, shown: float, tried: int, reached: Box
+    ) -> str:
         own = {s: part[s] for s in self._own}
         what = f"SC does not certainly lead back into {into}"
         if not own:
@@ -392,7 +398,7 @@ class _Search:
         for factor in LARGER:
             phase(f"{self._name}: whether SC leads back into a larger rest")
             larger = {
-                s: _fitted_into(_scaled(_hull(self._box[s], r), factor), self._rooms[s])
+                s: _intersection(_enlarged(_hull(self._box[s], r), factor), self._rooms[s])
                 for s, r in reached.items()
             }
             if larger and self._way({**self._box, **larger}, {**self._box, **larger}) is not None:
@@ -404,10 +410,10 @@ def _hull(a: Interval, b: Interval) -> Interval:
     return Interval(min(a.low, b.low), max(a.high, b.high))
 
 
-def _scaled(a: Interval, factor: float) -> Interval:
+def _enlarged(a: Interval, factor: float) -> Interval:
     m, half = middle(a), 0.5 * (a.high - a.low) * factor
     return Interval(m - half, m + half)
 
 
-def _fitted_into(a: Interval, room: Interval) -> Interval:
+def _intersection(a: Interval, room: Interval) -> Interval:
     return Interval(max(a.low, room.low), min(a.high, room.high))

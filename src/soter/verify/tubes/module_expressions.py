@@ -26,8 +26,10 @@ from soter.language.model.types import (
     Type,
     leaves,
 )
-from soter.verify.enclose.core_enclosure import is_prelude, key, names, types_of
+from soter.verify.enclose.core_enclosure import is_prelude
 from soter.verify.enclose.enclosed_steps import right_hand_side, room_of
+from soter.verify.enclose.enclosure_emitter import element_types
+from soter.verify.enclose.enclosure_inputs import leaf_key, part_names
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import (
     CONDITIONS,
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
     from soter.core.core_walks import Join
     from soter.language.model.system import Component
     from soter.language.model.typed import TypedExpr
+    from soter.verify.enclose.enclosure_inputs import Path
     from soter.verify.tubes.problem import TubeProblem
 
     Maps = Mapping[tuple[int, int], Node]
@@ -191,7 +194,7 @@ class ExpressionReading(Execution["Value"]):
         if isinstance(e, core.Make):
             return tuple(operands)
         if isinstance(operands[0], int):
-            return self._of_whole(e, *operands)
+            return self._whole_operation(e, *operands)
         if isinstance(e, core.Extreme):
             return make.extreme(e.op, *operands)
         if isinstance(e, core.Unary):
@@ -212,7 +215,7 @@ class ExpressionReading(Execution["Value"]):
             return tuple(self.constant(t.element, v) for v in value)  # type: ignore[attr-defined]
         return value
 
-    def _of_whole(self, e: core.Expr, *operands: int) -> Value:
+    def _whole_operation(self, e: core.Expr, *operands: int) -> Value:
         op = getattr(e, "op", "")
         if op == "to_float":
             return self.make.number(operands[0])
@@ -254,9 +257,6 @@ class ExpressionReading(Execution["Value"]):
         return self._number(by[op](a, b))
 
 
-Path = tuple[str, ...]
-
-
 class ModuleExpressions:
     """Expressions over "x" (states), "u" (controls), "w" (disturbances) and "y" (what SC reads).
 
@@ -269,7 +269,7 @@ class ModuleExpressions:
         q = problem.quantities
         self._numbers: dict[Any, tuple[str, int]] = {}
         for kind, every in (("x", q.states), ("u", q.controls), ("w", q.disturbances)):
-            self._numbers.update({key(leaf): (kind, i) for i, leaf in enumerate(every)})
+            self._numbers.update({leaf_key(leaf): (kind, i) for i, leaf in enumerate(every)})
         self.functions = {f.name: f for f in problem.core.functions}
         self.seen: dict[int, tuple[int, int]] = {}
         """For each state that SC sees, the topic and the leaf that show it."""
@@ -287,18 +287,18 @@ class ModuleExpressions:
             call = right_hand_side(step, self.functions)
             if call is None:
                 continue
-            body = self._started(component, step)
+            body = self._plant_reading(component, step)
             function = self.functions[call.function]
             record = function.parameters[0].type
             assert isinstance(record, RecordType)
             cells = {x.cell.name: x for x in step.states}
-            x = tuple(self._cell(cells[n].cell, t) for n, t in record.fields)
+            x = tuple(self._cell_value(cells[n].cell, t) for n, t in record.fields)
             result = body.call(function, (x, *[body.expr(a) for a in call.arguments[1:]]))
             self._guards += body.guards
-            for path, _, v in parts(record, result):
+            for path, _, v in leaf_values(record, result):
                 rates[component.index, path[0], path[1:]] = v
         zero = self.make.number(0.0)
-        return [rates.get(key(s), zero) for s in self.problem.quantities.states]
+        return [rates.get(leaf_key(s), zero) for s in self.problem.quantities.states]
 
     def still(self, rates: list[Node]) -> list[Node]:
         """These rates with every disturbance in the middle of its range."""
@@ -340,7 +340,7 @@ class ModuleExpressions:
         step = self.problem.core.nodes[self.problem.module.sc]
         if step.locals or step.takeover:
             raise NoExpressionError("SC has variables, or `on takeover`")
-        body = ExpressionReading(self.make, self.functions, self._seen)
+        body = ExpressionReading(self.make, self.functions, self._seen_value)
         body.run(step.body)
         self.law_guards = body.guards
         numbers = (e for e in body.computed if e.op != "number")
@@ -350,7 +350,7 @@ class ModuleExpressions:
             published, value, t = body.frame.outputs[number]
             if published is not self.make.true:
                 raise NoExpressionError("SC may publish nothing")
-            for path, _, v in parts(t, value):
+            for path, _, v in leaf_values(t, value):
                 found[output.topic, path] = v
         return [found[leaf.owner, leaf.path] for leaf in self.problem.quantities.controls]
 
@@ -376,7 +376,7 @@ class ModuleExpressions:
         p = lower_predicate(table, system, module.scope, e, e.span)
 
         def true(cell: core.Cell, t: Type) -> Value:
-            return self._topic(cell.owner, t, "x", maps)
+            return self._topic_value(cell.owner, t, "x", maps)
 
         body = ExpressionReading(self.make, {**self.functions, **table.by_name}, true)
         body.run(p.body)
@@ -385,7 +385,7 @@ class ModuleExpressions:
             held = self.make.join("and", held, guard)
         return held
 
-    def _say_where(self, safe: Node) -> None:
+    def _refuse_maps_without_place(self, safe: Node) -> None:
         """`NoExpressionError` for a map that no part of `safe` compares with a state.
 
         Such a part is the same all along a tube: it speaks of the robot, not of a place.
@@ -410,15 +410,15 @@ class ModuleExpressions:
         system, make = self.problem.system, self.make
         maps = {at: make.input("m", k) for k, at in enumerate(self.problem.map_leaves)}
         held = self.predicate(self.problem.module.symbol.safe, maps)
-        self._say_where(held)
+        self._refuse_maps_without_place(held)
         for component, step in self._plants():
-            body = self._started(component, step)
+            body = self._plant_reading(component, step)
             body.run(step.publish)
             for number, output in enumerate(step.outputs):
                 topic = system.topics[output.topic]
                 bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
                 errors = {m.leaf: m.bound for m in component.measured if m.topic == output.topic}
-                published = parts(topic.type, body.frame.outputs[number][1])
+                published = leaf_values(topic.type, body.frame.outputs[number][1])
                 for k, (path, t, v) in enumerate(published):
                     bound = bounds.get(path)
                     if bound is None:
@@ -445,32 +445,32 @@ class ModuleExpressions:
                 raise NoExpressionError("a plant is extern")
             yield self.problem.system.components[i], step
 
-    def _started(self, component: Component, step: core.PlantStep) -> ExpressionReading:
-        body = ExpressionReading(self.make, self.functions, self._cell)
+    def _plant_reading(self, component: Component, step: core.PlantStep) -> ExpressionReading:
+        body = ExpressionReading(self.make, self.functions, self._cell_value)
         for x in step.states:
-            body.bind(x.name, x.type, self._cell(x.cell, x.type))
+            body.bind(x.name, x.type, self._cell_value(x.cell, x.type))
         for (name, t, _), d in zip(step.disturbances, component.disturbances, strict=True):
-            body.bind(name, t, self._leaves((component.index, d.variable.name), t, ()))
+            body.bind(name, t, self._leaf_inputs((component.index, d.variable.name), t, ()))
         return body
 
-    def _leaves(self, owner: tuple[int, str], t: Type, path: Path, kind: str = "") -> Value:
+    def _leaf_inputs(self, owner: tuple[int, str], t: Type, path: Path, kind: str = "") -> Value:
         if isinstance(t, (RecordType, ArrayType)):
-            below_ = zip(names(t), types_of(t), strict=True)
-            return tuple(self._leaves(owner, f, (*path, n), kind) for n, f in below_)
+            below_ = zip(part_names(t), element_types(t), strict=True)
+            return tuple(self._leaf_inputs(owner, f, (*path, n), kind) for n, f in below_)
         number = self._numbers.get((*owner, path))
         if number is None or not isinstance(t, FloatType):
             raise NoExpressionError(f"`{owner[1] or owner[0]}` is no state and no command")
         return self.make.input(kind or number[0], number[1])
 
-    def _cell(self, cell: core.Cell, t: Type) -> Value:
-        return self._leaves((cell.owner, cell.name if cell.kind == "state" else ""), t, ())
+    def _cell_value(self, cell: core.Cell, t: Type) -> Value:
+        return self._leaf_inputs((cell.owner, cell.name if cell.kind == "state" else ""), t, ())
 
-    def _topic(self, index: int, t: Type, kind: str, maps: Maps | None = None) -> Value:
+    def _topic_value(self, index: int, t: Type, kind: str, maps: Maps | None = None) -> Value:
         """The value of a topic: for each leaf the state that equals it, or the number of a map."""
 
         def at(t: Type, k: list[int]) -> Value:
             if isinstance(t, (RecordType, ArrayType)):
-                return tuple(at(f, k) for f in types_of(t))
+                return tuple(at(f, k) for f in element_types(t))
             leaf = index, k[0]
             k[0] += 1
             if maps is not None and leaf in maps:
@@ -482,19 +482,19 @@ class ModuleExpressions:
 
         return at(t, [0])
 
-    def _seen(self, cell: core.Cell, t: Type) -> Value:
+    def _seen_value(self, cell: core.Cell, t: Type) -> Value:
         """The value that SC reads of a topic; refuses two reads of one state, with two errors."""
         for leaf, state in self.problem.state_of_leaf.items():
             if leaf[0] == cell.owner and self.seen.setdefault(state, leaf) != leaf:
                 name = self.problem.quantities.states[state].name
                 raise NoExpressionError(f"SC sees `{name}` twice, with an error each")
-        return self._topic(cell.owner, t, "y")
+        return self._topic_value(cell.owner, t, "y")
 
 
-def parts(t: Type, v: Value, path: Path = ()) -> Iterator[tuple[Path, Type, Value]]:
+def leaf_values(t: Type, v: Value, path: Path = ()) -> Iterator[tuple[Path, Type, Value]]:
     """The path, type and value of each leaf of a value."""
     if isinstance(t, (RecordType, ArrayType)):
-        for n, f, x in zip(names(t), types_of(t), v, strict=True):
-            yield from parts(f, x, (*path, n))
+        for n, f, x in zip(part_names(t), element_types(t), v, strict=True):
+            yield from leaf_values(f, x, (*path, n))
     else:
         yield path, t, v

@@ -61,6 +61,44 @@ class TubeProblem(Problem):
         return leaf_name(declared.name, list(leaves(declared.type))[k][0])
 
 
+@dataclass(frozen=True)
+class TubeTimes:
+    """Times of a tube in ns, after the estimate (docs/proof-flight.md, "Decisions by tubes")."""
+
+    earliest: int
+    """alpha: no output of SC is complete before."""
+    latest: int
+    """H, the look-ahead: an output of SC is complete by then."""
+    start: int
+    """h_0: in a new run an output of SC is complete by then."""
+    delay: int
+    """d: the age of the state behind a command that begins to act, at most."""
+    jitter: int
+    """j: the length of the window in which an output of SC acts."""
+    period: int
+    """delta: the period of SC."""
+    switches: int
+    """N_T: after this many outputs of SC, the first not counted, the plant has to be at rest."""
+    any_command: int = 0
+    """W: where commands are judged, any command may act for this long before SC's output does."""
+
+    @property
+    def depth(self) -> int:
+        """How many periods of SC a read may reach back: those in d + j, at least 1."""
+        return max(1, -(-(self.delay + self.jitter) // self.period))
+
+    @staticmethod
+    def of(problem: TubeProblem) -> TubeTimes:
+        """The times of a module, from its schedule and its `within`."""
+        t = problem.times
+        h, j, period = t.horizon_ns, t.jitter_sc, t.delta_sc
+        earliest = max(t.delta_dm - t.late_dm + t.acts_least, h - period - j, 0)
+        switches = (problem.within_ns - j) // period
+        any_command = t.schedule.h_star - t.age_dm - t.delta_dm - t.acts_least
+        times = min(earliest, h), h, t.start, t.delay_sc, j, period, switches
+        return TubeTimes(*times, min(any_command, h))
+
+
 def tube_problem_of(problem: Problem, rest: RestSymbol, calculator: Calculator) -> TubeProblem:
     """The problem of a module with `rest`; `SoterError` R007 for what no tube follows."""
     diagnostics = Diagnostics()

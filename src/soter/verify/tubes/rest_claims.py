@@ -27,7 +27,7 @@ from soter.verify.tubes.expression_graph import in_order
 from soter.verify.tubes.generated_functions import Caller, TooLongError, function
 from soter.verify.tubes.leading_back import box_in_words, leads_back, region_of
 from soter.verify.tubes.problem import FARTHEST, cut_to_farthest, is_far, refused
-from soter.verify.tubes.tube_check import PLAIN, above, part
+from soter.verify.tubes.tube_check import PLAIN, rounded_up, shared_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -56,7 +56,7 @@ def drift_not_shown(
     answer = caller.value("answers_at_rest", ends)
     if answer is None:
         return "what SC answers at rest is not bounded"
-    ranges = _ranges(check, at, [Interval(u[2], u[3]) for u in answer])
+    ranges = _input_ranges(check, at, [Interval(u[2], u[3]) for u in answer])
     followed = [z for z in check.problem.drifts if z in check.states]  # nothing asks for others
     for z in followed:
         drift = check.problem.drifts[z]
@@ -71,7 +71,7 @@ def drift_not_shown(
     return ""
 
 
-def _ranges(
+def _input_ranges(
     check: TubeCheck, at: Mapping[int, Interval], answer: Sequence[Interval]
 ) -> dict[tuple[str, int], Interval]:
     """The range of every input of the rates: states "x", answers of SC "u", disturbances "w"."""
@@ -124,7 +124,7 @@ def _why_it_may_drift(
         fast = f"at up to {more.high:.4g} a second" if more.high < inf else "at no bounded rate"
         return f"it may go on {fast}, and `moves` allows {by:.4g} in all{_moves_in_words(check, z)}"
     if most > Fraction(by):
-        return f"by up to {above(most):.4g}, and `moves` allows {by:.4g}"
+        return f"by up to {rounded_up(most):.4g}, and `moves` allows {by:.4g}"
     return ""
 
 
@@ -169,7 +169,7 @@ class Enclosures:
     def __init__(self, lists: Sequence[Sequence[Node]]) -> None:
         self._count = [len(nodes) for nodes in lists]
         self._used = [[e for e in in_order(nodes) if e.op == "input"] for nodes in lists]
-        text = [RANGES, part("forms.soter")]
+        text = [RANGES, shared_text("forms.soter")]
         for k, (nodes, used) in enumerate(zip(lists, self._used, strict=True)):
             over = {e.of: f"a[{i}]" for i, e in enumerate(used)}
             many = f"Form[{max(1, len(used))}]"
@@ -315,13 +315,15 @@ def _around_rest(
     if caller.holds("never_rests", region_of(check, box)):
         return None
     for s in own:
-        box[s] = _moved_in(check, caller, box, s)
+        box[s] = _narrow_by_powers(check, caller, box, s)
         for upper in (False, True):
-            box[s] = _shaved(check, caller, box, s, upper=upper)
+            box[s] = _narrow_by_halving(check, caller, box, s, upper=upper)
     return box
 
 
-def _moved_in(check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int) -> Interval:
+def _narrow_by_powers(
+    check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int
+) -> Interval:
     """Side `s`, where it has no set moved in by powers of ten while `rest` holds nowhere beyond."""
     low, high = box[s].low, box[s].high
     if not is_far(check.rooms[s]):
@@ -334,7 +336,7 @@ def _moved_in(check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int
     return Interval(low, high)
 
 
-def _shaved(
+def _narrow_by_halving(
     check: TubeCheck, caller: Caller, box: dict[int, Interval], s: int, *, upper: bool
 ) -> Interval:
     """The side `s` with one end moved in by bisection: `rest` holds nowhere in what is cut off."""

@@ -1,10 +1,12 @@
-"""The check of a decision module by tubes, written as Soter source.
+"""The check of a DM by tubes, written as Soter source, and the predicates that call it.
 
 Purpose: `TubeCheck` reads a module's rates, law and predicates as expressions. Of them and of the
 parts that all modules share (`forms.soter`, `tube.soter`, `check.soter`) it writes two programs:
-`in_flight`, with `fun good(estimate: float[n]): bool`, which the DM calls, and `offline`, with the
-functions of `rest.soter`, which are asked before anything flies.
-Non-goals: asking them (`rest_claims.py`), the predicates of the DM (`tube_table.py`).
+`in_flight`, with `fun good(estimate: float[n]): bool`, and `offline`, with the functions of
+`rest.soter`, which are asked before anything flies. `TubeLevels` writes the DM's predicates:
+`safer` where an estimate is `good`, else `ttf`.
+Non-goals: asking it (`rest_claims.py`), putting predicates into a module
+(`deploy/missing_predicates.py`).
 """
 
 from __future__ import annotations
@@ -12,13 +14,16 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from importlib.resources import files
 from math import inf, nextafter
 from typing import TYPE_CHECKING
 
 from soter.core.core_walks import STATEMENTS_MAX, TooManyStatementsError
+from soter.language.model import typed as t
 from soter.language.model.tree_walk import cost_of
-from soter.language.model.types import leaves
+from soter.language.model.types import FLOAT, INT, ArrayType, leaves
+from soter.verify.deploy.level_tables import LevelTable, estimate
 from soter.verify.deploy.shield_tables import command_edges
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.expression_graph import NoExpressionError, in_order, middle
@@ -31,16 +36,19 @@ from soter.verify.tubes.generated_functions import (
     number,
 )
 from soter.verify.tubes.module_expressions import ModuleExpressions
-from soter.verify.tubes.problem import FARTHEST, read_by, refused
+from soter.verify.tubes.problem import FARTHEST, TubeProblem, TubeTimes, read_by, refused
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from soter.language.model.system import Shield
-    from soter.language.model.typed import Cost
+    from soter.language.model.typed import Cost, FunSymbol
+    from soter.verify.deploy.level_tables import Writer
+    from soter.verify.deploy.shield_tables import ShieldWriter
+    from soter.verify.problem.problem import Group, Problem
     from soter.verify.tubes.expression_graph import Node
     from soter.verify.tubes.generated_functions import Inputs
-    from soter.verify.tubes.problem import TubeProblem
+
 
 RANGED = "x: Ranges, u: Orders"
 PARTIAL = frozenset({"sqrt", "tan", "inverse", "limit"})
@@ -58,44 +66,6 @@ state's width are kept (True) or the largest as they are."""
 PLAIN, MOST = 1, 2
 ENDINGS = 2
 """Into how many parts the time is cut in which a judged command may cease to act."""
-
-
-@dataclass(frozen=True)
-class TubeTimes:
-    """Times of a tube in ns, after the estimate (docs/proof-flight.md, "Decisions by tubes")."""
-
-    earliest: int
-    """alpha: no output of SC is complete before."""
-    latest: int
-    """H, the look-ahead: an output of SC is complete by then."""
-    start: int
-    """h_0: in a new run an output of SC is complete by then."""
-    delay: int
-    """d: the age of the state behind a command that begins to act, at most."""
-    jitter: int
-    """j: the length of the window in which an output of SC acts."""
-    period: int
-    """delta: the period of SC."""
-    switches: int
-    """N_T: after this many outputs of SC, the first not counted, the plant has to be at rest."""
-    any_command: int = 0
-    """W: where commands are judged, any command may act for this long before SC's output does."""
-
-    @property
-    def depth(self) -> int:
-        """How many periods of SC a read may reach back: those in d + j, at least 1."""
-        return max(1, -(-(self.delay + self.jitter) // self.period))
-
-    @staticmethod
-    def of(problem: TubeProblem) -> TubeTimes:
-        """The times of a module, from its schedule and its `within`."""
-        t = problem.times
-        h, j, period = t.horizon_ns, t.jitter_sc, t.delta_sc
-        earliest = max(t.delta_dm - t.late_dm + t.acts_least, h - period - j, 0)
-        switches = (problem.within_ns - j) // period
-        any_command = t.schedule.h_star - t.age_dm - t.delta_dm - t.acts_least
-        times = min(earliest, h), h, t.start, t.delay_sc, j, period, switches
-        return TubeTimes(*times, min(any_command, h))
 
 
 class TubeCheck:
@@ -136,9 +106,12 @@ class TubeCheck:
         every_input = in_order([*asked, *(every[s] for s in self.states)])
         if any(e.op == "input" and e.of[0] not in "xyuwm" for e in every_input):
             raise NoExpressionError("something reads a time, an age or a mode")
-        self._left_out()
-        self._reads_what_sc_reads(module.seen)
-        self.read_sets = {s: self._set_of(t, k) for s, (t, k) in module.seen.items()}
+        self._refuse_unbounded_states()
+        self._refuse_other_views(module.seen)
+        topics = self.problem.system.topics
+        bounds = {s: topics[t].bounds[k] for s, (t, k) in module.seen.items()}
+        endless = Interval(-inf, inf)
+        self.read_sets = {s: Interval(b.low, b.high) if b else endless for s, b in bounds.items()}
         rates = [every[s] for s in self.states]
         self._still = module.still(rates)
         every_effect = enumerate(module.effects(rates, self._still))
@@ -149,12 +122,7 @@ class TubeCheck:
         self._bends = module.bends(self._still)
         self._faced = [k for k, s in enumerate(self.states) if s in _states_read([self._still[k]])]
 
-    def _set_of(self, topic: int, leaf: int) -> Interval:
-        """The declared set of a leaf of a topic."""
-        bound = self.problem.system.topics[topic].bounds[leaf]
-        return Interval(-inf, inf) if bound is None else Interval(bound.low, bound.high)
-
-    def _left_out(self) -> None:
+    def _refuse_unbounded_states(self) -> None:
         """Refuses a state that is not followed and may grow without end in finite time.
 
         It cannot where its rate is defined everywhere and affine in the states that are left out.
@@ -171,10 +139,10 @@ class TubeCheck:
                     f"nothing bounds `{names[s].name}`, which may end (a set of its topic would)"
                 )
 
-    def _reads_what_sc_reads(self, seen: Mapping[int, tuple[int, int]]) -> None:
+    def _refuse_other_views(self, seen: Mapping[int, tuple[int, int]]) -> None:
         """Refuses an SC that sees plants by a topic the DM does not read: it may be older (2.)."""
         problem, topics = self.problem, self.problem.system.topics
-        estimate = {topic for topic, _ in self.estimate}
+        estimate = {problem.topic_leaf_of_state[s][0] for s in self.states}
         other = sorted(topics[i].name for i in {topic for topic, _ in seen.values()} - estimate)
         if other:
             raise NoExpressionError(
@@ -184,29 +152,22 @@ class TubeCheck:
         if unread:
             raise NoExpressionError(f"only `{unread[0]}`, which nobody reads, shows a state")
 
-    @property
-    def estimate(self) -> list[tuple[int, int]]:
-        """(topic, leaf) of each of `states`."""
-        at = self.problem.topic_leaf_of_state
-        return [at[s] for s in self.states]
-
     def in_flight(self, ways: Mapping[int, Interval]) -> str:
         """The text that flies; `ways`: Y of each state that `moves` does not name, as was shown."""
-        judge = (
-            [] if self.problem.module.shield is None else [self._judge(self.problem.module.shield)]
-        )
-        return self._with_maps([*self._parts(ways), self._check(), *judge])
+        texts = self._tube_functions(ways)
+        if (shield := self.problem.module.shield) is not None:
+            texts.append(self._judging_functions(shield))
+        return self._with_map_constants(texts)
 
     def cost(self) -> Cost:
         """The worst cost of one decision: `good`, and `judged` where commands are judged."""
-        known = self.in_flight({s: Interval(-1.0, 1.0) for s in self.states})
-        functions = functions_of(known)
+        functions = functions_of(self.in_flight({s: Interval(-1.0, 1.0) for s in self.states}))
         look = cost_of(functions["good"])
         if self.problem.module.shield is None:
             return look
         judged = cost_of(functions["judged"])
-        both = look.operations + judged.operations
-        return look._replace(operations=both, bytes=max(look.bytes, judged.bytes))
+        most = max(look.bytes, judged.bytes)
+        return look._replace(operations=look.operations + judged.operations, bytes=most)
 
     def operations(self, switches: int) -> int:
         """Operations of the dearest function, for `switches` outputs of SC; `TooLongError`."""
@@ -217,19 +178,15 @@ class TubeCheck:
 
     def offline(self, ways: Mapping[int, Interval]) -> str:
         """The text of `in_flight` with the functions that are asked before anything flies."""
-        parts = self._parts(ways)
-        over = self._over()
-        return self._with_maps(
-            [
-                *parts,
-                self._check(),
-                certain("law_defined", "y: Forms", self._defined, over),
-                certain("surely_not_at_rest", "x: Forms", self._rest, over, truth=False),
-                part("rest.soter"),
-            ]
-        )
+        inputs = self._input_texts()
+        texts = [
+            certain("law_defined", "y: Forms", self._defined, inputs),
+            certain("surely_not_at_rest", "x: Forms", self._rest, inputs, truth=False),
+            shared_text("rest.soter"),
+        ]
+        return self._with_map_constants([*self._tube_functions(ways), *texts])
 
-    def _with_maps(self, parts: Sequence[str]) -> str:
+    def _with_map_constants(self, parts: Sequence[str]) -> str:
         """The joined text; in that of a module without maps no function has a map parameter."""
         text, first = "\n".join(parts), self.problem.first_map
         if not first:
@@ -239,188 +196,195 @@ class TubeCheck:
         lines = [
             f"const MAPS: int = {len(first)};",
             "type Map = float[MAPS];",
-            f"const FIRST_MAP: Map = {_vector(first)};",
+            f"const FIRST_MAP: Map = {_numbers_text(first)};",
         ]
         return "\n".join([*lines, text])
 
     # ------------------------------------------------------------ parts
 
-    def _check(self) -> str:
-        """The functions that follow SC; an SC that reads nothing has simpler ones."""
-        settles = "answer.soter" if self.read_by_law else "constant.soter"
-        return "\n".join([part("check.soter"), part(settles)])
-
-    def _judge(self, shield: Shield) -> str:
+    def _judging_functions(self, shield: Shield) -> str:
         """The functions and constants that judge a command (`judged.soter`)."""
         times = self.times
-        of_v = times.latest - times.any_command
+        command_ns = times.latest - times.any_command
         numbers = len(self.problem.system.topics[shield.topic].default)
-        cells = [command_edges(r.low, r.high, shield.cells) for r in self.problem.controls]
-        edges = f"float[CELLS + 1][{len(cells)}]"
+        edges = (command_edges(r.low, r.high, shield.cells) for r in self.problem.controls)
+        cells = [_numbers_text(e) for e in edges]
         lines = [
             f"const CELLS: int = {shield.cells};",
             f"const HELD: int = {numbers};",
-            f"const EDGES: {edges} = {_array_text([_vector(e) for e in cells])};",
+            f"const EDGES: float[CELLS + 1][{len(cells)}] = {_array_text(cells)};",
             f"const ENDINGS: int = {ENDINGS};",
-            f"const ENDING: float = {number(near(of_v, ENDINGS))};",
-            f"const ANY_FOR: float = {number(near(times.any_command))};",
+            f"const ENDING: float = {number(nearest_seconds(command_ns, ENDINGS))};",
+            f"const ANY_FOR: float = {number(nearest_seconds(times.any_command))};",
         ]
-        return "\n".join([*lines, part("judged.soter")])
+        return "\n".join([*lines, shared_text("judged.soter")])
 
-    def _over(self) -> Inputs:
+    def _input_texts(self) -> Inputs:
         """The text for each input; a state is indexed by its place in `states`."""
         places = [(s, k) for k, s in enumerate(self.states)]
         found = {(kind, s): f"{kind}[{k}]" for kind in "xyv" for s, k in places}
         controls = range(len(self.problem.quantities.controls))
         return found | {("u", k): f"u[{k}]" for k in controls}
 
-    def _parts(self, ways: Mapping[int, Interval]) -> list[str]:
-        over = self._over()
+    def _tube_functions(self, ways: Mapping[int, Interval]) -> list[str]:
+        """The constants, and the functions of the tube, that both programs have."""
+        inputs = self._input_texts()
+        settles = "answer.soter" if self.read_by_law else "constant.soter"
         return [
             self._constants(),
-            part("forms.soter"),
-            part("tube.soter"),
-            function("rates", "x: Forms, u: Controls", self._still, over, "Forms"),
-            function("speeds", RANGED, self._still, over, "Ranges", RANGES),
-            function("effects", RANGED, [e for *_, e in self._effects], over, "Effects", RANGES),
-            function("bends", "x: Forms, u: Controls, v: Forms", self._bends, over, "Forms"),
-            self._rate_by_number(over),
-            function("law", "y: Forms", self.law, over, "Controls"),
-            certain("safe", f"x: Forms, {MAP}: Map", self._safe, over, first=self._known()),
-            certain("rests", "x: Forms", self._rest, over),
+            shared_text("forms.soter"),
+            shared_text("tube.soter"),
+            function("rates", "x: Forms, u: Controls", self._still, inputs, "Forms"),
+            function("speeds", RANGED, self._still, inputs, "Ranges", RANGES),
+            function("effects", RANGED, [e for *_, e in self._effects], inputs, "Effects", RANGES),
+            function("bends", "x: Forms, u: Controls, v: Forms", self._bends, inputs, "Forms"),
+            self._rates_by_number(inputs),
+            function("law", "y: Forms", self.law, inputs, "Controls"),
+            certain("safe", f"x: Forms, {MAP}: Map", self._safe, inputs, first=self._map_guard()),
+            certain("rests", "x: Forms", self._rest, inputs),
             self._at_rest(ways),
+            shared_text("check.soter"),
+            shared_text(settles),  # an SC that reads nothing has simpler functions
         ]
 
-    def _known(self) -> str:
+    def _map_guard(self) -> str:
         """The first lines of `safe`: false for a map with a NaN or a number beyond `FARTHEST`."""
         asked = f"    if !(abs({MAP}[k]) < {number(FARTHEST)}) {{ return false; }}"
         return f"  for k in 0..MAPS {{\n{asked}\n  }}\n" if self.problem.map_leaves else ""
 
-    def _rate_by_number(self, over: Inputs) -> str:
+    def _rates_by_number(self, inputs: Inputs) -> str:
         """`fun faced`, which `tube.soter` calls for the rate of one state by its number."""
         lines, calls = [], "  return EVERYTHING;"
         for k in self._faced:
-            of = [(m, e) for i, m, e in self._effects if i == k]
-            lines.append(function(f"rate_{k}", RANGED, [self._still[k]], over, "Range[1]", RANGES))
-            moved = [f"size(b[{p}]) * wide[{m}]" for p, (m, _) in enumerate(of)]
-            if moved:
-                effects = [e for _, e in of]
-                result = f"Range[{len(of)}]"
-                lines.append(function(f"effects_{k}", RANGED, effects, over, result, RANGES))
-                moved = [f"    let b = effects_{k}(x, a);", f"    let d = {' + '.join(moved)};"]
+            rate = [self._still[k]]
+            lines.append(function(f"rate_{k}", RANGED, rate, inputs, "Range[1]", RANGES))
+            movers = [m for state, m, _ in self._effects if state == k]
+            if movers:
+                effects = [e for state, _, e in self._effects if state == k]
+                result = f"Range[{len(movers)}]"
+                lines.append(function(f"effects_{k}", RANGED, effects, inputs, result, RANGES))
+                added = " + ".join(f"size(b[{p}]) * wide[{m}]" for p, m in enumerate(movers))
+                body = [f"    let b = effects_{k}(x, a);", f"    let d = {added};"]
             else:
-                moved = ["    let d = 0.0;"]
-            moved.append(f"    return i_widened(rate_{k}(x, u)[0], d * GROW + TINY);")
-            body = "\n".join(moved)
-            calls = f"  if i == {k} {{\n{body}\n  }} else {{\n{calls}\n  }}"
+                body = ["    let d = 0.0;"]
+            body.append(f"    return i_widened(rate_{k}(x, u)[0], d * GROW + TINY);")
+            taken = "\n".join(body)
+            calls = f"  if i == {k} {{\n{taken}\n  }} else {{\n{calls}\n  }}"
         head = "fun faced(i: int, x: Ranges, u: Orders, a: Orders, wide: Wide): Range"
         return "\n".join([*lines, f"{head} {{\n{calls}\n}}\n"])
 
     def _at_rest(self, ways: Mapping[int, Interval]) -> str:
         """`fun at_rest`: `rest` holds, and `safe` holds in all that SC may move to from there."""
-        lines = []
-        read = _states_read([self._safe])
+        lines, read = [], _states_read([self._safe])
         for k, s in enumerate(self.states):
-            drift = self.problem.drifts.get(s)
-            if s not in read:
-                continue
-            if drift is not None:
+            if s in read and (drift := self.problem.drifts.get(s)) is not None:
                 ends = f"x[{k}], {number(-drift.below)}, {number(drift.above)}"
                 lines.append(f"  m[{k}] = moved({ends});")
-            elif s in ways:
-                way = ways[s]
+            elif s in read and (way := ways.get(s)) is not None:
                 lines.append(f"  m[{k}] = f_range({number(way.low)}, {number(way.high)});")
-            else:
+            elif s in read:
                 lines.append("  if true { return false; }  // nothing is shown of where it goes")
         body = "\n".join(["  if !rests(x) { return false; }", "  var m = x;", *lines])
         head = f"fun at_rest(x: Forms, {MAP}: Map): bool"
         return f"{head} {{\n{body}\n  return safe(m, {MAP});\n}}\n"
 
-    def errors(self) -> list[float]:
+    def errors(self) -> dict[int, float]:
         """The error bound of each of `states`, as it is measured."""
-        p = self.problem
-        found = dict.fromkeys(range(len(p.quantities.states)), 0.0)
+        p, found = self.problem, dict.fromkeys(self.states, 0.0)
         for leaf, bounds in zip(p.quantities.errors, p.errors, strict=True):
             paths = [path for path, _ in leaves(p.system.topics[leaf.owner].type)]
             state = p.state_of_leaf.get((leaf.owner, paths.index(leaf.path)))
-            if state is not None:
+            if state in found:
                 found[state] = max(found[state], -bounds.low, bounds.high)
-        return [found[s] for s in self.states]
+        return found
 
     def _constants(self) -> str:
         """The constants of the text: sizes, times in seconds, and ranges."""
-        q, times = self.problem.quantities, self.times
-        n, m, w = len(self.states), len(q.controls), len(q.disturbances)
-        moved = m + w
-        keep, shares = CUTS[self.cut]
+        sizes = self._sizes()
+        if sizes["SYMBOLS"] > SYMBOLS_MAX:
+            msg = f"{sizes['SYMBOLS']} symbols of a form: more than {SYMBOLS_MAX}"
+            raise refused(self.problem, msg)
+        lines = [f"const {name}: int = {value};" for name, value in sizes.items()]
+        lines += [f"const {name}: float = {number(t)};" for name, t in self._seconds().items()]
+        shares = CUTS[self.cut][1]
+        lines += [f"const SHARES: bool = {str(shares).lower()};"]
+        lines += [f"const RESET: float = {0.5 if self.read_by_law else 0.9};"]
+        return "\n".join([*lines, *self._arrays(sizes["SYMBOLS"])]) + "\n"
+
+    def _sizes(self) -> dict[str, int]:
+        """The whole numbers of the text: how many there are of each thing, and first symbols."""
+        q, times, n = self.problem.quantities, self.times, len(self.states)
+        moved = len(q.controls) + len(q.disturbances)
+        keep, _ = CUTS[self.cut]
         read = 2 * n + keep
         closed, moves = read + n, read + n + moved
         symbols, holds = moves + moved * STEPS + 1, times.switches + 1
         if not self.read_by_law:  # no command shares a symbol with a state, and none switches
             closed = moves = read
             symbols, holds = read + max(moved, n) + 1, 2 * holds
-        if symbols > SYMBOLS_MAX:
-            msg = f"{symbols} symbols of a form: more than {SYMBOLS_MAX}"
-            raise refused(self.problem, msg)
-        whole = {
-            "SYMBOLS": symbols, "STATES": n, "CONTROLS": m, "DISTURBANCES": w, "MOVED": moved,
+        return {
+            "SYMBOLS": symbols, "STATES": n, "CONTROLS": len(q.controls),
+            "DISTURBANCES": len(q.disturbances), "MOVED": moved,
             "EFFECTS": len(self._effects), "KEEP": keep, "READS": read, "CLOSED": closed,
             "MOVES": moves, "ATTEMPTS": ATTEMPTS, "FREE_STEPS": FREE, "STEPS": STEPS,
             "HOLDS": holds, "DEPTH": times.depth, "FACES": len(self._faced),
             "TIME": symbols - 1, "LEVELS": LEVELS, "PARTS": PARTS,
         }  # fmt: skip
+
+    def _seconds(self) -> dict[str, float]:
+        """The times of the text, in s."""
+        times = self.times
         begin = max(0, times.start - times.period - times.jitter)
-        seconds = {
-            "FREE_STEP": near(times.earliest, FREE),
-            "WINDOW": near(times.latest - times.earliest),
-            "START_STEP": near(begin, FREE),
-            "START_WINDOW": near(times.start - begin),
-            "LATE_READ": above(Fraction(times.delay, 10**9)),
-            "JITTER": near(times.jitter),
-            "FIRST_STEP": near(times.period - times.jitter, STEPS),
-            "LATER_STEP": near(times.period - 2 * times.jitter, STEPS),
-            "SHORTEST": near(times.period, 2),
-            "LONGEST": near(LONGEST * times.period),
-            "SETTLED": near(times.switches * times.period),
+        return {
+            "FREE_STEP": nearest_seconds(times.earliest, FREE),
+            "WINDOW": nearest_seconds(times.latest - times.earliest),
+            "START_STEP": nearest_seconds(begin, FREE),
+            "START_WINDOW": nearest_seconds(times.start - begin),
+            "LATE_READ": rounded_up(Fraction(times.delay, 10**9)),
+            "JITTER": nearest_seconds(times.jitter),
+            "FIRST_STEP": nearest_seconds(times.period - times.jitter, STEPS),
+            "LATER_STEP": nearest_seconds(times.period - 2 * times.jitter, STEPS),
+            "SHORTEST": nearest_seconds(times.period, 2),
+            "LONGEST": nearest_seconds(LONGEST * times.period),
+            "SETTLED": nearest_seconds(times.switches * times.period),
         }
-        lines = [f"const {name}: int = {value};" for name, value in whole.items()]
-        lines += [f"const {name}: float = {number(t)};" for name, t in seconds.items()]
-        lines += [f"const SHARES: bool = {str(shares).lower()};"]
-        lines += [f"const RESET: float = {0.5 if self.read_by_law else 0.9};"]
+
+    def _arrays(self, symbols: int) -> list[str]:
+        """The constants that are arrays: ranges of what moves the states, and first values."""
         half = [half_width(c) for c in self.problem.controls]
         wide = [half_width(d) for d in self.problem.disturbances]
-        zero, faced = form(0.0), [str(k) for k in self._faced]
+        n, m, faced = len(self.states), len(half), [str(k) for k in self._faced]
         effects = [f"{{ state: {k}, mover: {mover} }}" for k, mover, _ in self._effects]
         halves = [0.5 if k in self._faced else 1.0 for k in range(n)]
-        middles = [form(middle(c)) for c in self.problem.controls]
-        lines += [
-            f"const NONE: float[SYMBOLS] = {_vector([0.0] * symbols)};",
-            f"const NO_RATES: float[STATES] = {_vector([0.0] * n)};",
-            f"const ERRORS: float[STATES] = {_vector(self.errors())};",
-            f"const NOWHERE: Forms = {_array_text([zero] * n)};",
+        middles = [exact_form_text(middle(c)) for c in self.problem.controls]
+        zero, low, high = (_numbers_text([x] * n) for x in (0.0, inf, -inf))
+        return [
+            f"const NONE: float[SYMBOLS] = {_numbers_text([0.0] * symbols)};",
+            f"const NO_RATES: float[STATES] = {zero};",
+            f"const ERRORS: float[STATES] = {_numbers_text(self.errors().values())};",
+            f"const NOWHERE: Forms = {_array_text([exact_form_text(0.0)] * n)};",
             f"const NO_RANGES: Ranges = {_array_text([NO_RANGE] * n)};",
             f"const NO_ORDERS: Orders = {_array_text([NO_RANGE] * m)};",
-            f"const NO_FORMS: Forms[DEPTH] = {_array_text(['NOWHERE'] * times.depth)};",
+            f"const NO_FORMS: Forms[DEPTH] = {_array_text(['NOWHERE'] * self.times.depth)};",
             "type Effect = { state: int, mover: int };",
             f"const EFFECT: Effect[EFFECTS] = {_array_text(effects)};",
             f"const FACED: int[{max(1, len(self._faced))}] = {_array_text(faced or ['0'])};",
-            f"const AT_FIRST: float[STATES] = {_vector(halves)};",
+            f"const AT_FIRST: float[STATES] = {_numbers_text(halves)};",
             f"const ANY_COMMAND: Controls = {_array_text(middles)};",
-            f"const ANY: Wide = {_vector(wide + half)};",
-            f"const DISTURBED: Wide = {_vector(wide + [0.0] * m)};",
-            f"const NO_REGION: Region = {{ lo: {_vector([0.0] * n)}, hi: {_vector([0.0] * n)} }};",
-            f"const NO_SPAN: Region = {{ lo: {_vector([inf] * n)}, hi: {_vector([-inf] * n)} }};",
+            f"const ANY: Wide = {_numbers_text(wide + half)};",
+            f"const DISTURBED: Wide = {_numbers_text(wide + [0.0] * m)};",
+            f"const NO_REGION: Region = {{ lo: {zero}, hi: {zero} }};",
+            f"const NO_SPAN: Region = {{ lo: {low}, hi: {high} }};",
             "const IN_FLIGHT: Wanted = { asked: false, way: NO_REGION, end: NO_REGION };",
         ]
-        return "\n".join(lines) + "\n"
 
 
-def near(ns: int, parts: int = 1) -> float:
+def nearest_seconds(ns: int, parts: int = 1) -> float:
     """The double nearest to `ns / parts`, in seconds: `flow` allows for that rounding."""
     return float(Fraction(ns, 10**9 * parts))
 
 
-def above(x: Fraction) -> float:
+def rounded_up(x: Fraction) -> float:
     """The least double that is at least `x`."""
     value = float(x)
     return value if Fraction(value) >= x else nextafter(value, inf)
@@ -429,10 +393,10 @@ def above(x: Fraction) -> float:
 def half_width(r: Interval) -> float:
     """How far a range goes from its middle, rounded up."""
     m = Fraction(middle(r))
-    return above(max(Fraction(r.high) - m, m - Fraction(r.low)))
+    return rounded_up(max(Fraction(r.high) - m, m - Fraction(r.low)))
 
 
-def part(name: str) -> str:
+def shared_text(name: str) -> str:
     """The file `name` of this package, a text that is the same for all modules."""
     return (files(__package__) / name).read_text(encoding="utf-8")
 
@@ -452,15 +416,82 @@ def _states_read_through(asked: Iterable[Node], rates: Sequence[Node]) -> list[i
     return sorted(found)
 
 
-def form(value: float) -> str:
+def exact_form_text(value: float) -> str:
     """The text of a form that is one number without error."""
     v = number(value)
     return f"{{ c: {v}, r: 0.0, lo: {v}, hi: {v}, g: NONE }}"
 
 
-def _vector(values: Iterable[float]) -> str:
+def _numbers_text(values: Iterable[float]) -> str:
     return _array_text([number(float(v)) for v in values])
 
 
 def _array_text(items: Sequence[str]) -> str:
     return f"[{', '.join(items)}]"
+
+
+IN_S0 = 2
+
+
+@dataclass(frozen=True, eq=False)
+class TubeLevels(LevelTable):
+    """Level 2 of an estimate from which SC is followed to rest, level 0 of every other one."""
+
+    states: tuple[int, ...]
+    text: str
+    maps: int = 0
+    """How many numbers of maps the function takes, after those of the estimate."""
+    two_levels = True
+    ends = ()
+    """Empty: there are no cells, so no breakpoints."""
+    full = None
+    samples = None
+
+    @classmethod
+    def of(cls, check: TubeCheck, ways: Mapping[int, Interval]) -> TubeLevels:
+        """The predicates of one check; `ways`: Y, the range of each state as was shown offline."""
+        return cls(tuple(check.states), check.in_flight(ways), len(check.problem.map_leaves))
+
+    @cached_property
+    def functions(self) -> Mapping[str, FunSymbol]:
+        """The functions of the check in flight, by name."""
+        return functions_of(self.text)
+
+    def share(self, group: Group) -> float:
+        """There is no group to have a share of."""
+        raise NotImplementedError
+
+    def function(self, w: Writer, name: str) -> FunSymbol:
+        """`fun level(x0: float, ...): int`."""
+        good = self.functions["good"]
+        given = (("x", len(self.states)), ("m", self.maps))
+        inputs = [
+            [w.variable(f"{name}{k}", "parameter", FLOAT) for k in range(n)] for name, n in given
+        ]
+        found = w.call(good, *(_numbers(w, [w.read(x) for x in of]) for of in inputs if of))
+        answer = t.Conditional(INT, w.span, found, w.number(IN_S0), w.number(0))
+        return w.function(name, tuple(x for of in inputs for x in of), [w.give(answer)])
+
+    def more(self, w: Writer, problem: Problem) -> list[t.TypedExpr]:
+        """An expression for each number of the maps that `safe` reads."""
+        assert isinstance(problem, TubeProblem)
+        at = {index: symbol for symbol, index in problem.module.scope.topics.items()}
+        paths = {i: [p for p, _ in leaves(at[i].type)] for i, _ in problem.map_leaves}
+        return [w.leaf(at[i], paths[i][k]) for i, k in problem.map_leaves]
+
+    def judged(self, w: ShieldWriter) -> t.TypedExpr:
+        """An expression: SC brings the plant to rest from every command that may act then."""
+        own = _numbers(w, [w.command(k) for k in range(len(w.problem.controls))])
+        at = _numbers(w, estimate(w, w.problem, self))
+        maps = self.more(w, w.problem)
+        given = [_numbers(w, maps)] if maps else []
+        return w.call(self.functions["judged"], at, own, w.times(), w.since(), *given)
+
+    def entry(self, names: Sequence[str], stem: str, files: dict[str, bytes]) -> dict[str, object]:
+        """Not implemented: the check is made from the program and is no part of a certificate."""
+        raise NotImplementedError
+
+
+def _numbers(w: Writer, values: Sequence[t.TypedExpr]) -> t.TypedExpr:
+    """An expression: the array of these values."""
+    return t.Aggregate(ArrayType(FLOAT, len(values)), w.span, tuple(values))

@@ -49,7 +49,7 @@ def entry(result: TubeResult, system: str, stem: str, files: dict[str, bytes]) -
     said.pop("failsafe", None)  # none is declared: there is nothing to be claimed
     q, times = problem.quantities, check.times
     names = [s.name for s in q.states]
-    errors = dict(zip(check.states, check.errors(), strict=True))
+    errors = check.errors()
     return {
         "system": system,
         "module": problem.name,
@@ -78,12 +78,12 @@ def entry(result: TubeResult, system: str, stem: str, files: dict[str, bytes]) -
             },
             "box": _hex_ranges(names, claims.box),
             "ways": _hex_ranges(names, claims.ways),
-            **_shield(result),
+            **_shield_entry(result),
         },
     }
 
 
-def _shield(result: TubeResult) -> dict[str, object]:
+def _shield_entry(result: TubeResult) -> dict[str, object]:
     """The entry's part about judged commands; empty where the module has no `shield`."""
     problem, shield = result.problem, result.problem.module.shield
     if shield is None:
@@ -172,7 +172,7 @@ def verify_by_tubes(
     if claims.answers:
         rest.hint = _advise_sets(check) + ANSWERS
     elif why:
-        rest.hint = _advice(check, claims, ask=bool(refute or explain))
+        rest.hint = _advice_on_rest(check, claims, ask=bool(refute or explain))
     in_flight = IN_FLIGHT if problem.module.shield is None else IN_FLIGHT + JUDGED
     flies = Finding(UNDECIDED if why else ASSUMED, 0.0, HOW, why or in_flight)
     findings = {
@@ -186,7 +186,7 @@ def verify_by_tubes(
             UNDECIDED if claims.start or why else PROVED,
             0.0,
             HOW,
-            claims.start or why or _start(check),
+            claims.start or why or _start_text(check),
         ),
         "failsafe": Finding(ASSUMED, text=NO_LAW),
         "DM": Finding(ASSUMED, text="not tried: its predicates follow SC"),
@@ -196,7 +196,7 @@ def verify_by_tubes(
     return result
 
 
-def _advice(
+def _advice_on_rest(
     check: TubeCheck,
     claims: RestClaims,
     *,
@@ -278,7 +278,7 @@ def _kept_text(check: TubeCheck, claims: RestClaims) -> str:
     return f"once `rest` holds SC leads back there again and again{where}"
 
 
-def _start(check: TubeCheck) -> str:
+def _start_text(check: TubeCheck) -> str:
     return f"from there SC, acting within {show_ns(check.times.start)}, comes to rest within C"
 
 

@@ -29,7 +29,7 @@ from soter.language.front_end import check_file, system_of
 from soter.verify.claims import claims
 from soter.verify.enclose.compiled_enclosures import library_of
 from soter.verify.grid.claims import GridProof
-from soter.verify.grid.resting import resting
+from soter.verify.grid.resting import cells_at_rest
 from soter.verify.grid.sets import RESTS
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import EVERY_SOLUTION
@@ -152,7 +152,7 @@ def at_rest(source: str) -> Bools:
     case = opened(source)
     (proof,) = case.proofs
     assert isinstance(proof, GridProof)
-    return resting(case, proof.engine, proof.found.allowed)
+    return cells_at_rest(case, proof.engine, proof.found.allowed)
 
 
 def shown(source: str, marked: Bools, folder: Path) -> bool:

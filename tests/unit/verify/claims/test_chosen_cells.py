@@ -110,9 +110,9 @@ def test_what_is_proved_is_what_flies(
 ) -> None:
     _, folder = proved
     if known:
-        monkeypatch.setattr(missing_predicates, "_computed", lambda *_: pytest.fail("again"))
+        monkeypatch.setattr(missing_predicates, "_compute_sets", lambda *_: pytest.fail("again"))
     else:
-        monkeypatch.setattr(missing_predicates, "_kept", lambda *_: None)
+        monkeypatch.setattr(missing_predicates, "_cached_sets", lambda *_: None)
     flat = system_of(check_file(str(folder / "p.soter")), None)
     (note,) = missing_predicates.complete(flat)
     assert "; on 100 cells, as less is shown on those that are declared" in note
@@ -141,7 +141,7 @@ def test_a_build_has_the_cells_of_the_certificate_and_refuses_others(
         once = smaller_cells(problem, coarse)
         return smaller_cells(once, once.groups)
 
-    monkeypatch.setattr(missing_predicates, "_keep", lambda *_: None)
+    monkeypatch.setattr(missing_predicates, "_store_sets", lambda *_: None)
     monkeypatch.setattr(chooser, "smaller_cells", twice)
     (tmp_path / "robot.soter").write_text(ROBOT)
     assert verified(tmp_path, CART).cells == 400

@@ -154,9 +154,9 @@ def test_what_is_proved_is_what_flies(
 ) -> None:
     _, folder = proof(OPEN[name])
     if known:
-        monkeypatch.setattr(missing_predicates, "_computed", lambda *_: pytest.fail("again"))
+        monkeypatch.setattr(missing_predicates, "_compute_sets", lambda *_: pytest.fail("again"))
     else:
-        monkeypatch.setattr(missing_predicates, "_kept", lambda *_: None)
+        monkeypatch.setattr(missing_predicates, "_cached_sets", lambda *_: None)
     flat = system_of(check_file(str(folder / "p.soter")), None)
     (note,) = missing_predicates.complete(flat)
     assert note.endswith("; with 2 levels, as less is shown with 3")
@@ -284,7 +284,7 @@ def test_a_build_refuses_tables_with_another_number_of_levels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They are as right as others, and not those that every other command flies."""
-    monkeypatch.setattr(missing_predicates, "_keep", lambda *_: None)
+    monkeypatch.setattr(missing_predicates, "_store_sets", lambda *_: None)
     monkeypatch.setattr(chooser, "LEVELS_DEFAULT", 2)
     assert verified(tmp_path, FINE).problem.levels == 2
     monkeypatch.undo()

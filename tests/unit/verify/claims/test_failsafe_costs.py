@@ -139,7 +139,7 @@ def cores(monkeypatch: pytest.MonkeyPatch) -> list[Core]:
         return found[-1]
 
     monkeypatch.setattr(GridGroup, "core", remembered)
-    monkeypatch.setattr("soter.verify.deploy.missing_predicates._kept", lambda *_: None)
+    monkeypatch.setattr("soter.verify.deploy.missing_predicates._cached_sets", lambda *_: None)
     # P2b, which looks for sets as well, has none here
     monkeypatch.setattr("soter.verify.deploy.missing_predicates.with_way_back", lambda done: done)
     return found

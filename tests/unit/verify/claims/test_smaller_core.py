@@ -21,7 +21,7 @@ from soter.language.front_end import check_file, system_of
 from soter.verify.claims import choice
 from soter.verify.claims.results import PROVED, UNDECIDED
 from soter.verify.deploy import missing_predicates
-from soter.verify.deploy.grid_tables import Estimates
+from soter.verify.deploy.level_tables import Estimates
 from soter.verify.grid import recovery
 from soter.verify.problem.extract import extract
 from soter.verify.verify_module import verify_module
@@ -160,8 +160,8 @@ def test_a_flight_has_the_tables_of_the_smaller_k(monkeypatch: pytest.MonkeyPatc
         whole = verify_module(problem, refute=False, explain=False).cases[0].groups[0].levels[0]
         with monkeypatch.context() as patch:
             _only(patch, 16)
-            patch.setattr(missing_predicates, "_kept", lambda *_: None)
-            patch.setattr(missing_predicates, "_keep", lambda *_: None)
+            patch.setattr(missing_predicates, "_cached_sets", lambda *_: None)
+            patch.setattr(missing_predicates, "_store_sets", lambda *_: None)
             proved = verify_module(problem, refute=False, explain=False)
             flown, pairs = missing_predicates.sets_of(problem)
         assert pairs is not None

@@ -19,8 +19,7 @@ from soter.language.model.system import Module, Scope, System
 from soter.language.model.types import FLOAT
 from soter.verify.claims.case import Case
 from soter.verify.deploy import missing_predicates as complete_
-from soter.verify.deploy.grid_tables import GroupTable, level_function
-from soter.verify.deploy.level_table import Writer
+from soter.verify.deploy.level_tables import GroupTable, Writer, level_function
 from soter.verify.deploy.missing_predicates import complete
 from soter.verify.grid import estimate_sets as levels_
 
@@ -134,7 +133,7 @@ def test_the_second_time_they_come_from_the_cache(
 ) -> None:
     monkeypatch.setenv("SOTER_CACHE", str(tmp_path / "cache"))
     first = complete(flat(open_cart))
-    monkeypatch.setattr(complete_, "_computed", lambda *_: pytest.fail("computed again"))
+    monkeypatch.setattr(complete_, "_compute_sets", lambda *_: pytest.fail("computed again"))
     assert complete(flat(open_cart)) == first
     wider = open_cart.read_text(encoding="utf-8").replace("[-0.2, 0.2]", "[-0.3, 0.3]")
     open_cart.write_text(wider, encoding="utf-8")

@@ -15,7 +15,7 @@ import pytest
 import soter
 from long_tests import examples, seeds
 from soter.language.front_end import check_file, system_of
-from soter.verify.deploy.grid_tables import GroupTable
+from soter.verify.deploy.level_tables import GroupTable
 from soter.verify.deploy.missing_predicates import looks_of
 from soter.verify.polytope.tables import Facets
 from soter.verify.problem.extract import extract

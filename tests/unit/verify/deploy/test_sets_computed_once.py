@@ -42,16 +42,18 @@ system Vehicle deploys Guarded {
 def computed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The modules whose sets were computed, and not found in the cache."""
     modules: list[str] = []
-    compute = missing_predicates._computed
+    compute = missing_predicates._compute_sets
 
     def remembered(problem: Any, *rest: Any) -> Any:
         modules.append(problem.name)
         return compute(problem, *rest)
 
-    monkeypatch.setattr(missing_predicates, "_computed", remembered)
+    monkeypatch.setattr(missing_predicates, "_compute_sets", remembered)
     kept: dict[str, Any] = {}
-    monkeypatch.setattr(missing_predicates, "_kept", lambda key, _: kept.get(key))
-    monkeypatch.setattr(missing_predicates, "_keep", lambda key, *sets: kept.update({key: sets}))
+    monkeypatch.setattr(missing_predicates, "_cached_sets", lambda key, _: kept.get(key))
+    monkeypatch.setattr(
+        missing_predicates, "_store_sets", lambda key, *sets: kept.update({key: sets})
+    )
     return modules
 
 

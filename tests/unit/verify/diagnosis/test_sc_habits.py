@@ -93,8 +93,8 @@ def test_what_was_in_vain_alone_is_not_told_as_untried(monkeypatch: pytest.Monke
         ],
     )
     monkeypatch.setattr(tried_remedies, "with_merged_cells", lambda tried, _: tried)
-    helped = tried_remedies._Helped(NotProved(problem, ("ttf", "safer"), (), None))
-    while helped.by_one_more(trials):  # type: ignore[arg-type]
+    helped = tried_remedies._KeptChanges(NotProved(problem, ("ttf", "safer"), (), None))
+    while helped.try_one_more(trials):  # type: ignore[arg-type]
         pass
     assert helped.said == ["B"]
     assert (list(helped.in_vain), list(helped.untried)) == (["A"], [])

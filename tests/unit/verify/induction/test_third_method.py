@@ -22,7 +22,7 @@ from soter.verify import command
 from soter.verify.claims.case import GroupProof, Method
 from soter.verify.claims.product_sets import BoxPart
 from soter.verify.claims.results import VerifyReport
-from soter.verify.deploy.grid_tables import GroupTable
+from soter.verify.deploy.level_tables import GroupTable
 from soter.verify.problem.extract import extract
 from soter.verify.proof_methods import METHODS, entry_over_sets
 from soter.verify.proof_report import page
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from soter.verify.claims.case import Case
     from soter.verify.claims.product_sets import SetFactor
     from soter.verify.claims.results import ModuleResult
-    from soter.verify.deploy.level_table import LevelTable
+    from soter.verify.deploy.level_tables import LevelTable
     from soter.verify.problem.problem import Group, Problem
 
     Set = frozenset[float]

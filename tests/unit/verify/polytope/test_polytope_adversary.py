@@ -12,7 +12,7 @@ import pytest
 from long_tests import some
 from soter.verify.polytope import linear_group as polytope_model
 from soter.verify.polytope.matrices import exact, up_product
-from soter.verify.polytope.proofs import Windows, claims_of, find_core, prove_core
+from soter.verify.polytope.proofs import Claims, Windows, find_core, prove_core
 from unit.verify.polytope.polytope_adversary import MS, Attack, random_group
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def module(seed: int, delay_ms: int, jitter_ms: int) -> LinearGroup:
 def kept(group: LinearGroup) -> PolytopeSets | None:
     sets = find_core(group, WINDOWS)
     if sets is not None:
-        prove_core(sets, claims_of())
+        prove_core(sets, Claims())
     return sets
 
 
@@ -70,12 +70,12 @@ def _only_errors(self: polytope_model.Hold) -> Array:
     return up_product(np.abs(self.group.gain), self.group.error)
 
 
-READ = polytope_model.Hold._read
+READ = polytope_model.Hold._read_error
 HOLES: dict[str, tuple[object, str, Callable[..., object], tuple[int, int], float]] = {
-    "every read is d/2 old": (polytope_model.Hold, "_read", _only_errors, (30, 0), 0.1),
+    "every read is d/2 old": (polytope_model.Hold, "_read_error", _only_errors, (30, 0), 0.1),
     "reads are exact": (
         polytope_model.Hold,
-        "_read",
+        "_read_error",
         lambda self: READ(self) - _only_errors(self),
         (0, 0),
         5.0,

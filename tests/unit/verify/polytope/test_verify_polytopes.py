@@ -22,7 +22,7 @@ from soter.verify.polytope.claims import why_not
 from soter.verify.polytope.extract_group import NotLinearError, linear_group
 from soter.verify.polytope.half_spaces import LinearProgram, Polytope
 from soter.verify.polytope.matrices import exact, exponential
-from soter.verify.polytope.proofs import claims_of
+from soter.verify.polytope.proofs import Claims
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import texts
 from soter.verify.refute import refute
@@ -174,7 +174,7 @@ def test_the_axis_is_named_on_which_a_bound_is_missed_most() -> None:
 
     def missed(row: list[float]) -> str:
         def prove() -> None:
-            claims_of().holds("K", lines, exact(np.array([[0.1, 0.0], row])), np.array([1.0, 0.5]))
+            Claims().holds("K", lines, exact(np.array([[0.1, 0.0], row])), np.array([1.0, 0.5]))
 
         return why_not(prove, group)
 

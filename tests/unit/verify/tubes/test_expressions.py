@@ -20,8 +20,8 @@ from soter.verify.tubes import tube_check
 from soter.verify.tubes.expression_graph import Expressions, NoExpressionError
 from soter.verify.tubes.generated_functions import Caller, certain, function
 from soter.verify.tubes.module_expressions import ModuleExpressions
-from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.tube_check import TubeCheck, TubeTimes
+from soter.verify.tubes.problem import TubeProblem, TubeTimes
+from soter.verify.tubes.tube_check import TubeCheck
 from unit.verify.tubes.random_plants import drawn_module
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from soter.api import Program
 from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
 from soter.verify.tubes.generated_functions import Caller
-from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.tube_check import TubeCheck, TubeTimes
+from soter.verify.tubes.problem import TubeProblem, TubeTimes
+from soter.verify.tubes.tube_check import TubeCheck
 from unit.verify.tubes.test_rest_claims import FOLLOW, SENSED, refused, verified
 
 if TYPE_CHECKING:

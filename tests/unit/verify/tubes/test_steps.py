@@ -16,8 +16,8 @@ from soter.language.front_end import check_file, system_to_prove
 from soter.verify.problem.extract import extract
 from soter.verify.problem.problem import Interval
 from soter.verify.tubes.generated_functions import Caller
-from soter.verify.tubes.problem import TubeProblem
-from soter.verify.tubes.tube_check import CUTS, TubeCheck, TubeTimes
+from soter.verify.tubes.problem import TubeProblem, TubeTimes
+from soter.verify.tubes.tube_check import CUTS, TubeCheck
 from unit.verify.tubes.random_plants import DrawnModule, drawn_module
 from unit.verify.tubes.soter_forms import Library, down, drawn, eps_of, off_by, up
 
