@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
 from soter.codegen.c_names import field_name
-from soter.codegen.c_types import FAULT, int_number
+from soter.codegen.c_types import FAULT, aggregate, int_number
 from soter.codegen.storage_plan import RESULT, has_address, is_still_here
 from soter.codegen.value_locations import LOGICAL, MADE, Places, compared_twice, has_known_result
 from soter.core import core
@@ -227,23 +227,11 @@ class Body(Places):
     def _make(self, e: core.Make) -> c.CExpr:
         t = e.type
         name = self.types.stored(t)
-        if isinstance(t, RecordType):
-            return c.Initializer(
-                tuple(
-                    (field_name(n), self._part(f, v))
-                    for (n, f), v in zip(t.fields, e.elements, strict=True)
-                ),
-                name,
-            )
-        assert isinstance(t, (ArrayType, ListType))
-        items = c.Initializer(tuple((None, self._part(t.element, v)) for v in e.elements))
-        if isinstance(t, ArrayType):
-            return c.Initializer((("at", items),), name)
-        length: tuple[str, c.CExpr] = ("len", c.Number(str(len(e.elements))))
-        return c.Initializer((("items", items), length) if e.elements else (length,), name)
 
-    def _part(self, t: Type, e: core.Expr) -> c.CExpr:
-        return self.types.to_store(t, self.expr(e))
+        def part(of: Type, element: core.Expr) -> c.CExpr:
+            return self.types.to_store(of, self.expr(element))
+
+        return aggregate(t, e.elements, part, name)
 
     # ------------------------------------------------------------ statements
 
@@ -252,11 +240,7 @@ class Body(Places):
 
         A temporary that neither it nor `after` reads is marked as unused, against warnings.
         """
-        used = self.used((statements, after))
-        c_statements: list[c.CStmt] = []
-        for s in statements:
-            c_statements += self.statement(s, used)
-        return c_statements
+        return list(self._inner(statements, self.used((statements, after))))
 
     def statement(self, s: core.Stmt, used: set[str]) -> list[c.CStmt]:
         """Translates one statement; `used` has the temporaries that something reads."""
@@ -293,9 +277,8 @@ class Body(Places):
         return self._publish(s)
 
     def _publish(self, s: core.Publish) -> list[c.CStmt]:
-        has: list[c.CStmt] = []
-        if s.output not in self.certain:
-            has.append(c.Assign(self.has(s.output), c.Name("true")))
+        certain = s.output in self.certain
+        has = [] if certain else [c.Assign(self.has(s.output), c.Name("true"))]
         out, root = self.out(s.output), output_name(s.output)
         if s.limit is None:
             if self.types.is_large(s.value.type):
@@ -397,10 +380,7 @@ class Body(Places):
         return self._declare(s.name, s.type, value, const=True)
 
     def _inner(self, statements: tuple[core.Stmt, ...], used: set[str]) -> tuple[c.CStmt, ...]:
-        c_statements: list[c.CStmt] = []
-        for s in statements:
-            c_statements += self.statement(s, used)
-        return tuple(c_statements)
+        return tuple([made for s in statements for made in self.statement(s, used)])
 
     def _declare(self, name: str, t: Type, value: c.CExpr, *, const: bool) -> c.CStmt:
         return c.Declare(self.types.work(t), self.local(name), value, const)

@@ -8,7 +8,7 @@ Non-goals: statements.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.codegen import c_tree as c
 from soter.codegen.c_names import FileNames, field_name
@@ -28,6 +28,8 @@ from soter.language.model.types import (
 from soter.language.model.values import Table
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from soter.language.model.system import Bound
     from soter.language.model.types import Value
 
@@ -94,12 +96,12 @@ class TypeTable:
         if isinstance(t, ArrayType):
             return (c.StructMember(self.stored(t.element), "at", t.size),)
         layout = struct_of(t)
-        members = []
-        for m in layout.members:
-            if isinstance(t, ListType) and m.name == "items":
-                members.append(c.StructMember(self.stored(t.element), "items", t.capacity))
-            else:
-                members.append(c.StructMember(self.stored(m.type), field_name(m.name)))
+        members = [
+            c.StructMember(self.stored(t.element), "items", t.capacity)
+            if isinstance(t, ListType) and m.name == "items"
+            else c.StructMember(self.stored(m.type), field_name(m.name))
+            for m in layout.members
+        ]
         if layout.padding:
             members.append(c.StructMember("uint8_t", "pad_", layout.padding))
         return tuple(members)
@@ -146,19 +148,7 @@ class TypeTable:
         """A constant inside an initializer list."""
         if scalar(t) is not None:
             return scalar_constant(t, value)
-        if isinstance(t, RecordType):
-            return c.Initializer(
-                tuple(
-                    (field_name(n), self.initializer(f, v))
-                    for (n, f), v in zip(t.fields, value, strict=True)
-                )
-            )
-        assert isinstance(t, (ArrayType, ListType))
-        items = c.Initializer(tuple((None, self.initializer(t.element, v)) for v in value))
-        if isinstance(t, ArrayType):
-            return c.Initializer((("at", items),))
-        length: tuple[str, c.CExpr] = ("len", c.Number(str(len(value))))
-        return c.Initializer((("items", items), length) if value else (length,))
+        return aggregate(t, value, self.initializer)
 
     def default(self, t: Type) -> c.CExpr:
         """The default of a type as an initial value."""
@@ -246,17 +236,14 @@ class TypeTable:
             return [c.Do(c.CallExpr("soter_check_int", arguments))]
         if isinstance(t, (BoolType, EnumType)):
             return []
-        if not self._needs_check(t, bounds):
+        pairs = zip(leaves(t), bounds, strict=True)
+        if not any(
+            isinstance(leaf, FloatType) or (isinstance(leaf, IntType) and bound is not None)
+            for (_, leaf), bound in pairs
+        ):
             return []
         function = self._check_function(t, bounds)
         return [c.Do(c.CallExpr(function, (c.address(e), FAULT)))]
-
-    def _needs_check(self, t: Type, bounds: tuple[Bound | None, ...]) -> bool:
-        kinds = [leaf for _, leaf in leaves(t)]
-        return any(
-            isinstance(k, FloatType) or (isinstance(k, IntType) and b is not None)
-            for k, b in zip(kinds, bounds, strict=True)
-        )
 
     def _check_function(self, t: Type, bounds: tuple[Bound | None, ...]) -> str:
         key = (t, bounds)
@@ -306,11 +293,30 @@ class TypeTable:
             element = c.IndexExpr(array, c.Name("k"))
             inner = self.check(t.element, groups[0], element)
             return [c.For("k", c.Number("0"), c.Number(str(t.size)), tuple(inner))]
-        checks: list[c.CStmt] = []
-        for i, g in enumerate(groups):
-            element = c.IndexExpr(array, c.Number(str(i)))
-            checks += self.check(t.element, g, element)
-        return checks
+        elements = [c.IndexExpr(array, c.Number(str(i))) for i in range(t.size)]
+        pairs = zip(groups, elements, strict=True)
+        return [made for g, element in pairs for made in self.check(t.element, g, element)]
+
+
+def aggregate(
+    t: Type,
+    elements: Sequence[Value],
+    part: Callable[[Type, Any], c.CExpr],
+    name: str | None = None,
+) -> c.CExpr:
+    """The initializer of a record, array or list, a compound literal if it has the type's `name`.
+
+    `part` makes the C of each element, given its type and the element.
+    """
+    if isinstance(t, RecordType):
+        pairs = zip(t.fields, elements, strict=True)
+        return c.Initializer(tuple((field_name(n), part(f, v)) for (n, f), v in pairs), name)
+    assert isinstance(t, (ArrayType, ListType))
+    items = c.Initializer(tuple((None, part(t.element, v)) for v in elements))
+    if isinstance(t, ArrayType):
+        return c.Initializer((("at", items),), name)
+    length: tuple[str, c.CExpr] = ("len", c.Number(str(len(elements))))
+    return c.Initializer((("items", items), length) if elements else (length,), name)
 
 
 def scalar_constant(t: Type, value: Value) -> c.CExpr:
@@ -339,8 +345,3 @@ def float_number(value: float) -> c.CExpr:
     if math.isinf(value):
         return c.Name("(double)INFINITY") if value > 0 else c.Name("(-(double)INFINITY)")
     return c.Number(repr(float(value)))
-
-
-def bytes_of(t: Type) -> int:
-    """Size in memory, for static checks."""
-    return size_of(t)

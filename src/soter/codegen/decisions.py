@@ -104,12 +104,9 @@ def _predicates(decision: core.Decision, name: str, module: Module) -> list[c.CS
     if nan:
         looks = c.Arrow(c.Name("m"), "nan_looks")
         counts = c.Binary("&&", c.Name("nan_seen"), c.Binary("<", looks, c.Name("UINT16_MAX")))
-        body.append(c.IfStmt(counts, (c.Assign(looks, _one_more(looks)),)))
+        more_looks = c.Cast("uint16_t", c.Binary("+", looks, c.Number("1U")))
+        body.append(c.IfStmt(counts, (c.Assign(looks, more_looks),)))
     return body
-
-
-def _one_more(count: c.CExpr) -> c.CExpr:
-    return c.Cast("uint16_t", c.Binary("+", count, c.Number("1U")))
 
 
 def _decided(frame: Frame, module: Module, facts: tuple[c.CExpr, ...]) -> list[c.CStmt]:

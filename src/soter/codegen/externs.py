@@ -204,10 +204,9 @@ def received(t: Type, e: c.CExpr, depth: int = 0) -> list[c.CStmt]:
     if isinstance(t, IntType):
         return _int(t, e)
     if isinstance(t, RecordType):
-        statements: list[c.CStmt] = []
-        for name, field in t.fields:
-            statements += received(field, c.Member(e, field_name(name)), depth)
-        return [*statements, *_padding(t, e, depth)]
+        parts = [(field, c.Member(e, field_name(name))) for name, field in t.fields]
+        inside = [made for field, part in parts for made in received(field, part, depth)]
+        return [*inside, *_padding(t, e, depth)]
     counter = f"k{depth}"
     if isinstance(t, ArrayType):
         inner = received(t.element, c.IndexExpr(c.Member(e, "at"), c.Name(counter)), depth + 1)

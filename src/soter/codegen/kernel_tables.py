@@ -18,7 +18,6 @@ from soter.language.model.system import environment_topics
 from soter.language.model.types import (
     ArrayType,
     FloatType,
-    ListType,
     RecordType,
     default_value,
     leaves,
@@ -77,8 +76,6 @@ def _is_zero(t: Type, value: Value) -> bool:
         return all(_is_zero(f, v) for (_, f), v in zip(t.fields, value, strict=True))
     if isinstance(t, ArrayType):
         return all(_is_zero(t.element, v) for v in value)
-    if isinstance(t, ListType):
-        return not value
     return not value
 
 

@@ -55,7 +55,7 @@ def push(frame: Frame, topic: Topic) -> c.FunctionDef:
             shift = (c.For("k", c.Number("0"), last, move),) if capacity > 1 else ()
             body += [c.IfStmt(c.Unary("!", room), (*shift, c.Assign(length, last))), *append]
         elif queue.policy == "fault":
-            lost = c.Assign(_lost(index), c.Name("SOTER_LOST"))
+            lost = c.Assign(_stamp(index), c.Name("SOTER_LOST"))
             body.append(c.IfStmt(room, append, (lost,)))
         else:
             body.append(c.IfStmt(room, append))
@@ -65,13 +65,9 @@ def push(frame: Frame, topic: Topic) -> c.FunctionDef:
     )
 
 
-def _lost(queue: int) -> c.CExpr:
-    """The queue's stamp, which says if it lost a value against its policy: SOTER_LOST or _NEVER."""
-    return c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(queue)))
-
-
 def _has_lost(queue: int) -> c.CExpr:
-    return c.Binary("!=", _lost(queue), c.Name("SOTER_NEVER"))
+    """Whether a queue's stamp is SOTER_LOST: it lost a value against its policy."""
+    return c.Binary("!=", _stamp(queue), c.Name("SOTER_NEVER"))
 
 
 def must_not_lose(frame: Frame, component: Component) -> list[c.CStmt]:
@@ -96,13 +92,15 @@ def empty(frame: Frame, queue: int) -> c.CStmt:
 
 def clear_lost_queues(frame: Frame, component: Component) -> list[c.CStmt]:
     """Empties, after a capacity fault, the queues that lost a value, and clears that mark."""
-    statements: list[c.CStmt] = []
-    for q in queues_of(frame.system, component):
-        if frame.system.topics[q].policy == "fault":
-            fresh = (empty(frame, q), c.Assign(_lost(q), c.Name("SOTER_NEVER")))
-            told = c.Binary("==", c.Name("status"), c.Name("SOTER_CAPACITY"))
-            statements.append(c.IfStmt(c.Binary("&&", told, _has_lost(q)), fresh))
-    return statements
+    told = c.Binary("==", c.Name("status"), c.Name("SOTER_CAPACITY"))
+    return [
+        c.IfStmt(
+            c.Binary("&&", told, _has_lost(q)),
+            (empty(frame, q), c.Assign(_stamp(q), c.Name("SOTER_NEVER"))),
+        )
+        for q in queues_of(frame.system, component)
+        if frame.system.topics[q].policy == "fault"
+    ]
 
 
 PARAMETERS = (("void *", "state"),)
@@ -133,14 +131,17 @@ def effect(
     """The C function that publishes what is held, if outputs are enabled, and empties `held`."""
     assert component.held is not None
     own = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(component.index)))
-    stores: list[c.CStmt] = []
-    for k, output in enumerate(outputs):
-        each = (
-            c.Assign(frame.topic(output.topic), _part(frame, component, "out", k)),
-            c.Assign(_stamp(output.topic), CT),
-            *frame.push_on(output.topic),
+    stores = [
+        c.IfStmt(
+            _is_held(frame, component, k),
+            (
+                c.Assign(frame.topic(output.topic), _part(frame, component, "out", k)),
+                c.Assign(_stamp(output.topic), CT),
+                *frame.push_on(output.topic),
+            ),
         )
-        stores.append(c.IfStmt(_is_held(frame, component, k), each))
+        for k, output in enumerate(outputs)
+    ]
     body = (
         frame.state_pointer(),
         c.IfStmt(c.Binary("!=", c.Member(own, "oe"), c.Number("0U")), tuple(stores)),
@@ -302,8 +303,8 @@ def _store_shield_memory(frame: Frame, step: core.NodeStep) -> list[c.CStmt]:
 
 def _store_hidden_topic(frame: Frame, cell: core.Cell, name: str, t: Type) -> tuple[c.CStmt, ...]:
     """Stores the value of temporary `name` in a hidden topic, with the time of this step."""
-    stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(cell.owner)))
-    return (*frame.types.commit(frame.cell(cell), t, frame.body.place(name)), c.Assign(stamp, CT))
+    stored = frame.types.commit(frame.cell(cell), t, frame.body.place(name))
+    return (*stored, c.Assign(_stamp(cell.owner), CT))
 
 
 def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:
@@ -415,6 +416,6 @@ def failsafe(frame: Frame, component: Component, name: str) -> c.FunctionDef | N
         t = frame.system.topics[index].type
         constant = frame.types.constant(t, value, "failsafe")
         body.append(c.Assign(frame.topic(index), frame.types.to_store(t, constant)))
-        body.append(c.Assign(c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(index))), CT))
+        body.append(c.Assign(_stamp(index), CT))
         body += frame.push_on(index)
     return c.FunctionDef("void", f"{name}_failsafe", (("void *", "state"),), tuple(body))

@@ -213,16 +213,12 @@ class Frame:
 
     def check_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
         """Checks, as the gate does, that each output is finite and inside its topic's set."""
-        statements: list[c.CStmt] = []
-        for k, output in enumerate(outputs):
-            checks = self.types.check(
-                output.type,
-                tuple(output.bounds),
-                self.body.out(k),
-            )
-            if checks:
-                statements += self.if_published(k, list(checks))
-        return statements
+        return [
+            made
+            for k, output in enumerate(outputs)
+            if (checks := self.types.check(output.type, tuple(output.bounds), self.body.out(k)))
+            for made in self.if_published(k, list(checks))
+        ]
 
     def publish(self, outputs: tuple[core.Output, ...], *, gated: bool) -> list[c.CStmt]:
         """Reports outputs, and stores them; `gated`: only if enabled (OE; the paper's rule n1)."""

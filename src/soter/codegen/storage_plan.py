@@ -181,12 +181,8 @@ class _Planner:
             of = self.types[a]
             if isinstance(of, RecordType) and of.fields[field_][1] == self.types[b]:
                 self._join(groups, walker, (a, (of.fields[field_][0],)), b)
-        homes: dict[str, tuple[str, Path]] = {}
-        for name, group in groups.items():
-            home = self._home(group)
-            if home != name:
-                homes[name] = home, group[name]
-        return homes
+        homes = {name: (self._home(group), group[name]) for name, group in groups.items()}
+        return {name: home for name, home in homes.items() if home[0] != name}
 
     def _join(
         self,

@@ -230,9 +230,11 @@ class UnitBuilder:
         problems = []
         for binding, span, node in linked_functions(self.frame, self.core):
             name = symbol_of(binding)
-            why = no_linked_name(name, node=node)
-            if name in own:
-                why = f"the code that is generated of `{self.prefix}` has something of that name"
+            why = (
+                f"the code that is generated of `{self.prefix}` has something of that name"
+                if name in own
+                else no_linked_name(name, node=node)
+            )
             if why:
                 message = f"`{binding}` cannot be linked: the function's name is impossible"
                 helps = ("give the C function another name, and bind to that",)

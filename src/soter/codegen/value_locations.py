@@ -168,9 +168,7 @@ class Places:
 
     def changing(self, s: core.Stmt, made: list[c.CStmt]) -> list[c.CStmt]:
         """Code `made` of `s`, after code that saves, the first time, a local changed in place."""
-        name = getattr(s, "name", None)
-        if isinstance(s, core.Publish):
-            name = output_name(s.output)
+        name = output_name(s.output) if isinstance(s, core.Publish) else getattr(s, "name", None)
         home = self.plan.home(name) if isinstance(name, str) else ""
         if home not in self.in_place or all(isinstance(x, c.Unused) for x in made):
             return made
@@ -197,13 +195,8 @@ class Places:
 
     def arguments(self, arguments: tuple[core.Expr, ...]) -> tuple[list[c.CStmt], list[c.CExpr]]:
         """Statements that go before a call, and its C arguments."""
-        before: list[c.CStmt] = []
-        given: list[c.CExpr] = []
-        for e in arguments:
-            first, argument = self._argument(e)
-            before += first
-            given.append(argument)
-        return before, given
+        pairs = [self._argument(e) for e in arguments]
+        return [s for before, _ in pairs for s in before], [given for _, given in pairs]
 
     def _argument(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
         """Statements before the call, and one C argument: the address of a large value."""
@@ -258,9 +251,11 @@ class Places:
     def _fields_into(
         self, target: c.CExpr, root: str, t: RecordType, e: core.Make
     ) -> list[c.CStmt]:
-        statements: list[c.CStmt] = []
-        for (name, of), element in zip(t.fields, e.elements, strict=True):
-            statements += self.into(c.Member(target, field_name(name)), root, of, element)
+        statements = [
+            made
+            for (name, of), element in zip(t.fields, e.elements, strict=True)
+            for made in self.into(c.Member(target, field_name(name)), root, of, element)
+        ]
         if struct_of(t).padding:
             byte = c.IndexExpr(c.Member(target, "pad_"), c.Name("pad"))
             zero = (c.Assign(byte, c.Number("0")),)

@@ -75,10 +75,8 @@ class _Plant:
             for m in self.component.measured
         )
         footprint = footprint_of((*choose, *integrate, *publish))
-        for c in self.copies:
-            footprint.reads.add(c.cell)
-            if c.written:
-                footprint.writes.add(c.cell)
+        footprint.reads |= {c.cell for c in self.copies}
+        footprint.writes |= {c.cell for c in self.copies if c.written}
         for o in outputs:
             footprint.writes.update(written_topics(self.system, o.topic))
         return core.PlantStep(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.core import core
 from soter.core.core_walks import footprint_of, written_names, written_topics
+from soter.core.lower_expressions import index_components, select
 from soter.core.lower_statements import Builder, FunctionTable
 from soter.core.plants import lower_plant
 from soter.language.evaluate.arithmetic import FaultKind
@@ -20,8 +21,6 @@ from soter.language.model.tree_walk import premise_of
 from soter.language.model.types import BOOL, INT, ArrayType, RecordType
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from soter.diagnostics.diagnostic import Span
     from soter.language.model.system import (
         Component,
@@ -66,14 +65,10 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
     )
     outputs = outputs_of(system, component)
     footprint = footprint_of((*takeover, *body))
-    for copy in copies:
-        footprint.reads.add(copy.cell)
-        if copy.written:
-            footprint.writes.add(copy.cell)
-    for s in node.subscribes:
-        if component.extern:
-            index = component.scope.topics[s.topic]
-            footprint.reads.add(core.Cell("topic", index, system.topics[index].name))
+    footprint.reads |= {copy.cell for copy in copies}
+    footprint.writes |= {copy.cell for copy in copies if copy.written}
+    if component.extern:
+        footprint.reads |= {builder.topic_cell(s.topic) for s in node.subscribes}
     for q in queues_of(system, component):
         cell = core.Cell("topic", q, system.topics[q].name)
         footprint.reads.add(cell)
@@ -151,12 +146,12 @@ def _note_proposals(
     assert module.shield.proposed is not None
     topic = system.topics[module.shield.proposed]
     number = {o.topic: k for k, o in enumerate(outputs)}
-    places = [(i, p) for i in module.outputs for p in _places(system.topics[i].type)]
+    places = [(i, p) for i in module.outputs for p, _ in index_components(system.topics[i].type)]
     first = 0 if component.role == "ac" else len(places)
     for at, (i, place) in enumerate(places, first):
         if i not in number:
             continue
-        value = _number_at(core.Var(system.topics[i].type, core.output_name(number[i])), place)
+        value = select(core.Var(system.topics[i].type, core.output_name(number[i])), place)
         note = core.Set(span, name, topic.type, (core.Const(INT, at),), value)
         builder.emit(core.If(span, core.Fact(BOOL, "published", number[i]), (note,), ()))
     if component.role != "ac":
@@ -169,12 +164,21 @@ def _note_proposals(
 
 
 def _move(
-    builder: Builder, span: Span, where: tuple[int, Place], t: Type, value: core.Expr
+    builder: Builder, span: Span, where: tuple[int, tuple[int, ...]], t: Type, value: core.Expr
 ) -> None:
     """Replace a number of an output, if the step publishes it."""
     output, place = where
-    path = tuple(p if isinstance(p, int) else core.Const(INT, p[0]) for p in place)
-    move = core.Set(span, core.output_name(output), t, path, value)
+    path: list[int | core.Expr] = []
+    inner = t
+    for k in place:
+        if isinstance(inner, RecordType):
+            path.append(k)
+            inner = inner.fields[k][1]
+        else:
+            assert isinstance(inner, ArrayType)
+            path.append(core.Const(INT, k))
+            inner = inner.element
+    move = core.Set(span, core.output_name(output), t, tuple(path), value)
     builder.emit(core.If(span, core.Fact(BOOL, "published", output), (move,), ()))
 
 
@@ -183,35 +187,6 @@ def _let_read(builder: Builder, module: Module, topic: int, new: tuple[int | Non
     for symbol, index in module.scope.topics.items():
         if index == topic:
             builder.published[symbol] = new
-
-
-Place = tuple["int | tuple[int]", ...]
-"""Where a number lies in a value: fields as numbers, elements of arrays as (number,)."""
-
-
-def _places(t: Type) -> Iterator[Place]:
-    """The places of all numbers of a type without lists, in declared order."""
-    if isinstance(t, RecordType):
-        for k, (_, f) in enumerate(t.fields):
-            yield from ((k, *rest) for rest in _places(f))
-    elif isinstance(t, ArrayType):
-        for k in range(t.size):
-            yield from (((k,), *rest) for rest in _places(t.element))
-    else:
-        yield ()
-
-
-def _number_at(value: core.Expr, place: Place) -> core.Expr:
-    """The number at a place of a value."""
-    for p in place:
-        t = value.type
-        if isinstance(p, int):
-            assert isinstance(t, RecordType)
-            value = core.Field(t.fields[p][1], value, p)
-        else:
-            assert isinstance(t, ArrayType)
-            value = core.Element(t.element, value, core.Const(INT, p[0]))
-    return value
 
 
 def _permitted(builder: Builder, component: Component, outputs: tuple[core.Output, ...]) -> None:
@@ -292,9 +267,10 @@ def lower_timed(functions: FunctionTable, system: System, timed: TimedProperty) 
         module = system.modules[timed.module]
         scope, condition = module.scope, module.symbol.safe
     assert condition is not None
-    premise = None
-    if timed.premise is not None:
-        premise = lower_predicate(functions, system, scope, timed.premise, timed.premise.span)
+    asked = timed.premise
+    premise = (
+        None if asked is None else lower_predicate(functions, system, scope, asked, asked.span)
+    )
     return core.Timed(premise, lower_predicate(functions, system, scope, condition, condition.span))
 
 

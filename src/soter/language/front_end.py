@@ -95,9 +95,8 @@ def _merge_group(group: list[Diagnostic]) -> Diagnostic:
     if not rest:
         return first
     places = [Label(d.primary.span, "and here") for d in rest if d.primary is not None]
-    notes = first.notes
-    if len(places) > PLACES_MAX:
-        notes = (*notes, f"and in {len(places) - PLACES_MAX} more places")
+    more = len(places) - PLACES_MAX
+    notes = (*first.notes, f"and in {more} more places") if more > 0 else first.notes
     fixes = tuple(_combined_fix(fix, group) for fix in first.fixes)
     secondary = (*first.secondary, *places[:PLACES_MAX])
     return replace(first, secondary=secondary, notes=notes, fixes=fixes)
@@ -171,13 +170,9 @@ def check_file(
     try:
         return _check_file(path, text, overrides or {}, diagnostics, reading)
     finally:
-        diagnostics.tell = _tell_nobody
+        diagnostics.tell = lambda _: None  # once the check is over, nobody is told
         if collecting:
             gc.enable()
-
-
-def _tell_nobody(_: str) -> None:
-    """Takes the place of `tell` once the check is over, and does nothing."""
 
 
 def _check_file(
@@ -358,11 +353,7 @@ def system_of(
         _report_no_system(checked, name, diagnostics)
         raise SoterError(diagnostics.items)
     flat = _flatten(checked.program, symbol, overrides or {}, diagnostics, lints=False)
-    if exact:
-        _check_overrides(checked.program, symbol, overrides or {}, diagnostics)
-    if flat is None or diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
-    return flat
+    return _sound(checked.program, symbol, flat, overrides if exact else None, diagnostics)
 
 
 def system_to_prove(
@@ -397,23 +388,26 @@ def system_of_test(
         diagnostics.error("U010", f"there is no test `{name}`", notes=(f"there are: {known}",))
         raise SoterError(diagnostics.items)
     flat = elaborate_test(checked.program, test, overrides or {}, diagnostics)
-    if exact:
-        _check_overrides(checked.program, test.system, overrides or {}, diagnostics)
+    return _sound(checked.program, test.system, flat, overrides if exact else None, diagnostics)
+
+
+def _sound(
+    program: TypedProgram,
+    system: SystemSymbol,
+    flat: System | None,
+    overrides: Mapping[str, Value] | None,
+    diagnostics: Diagnostics,
+) -> System:
+    """The flat system; SoterError after errors, U004 among them.
+
+    U004 is for those of `overrides` that are parameters of instances which the system has not.
+    """
+    for name in overrides or {}:
+        if not has_param(program, [system], name):
+            diagnostics.error("U004", f"system `{system.name}` has no instance of `{name}`")
     if flat is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
     return flat
-
-
-def _check_overrides(
-    program: TypedProgram,
-    system: SystemSymbol,
-    overrides: Mapping[str, Value],
-    diagnostics: Diagnostics,
-) -> None:
-    """Reports U004 for parameters of instances that are not in the system."""
-    for name in overrides:
-        if not has_param(program, [system], name):
-            diagnostics.error("U004", f"system `{system.name}` has no instance of `{name}`")
 
 
 def _report_no_system(checked: CheckResult, name: str | None, diagnostics: Diagnostics) -> None:

@@ -99,12 +99,9 @@ def store(name: str, content: str, files: tuple[str, ...], make: Callable[[Path]
 
     SoterError X006 where the cache cannot be used; raises whatever `make` does.
     """
-    folder = cache_dir()
-    entry = _entry(folder, name, content)
+    entry = _entry(cache_dir(), name, content)
     most, _ = limit()
-    try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        _refuse_a_folder_of_others(folder)
+    with _written_to() as folder:
         with tempfile.TemporaryDirectory(dir=folder, prefix=MAKING) as work:
             made = Path(work) / "made"
             made.mkdir(mode=0o700)
@@ -113,23 +110,27 @@ def store(name: str, content: str, files: tuple[str, ...], make: Callable[[Path]
             _move(made, entry, Path(work) / "old", content, files)
         _ours.add(entry)
         _make_room(folder, most)
+    return entry
+
+
+@contextlib.contextmanager
+def _written_to() -> Iterator[Path]:
+    """The folder of the cache, which is made if need be; SoterError X006 in place of an OSError."""
+    folder = cache_dir()
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        _refuse_a_folder_of_others(folder)
+        yield folder
     except OSError as error:
         message = f"cannot write to the cache folder `{folder}`: {reason(error)}"
         raise _unusable(message) from error
-    return entry
 
 
 @contextlib.contextmanager
 def making() -> Iterator[Path]:
     """A temporary folder of the cache; SoterError X006 where there can be none."""
-    folder = cache_dir()
-    try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        _refuse_a_folder_of_others(folder)
+    with _written_to() as folder:
         work = tempfile.TemporaryDirectory(dir=folder, prefix=MAKING)
-    except OSError as error:
-        message = f"cannot write to the cache folder `{folder}`: {reason(error)}"
-        raise _unusable(message) from error
     with work as name:
         yield Path(name)
 
@@ -228,9 +229,11 @@ def limit() -> tuple[int, str]:
         ):
             text = stream.read(LIMIT_LONGEST).strip()
     if text and not (text.isascii() and text.isdigit()):
-        help_ = f"give a number of megabytes, or unset it for {LIMIT_MB}"
-        if where != LIMIT:
-            help_ = "set it again: soter cache limit 2048"
+        help_ = (
+            f"give a number of megabytes, or unset it for {LIMIT_MB}"
+            if where == LIMIT
+            else "set it again: soter cache limit 2048"
+        )
         message = f"{where} is `{text[:40]}`"
         raise SoterError((Diagnostic("X006", message, helps=(help_,)),))
     return (int(text) if text else LIMIT_MB) * MB, where if text else "by default"
@@ -238,18 +241,12 @@ def limit() -> tuple[int, str]:
 
 def set_limit(megabytes: int) -> None:
     """Store what the cache may hold, and make room accordingly; SoterError X006."""
-    folder = cache_dir()
-    try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        _refuse_a_folder_of_others(folder)
+    with _written_to() as folder:
         with tempfile.TemporaryDirectory(dir=folder, prefix=MAKING) as work:
             made = Path(work) / LIMIT_FILE
             made.write_text(f"{megabytes}\n", encoding="ascii")
             made.replace(folder / LIMIT_FILE)
         (folder / LOOKED_FILE).unlink(missing_ok=True)
-    except OSError as error:
-        message = f"cannot write to the cache folder `{folder}`: {reason(error)}"
-        raise _unusable(message) from error
     _make_room(folder, limit()[0])
 
 

@@ -216,14 +216,11 @@ def _skip(
     do all the time, and every end was the sum of the work before it. That remains so: each
     hyperperiod everything ends `more` later.
     """
-    least: int | None = None
-    end = thread.free
+    slacks, end = [], thread.free
     for t, i in reversed(window):
-        slack = t + shift + tasks[i].deadline - end
-        least = slack if least is None else min(least, slack)
+        slacks.append(t + shift + tasks[i].deadline - end)
         end -= tasks[i].wcet
-    assert least is not None
-    windows = least // more
+    windows = min(slacks) // more
     hyperperiod = lcm(*(t.period for t in tasks))
     thread.free += windows * (hyperperiod + more)
     thread.since += windows * len(window)
@@ -358,11 +355,11 @@ def timing_of(
     )
 
 
-def schedule_lines(timing: Timing, shown: int = TOLD) -> list[str]:
+def schedule_lines(timing: Timing) -> list[str]:
     """The steps before a miss, one a line, itself the last."""
     if timing.miss is None:
         return []
-    steps = timing.miss.steps[-shown:]
+    steps = timing.miss.steps[-TOLD:]
     left_out = timing.miss.left_out + len(timing.miss.steps) - len(steps)
     lines = [f"{left_out} steps before these, without a pause"] if left_out else []
     for s in steps:

@@ -205,13 +205,13 @@ class CallChecker(FieldChecker):
     def _type_called(self, entry: Entry, expr: tree.CallExpr) -> typed.TypedExpr:
         """Reports T004 for `Vec2(1.0, 2.0)`, with the literal as help."""
         symbol = self.shared.resolve(entry, expr.callee.span)
-        self.diagnostics.error(
+        return self.wrong(
             "T004",
             f"`{expr.callee.span.text}` is a type, not a function",
             expr.callee.span,
             helps=call_hints.of_a_type(symbol, expr) if isinstance(symbol, Type) else (),
+            whole=expr.span,
         )
-        return error_expr(expr.span)
 
     def _of_value(self, expr: tree.CallExpr, context: Context) -> tuple[Help, ...]:
         """Helps with the value alone, or an element of it; () if the name is no value here."""
@@ -241,8 +241,7 @@ class CallChecker(FieldChecker):
             for a, p in zip(expr.arguments, fun.parameters, strict=True)
         ]
         if isinstance(fun.result, ErrorType):
-            self.names.losses += 1
-            return error_expr(expr.span)
+            return self.lost(expr.span)
         if is_error(*arguments):
             return error_expr(expr.span)
         return typed.TypedCall(fun.result, expr.span, fun, tuple(arguments))
@@ -270,8 +269,7 @@ class CallChecker(FieldChecker):
             arguments = list(unify_literals(*arguments))
         result = _result(name, arguments)
         if result is None:
-            self._wrong_arguments(name, expr, arguments)
-            return error_expr(span)
+            return self._wrong_arguments(name, expr, arguments)
         first = arguments[0]
         if name == "float" and isinstance(first, typed.Literal):
             return typed.Literal(FLOAT, span, float(first.value))
@@ -321,7 +319,7 @@ class CallChecker(FieldChecker):
 
     def _wrong_arguments(
         self, name: str, expr: tree.CallExpr, arguments: list[typed.TypedExpr]
-    ) -> None:
+    ) -> typed.TypedExpr:
         shown = " and ".join(f"`{a.type}`" for a in arguments)
         kinds = {type(a.type) for a in arguments}
         helps: tuple[Help, ...] = ()
@@ -331,7 +329,7 @@ class CallChecker(FieldChecker):
             helps = ("convert the int: `float(...)`",)
         elif name in {"sqrt", "floor"} and kinds == {IntType}:
             helps = (f"convert the int: `{name}(float(...))`",)
-        self.diagnostics.error(
+        return self.wrong(
             "T002",
             f"`{name}` does not apply to {shown}",
             expr.span,
@@ -355,22 +353,21 @@ class CallChecker(FieldChecker):
                 return error_expr(span)
             if isinstance(read, typed.TopicRead):
                 return typed.AgeRead(FLOAT, span, read.topic)
-            self.diagnostics.error(
+            return self.wrong(
                 "T002",
                 "`age` takes a topic",
                 argument.span,
                 f"this is {a_type(read.type)}",
                 notes=("a topic as a whole has an age, a part of it has none",),
+                whole=span,
             )
-            return error_expr(span)
         if not context.has_modes:
-            self.diagnostics.error(
+            return self.wrong(
                 "T013",
                 f"`{name}` has no meaning in {context.where}",
                 span,
                 notes=(f"only nodes, modules and properties see the {name} of a module",),
             )
-            return error_expr(span)
         module = self._module(argument, context, name)
         if module is None:
             return error_expr(span)
@@ -383,10 +380,8 @@ class CallChecker(FieldChecker):
     ) -> typed.ModuleSymbol | str | None:
         names = flat_names(argument)
         what = "an expression"
-        if isinstance(argument, tree.ErrorExpr):
-            self.names.losses += 1
-            return None
-        if names is not None and names[0].text in context.lost:
+        lost = names is not None and names[0].text in context.lost
+        if lost or isinstance(argument, tree.ErrorExpr):
             self.names.losses += 1
             return None
         if names is not None and context.find_local(names[0].text) is not None:

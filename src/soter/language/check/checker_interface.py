@@ -92,9 +92,7 @@ def _chained_entries(entry: Entry, names: Names) -> Iterator[tuple[Entry, Span]]
     if entry.kind not in CHAINING:
         return
     for qualifier, name, span in mentioned(entry.decl):
-        scope: FileScope | None = entry.scope
-        if qualifier is not None:
-            scope = entry.scope.imports.get(qualifier)
+        scope = entry.scope if qualifier is None else entry.scope.imports.get(qualifier)
         dependency = scope.entries.get(name) if scope is not None else None
         if dependency is None and qualifier is None:
             dependency = names.prelude.get(name)

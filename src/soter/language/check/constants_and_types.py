@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import replace, the_other_way
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import error_expr
+from soter.language.check.expression_base import CheckerPart, error_expr
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.evaluate.environment import BudgetExceeded
 from soter.language.evaluate.statements import Evaluator
@@ -144,12 +144,11 @@ class Calculator:
         )
 
 
-class ConstantChecker:
+class ConstantChecker(CheckerPart):
     """Computes the constant expressions of one program."""
 
     def __init__(self, shared: Shared, loaded: LoadedProgram) -> None:
-        self.shared = shared
-        self.diagnostics = shared.diagnostics
+        super().__init__(shared)
         budgets = (CONSTANT_BUDGET, PROGRAM_BUDGET)
         self.calculator = Calculator(shared.diagnostics, None, budgets)
         self._loaded = loaded
@@ -290,12 +289,11 @@ BUILTIN_TYPES: dict[str, Type] = {
 }
 
 
-class TypeChecker:
+class TypeChecker(CheckerPart):
     """Checks type expressions of one program."""
 
     def __init__(self, shared: Shared) -> None:
-        self.shared = shared
-        self.diagnostics = shared.diagnostics
+        super().__init__(shared)
         self._around: Context | None = None
 
     def check(
@@ -363,9 +361,11 @@ class TypeChecker:
         count = 0 if isinstance(t, ErrorType) else leaf_count(t)
         if count <= most:
             return t
-        note = f"a value has at most {VALUE_MAX} numbers, as steps copy values whole"
-        if most == TABLE_MAX:
-            note = f"a table of data has at most {TABLE_MAX} numbers"
+        note = (
+            f"a table of data has at most {TABLE_MAX} numbers"
+            if most == TABLE_MAX
+            else f"a value has at most {VALUE_MAX} numbers, as steps copy values whole"
+        )
         self.diagnostics.error(
             "T011",
             "this type is too large",
@@ -403,20 +403,7 @@ class TypeChecker:
         name = expr.ref.name.text
         if expr.ref.qualifier is None and name == "Mode" and name not in scope.entries:
             return MODE
-        entry = self.shared.names.find_ref(scope, expr.ref, "type")
-        if entry is None:
-            return ERROR
-        if entry.kind != "type":
-            self.diagnostics.error(
-                "N003",
-                f"`{expr.ref.text}` is a {entry.kind}, not a type",
-                expr.span,
-                also=((entry.decl.name.span, "declared here"),),
-                helps=entry.instead("type", expr.span),
-            )
-            return ERROR
-        t = self.shared.resolve(entry, expr.span)
-        return t if isinstance(t, Type) else ERROR
+        return self.referred(expr.ref, scope, "type", Type) or ERROR
 
     def _record(self, expr: tree.RecordTypeExpr, scope: FileScope) -> Type:
         fields: dict[str, Type] = {}
@@ -425,12 +412,10 @@ class TypeChecker:
         for name, field_type in expr.fields:
             t = self.check(field_type, scope, self._around)
             failed = failed or isinstance(t, ErrorType)
-            if name.text in fields:
-                self.shared.names.twice(name.text, name.span, spans[name.text], "field")
+            if self.shared.names.is_first(name, spans, "field"):
+                fields[name.text] = t
+            else:
                 failed = True
-                continue
-            fields[name.text] = t
-            spans[name.text] = name.span
         return ERROR if failed else RecordType(tuple(fields.items()))
 
     def _array(

@@ -8,12 +8,12 @@ Non-goals: name look-up order (`scope.py`), numbers (`elaborator.py`), P1 (`well
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import replace, the_other_way
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import a_type, is_error, sound
+from soter.language.check.expression_base import CheckerPart, a_type, is_error
 from soter.language.check.field import part_of
 from soter.language.check.parts.module import ModuleChecker
 from soter.language.check.parts.node import NodeChecker, check_binding, located
@@ -41,6 +41,8 @@ from soter.language.model.types import (
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from soter.diagnostics.diagnostic import Help, Span
     from soter.language.check.checker_interface import Shared
     from soter.language.check.constants_and_types import ConstantChecker
@@ -51,56 +53,45 @@ MAX_MEMBERS = 65_536
 """Most members of an enum, which is stored in at most two bytes."""
 
 
-class DeclChecker:
+class DeclChecker(CheckerPart):
     """Checks declarations of one program."""
 
     def __init__(self, shared: Shared, constants: ConstantChecker) -> None:
-        self.shared = shared
+        super().__init__(shared)
         self.constants = constants
-        self.diagnostics = shared.diagnostics
         self.nodes = NodeChecker(shared)
         self.modules = ModuleChecker(shared)
         self.plants = PlantChecker(shared)
         self.systems = TestChecker(shared)
         self._topics: dict[typed.SystemSymbol, list[typed.TopicSymbol]] = {}
+        self._signatures: dict[type, Callable[[Any, FileScope, str], object]] = {
+            tree.TypeDecl: self._type,
+            tree.ConstDecl: self._const,
+            tree.ParamDecl: self._param,
+            tree.FunDecl: self._fun,
+            tree.TopicDecl: self._topic,
+            tree.NodeDecl: self.nodes.signature,
+            tree.RtaDecl: self.modules.signature,
+            tree.PlantDecl: self.plants.signature,
+            tree.SystemDecl: self.systems.signature,
+            tree.TestDecl: self.systems.test_signature,
+        }
+        self._bodies: dict[type, Callable[[Any, Any, FileScope], None]] = {
+            tree.NodeDecl: self.nodes.body,
+            tree.RtaDecl: self.modules.body,
+            tree.PlantDecl: self.plants.body,
+            tree.SystemDecl: self.systems.body,
+            tree.TestDecl: self.systems.test_body,
+        }
 
     def symbol(self, entry: Entry) -> object:
         """The symbol of a declaration, or None if it has too many errors."""
-        decl, scope, full = entry.decl, entry.scope, entry.full_name
-        if isinstance(decl, tree.TypeDecl):
-            return self._type(decl, scope, full)
-        if isinstance(decl, tree.ConstDecl):
-            return self._const(decl, scope, full)
-        if isinstance(decl, tree.ParamDecl):
-            return self._param(decl, scope, full)
-        if isinstance(decl, tree.FunDecl):
-            return self._fun(decl, scope, full)
-        if isinstance(decl, tree.TopicDecl):
-            return self._topic(decl, scope, full)
-        if isinstance(decl, tree.NodeDecl):
-            return self.nodes.signature(decl, scope, full)
-        if isinstance(decl, tree.RtaDecl):
-            return self.modules.signature(decl, scope, full)
-        if isinstance(decl, tree.PlantDecl):
-            return self.plants.signature(decl, scope, full)
-        if isinstance(decl, tree.SystemDecl):
-            return self.systems.signature(decl, scope, full)
-        if isinstance(decl, tree.TestDecl):
-            return self.systems.test_signature(decl, scope, full)
-        return None
+        check = self._signatures.get(type(entry.decl))
+        return None if check is None else check(entry.decl, entry.scope, entry.full_name)
 
     def body(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
         """Checks the part of a declaration that may mention all others."""
-        if isinstance(symbol, typed.NodeSymbol) and isinstance(decl, tree.NodeDecl):
-            self.nodes.body(symbol, decl, scope)
-        elif isinstance(symbol, typed.ModuleSymbol) and isinstance(decl, tree.RtaDecl):
-            self.modules.body(symbol, decl, scope)
-        elif isinstance(symbol, typed.PlantSymbol) and isinstance(decl, tree.PlantDecl):
-            self.plants.body(symbol, decl, scope)
-        elif isinstance(symbol, typed.SystemSymbol) and isinstance(decl, tree.SystemDecl):
-            self.systems.body(symbol, decl, scope)
-        elif isinstance(symbol, typed.TestSymbol) and isinstance(decl, tree.TestDecl):
-            self.systems.test_body(symbol, decl, scope)
+        self._bodies[type(decl)](symbol, decl, scope)
 
     # ------------------------------------------------------------ types, constants, parameters
 
@@ -108,11 +99,7 @@ class DeclChecker:
         if isinstance(decl.type, tree.EnumTypeExpr):
             members: dict[str, Span] = {}
             for member in decl.type.members:
-                if member.text in members:
-                    first = members[member.text]
-                    self.shared.names.twice(member.text, member.span, first, "member")
-                else:
-                    members[member.text] = member.span
+                self.shared.names.is_first(member, members, "member")
             if len(members) > MAX_MEMBERS:
                 self.diagnostics.error(
                     "T011",
@@ -273,18 +260,13 @@ class DeclChecker:
 
     def _topic(self, decl: tree.TopicDecl, scope: FileScope, full: str) -> object:
         t = self.shared.resolve_type(decl.type, scope)
-        number = self.shared.number
         context = Context(scope, f"the declaration of topic `{decl.name.text}`")
         values: dict[tuple[str, ...], typed.RangeSet] = {}
         if decl.values is not None and not isinstance(t, ErrorType):
             self._value_set(decl.values, t, (), values, context)
-        default = None
-        if decl.default is not None:
-            because = (decl.type.span, f"the topic is `{t}`")
-            default = number(decl.default, context, t, "a default", because)
-        max_age = None
-        if decl.max_age is not None:
-            max_age = number(decl.max_age, context, DURATION, "`max_age`")
+        because = (decl.type.span, f"the topic is `{t}`")
+        default = self.number_if_given(decl.default, context, t, "a default", because)
+        max_age = self.number_if_given(decl.max_age, context, DURATION, "`max_age`")
         if isinstance(t, ErrorType):
             return None
         return typed.TopicSymbol(
@@ -293,8 +275,8 @@ class DeclChecker:
             t,
             input=decl.input,
             values=values,
-            default=sound(default),
-            max_age=sound(max_age),
+            default=default,
+            max_age=max_age,
             static=decl.static,
         )
 
@@ -375,20 +357,8 @@ class DeclChecker:
 
         The report has `helps` if the name is no topic, `otherwise` if it means nothing at all.
         """
-        entry = self.shared.names.find_ref(scope, ref, "topic", otherwise)
-        if entry is None:
-            return None
-        if entry.kind != "topic":
-            self.diagnostics.error(
-                "N003",
-                f"`{ref.text}` is a {entry.kind}, not a topic",
-                ref.span,
-                also=((entry.decl.name.span, "declared here"),),
-                helps=helps or entry.instead("topic", ref.span),
-            )
-            return None
-        symbol = self.shared.resolve(entry, ref.span)
-        return symbol if isinstance(symbol, typed.TopicSymbol) else None
+        of = typed.TopicSymbol
+        return self.referred(ref, scope, "topic", of, helps=helps, otherwise=otherwise)
 
     def topic_path(
         self, path: tree.DottedPath, scope: FileScope

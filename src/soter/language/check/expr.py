@@ -60,7 +60,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         typed_expr = self._any(expr, context, expected)
         if not isinstance(typed_expr, typed.Literal) or not isinstance(typed_expr.value, Table):
             return typed_expr
-        self.diagnostics.error(
+        return self.wrong(
             "T021",
             f"the table `{typed_expr.name}` is too large to be a value",
             expr.span,
@@ -68,7 +68,6 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             notes=(f"what is passed on is copied, and has at most {VALUE_MAX} numbers",),
             helps=("read elements of it: `TABLE[i]`, `TABLE.len`, `for x in TABLE { ... }`",),
         )
-        return error_expr(expr.span)
 
     def container(self, expr: tree.SyntaxExpr, context: Context) -> typed.TypedExpr:
         """The typed expression of which a part is read in place; it may be a table."""
@@ -79,8 +78,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     ) -> typed.TypedExpr:
         method = self._METHODS.get(type(expr))
         if method is None:  # the parser could not read it
-            self.names.losses += 1
-            return error_expr(expr.span)
+            return self.lost(expr.span)
         return method(self, expr, context, expected)
 
     # ------------------------------------------------------------ literals
@@ -90,14 +88,13 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return typed.Literal(FLOAT, expr.span, float(expr.value))
         # -2^63 is written as a negated 2^63, which does not fit itself: see `unary`
         if expr.value > INT_MAX:
-            self.diagnostics.error(
+            return self.wrong(
                 "T016",
                 f"{expr.value} does not fit into 64 bits",
                 expr.span,
                 f"the largest int is {INT_MAX}",
                 helps=(f"as a float it is `{float(expr.value)!r}`",) if expected is None else (),
             )
-            return error_expr(expr.span)
         return typed.Literal(INT, expr.span, expr.value)
 
     def _float(self, expr: tree.FloatLit, _: Context, __: Type | None) -> typed.TypedExpr:
@@ -108,13 +105,12 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
 
     def _duration(self, expr: tree.DurationLit, _: Context, __: Type | None) -> typed.TypedExpr:
         if expr.value_ns is None or expr.value_ns > INT_MAX:
-            self.diagnostics.error(
+            return self.wrong(
                 "C005",
                 f"`{expr.text}` is not a whole number of nanoseconds",
                 expr.span,
                 notes=("time is counted in whole nanoseconds, so that calendars are exact",),
             )
-            return error_expr(expr.span)
         return typed.Literal(DURATION, expr.span, expr.value_ns)
 
     # ------------------------------------------------------------ names
@@ -131,19 +127,24 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             hidden = context.hidden.find_local(name)
             if hidden is not None:
                 hidden.used = True
-                self._not_constant(f"`{name}`", span, hidden.span, context)
-                return error_expr(span)
+                return self._not_constant(f"`{name}`", span, hidden.span, context)
         if name in context.private:
-            self._report_local(context.private[name], span, context)
-            return error_expr(span)
+            context.private[name].used = True
+            return self.wrong(
+                "T013",
+                f"`{name}` has no meaning in {context.where}",
+                span,
+                also=((context.private[name].span, "a local of the node"),),
+                notes=("a contract speaks about what a node reads and publishes",),
+                helps=("check it in the step: `assert ...;`",),
+            )
         entry = self.names.find(context.scope, name)
         if entry is not None:
             return self.entry(entry, span, context)
         if name in SPECIALS:
             return self._special_name(name, span, context)
         if name in context.lost:
-            self.names.losses += 1
-            return error_expr(span)
+            return self.lost(span)
         if context.instances is not None and name in context.instances:
             return self.no_value(context.instances[name].what, name, span)
         if name in BUILTIN_FUNCTIONS and not context.broken:
@@ -171,39 +172,28 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
 
     def _special_name(self, name: str, span: Span, context: Context) -> typed.TypedExpr:
         if context.constant:
-            self._not_constant(f"`{name}`", span, None, context)
-        elif name == "in_control" and context.node is not None:
+            return self._not_constant(f"`{name}`", span, None, context)
+        if name == "in_control" and context.node is not None:
             return typed.InControl(BOOL, span)
-        elif name == "time" and context.has_time:
+        if name == "time" and context.has_time:
             return typed.TimeRead(FLOAT, span)
-        elif name == "dt" and context.has_period:
+        if name == "dt" and context.has_period:
             return typed.PeriodRead(FLOAT, span)
-        else:
-            self.diagnostics.error(
-                "T013",
-                f"`{name}` has no meaning in {context.where}",
-                span,
-                notes=(SPECIALS[name],),
-                helps=("pass it as an argument",) if context.result is not None else (),
-            )
-        return error_expr(span)
-
-    def _report_local(self, local: typed.Variable, span: Span, context: Context) -> None:
-        local.used = True
-        self.diagnostics.error(
+        return self.wrong(
             "T013",
-            f"`{local.name}` has no meaning in {context.where}",
+            f"`{name}` has no meaning in {context.where}",
             span,
-            also=((local.span, "a local of the node"),),
-            notes=("a contract speaks about what a node reads and publishes",),
-            helps=("check it in the step: `assert ...;`",),
+            notes=(SPECIALS[name],),
+            helps=("pass it as an argument",) if context.result is not None else (),
         )
 
-    def _not_constant(self, what: str, span: Span, declared: Span | None, context: Context) -> None:
+    def _not_constant(
+        self, what: str, span: Span, declared: Span | None, context: Context
+    ) -> typed.TypedExpr:
         """Reports T008, or T007 in the bound of a loop, for a value known only in a run."""
         step = context.constant == "T007" and context.where == "the bound of a loop"
         what_runs = context.constant == "T007" and not step
-        self.diagnostics.error(
+        return self.wrong(
             context.constant or "T008",
             f"{context.where} cannot depend on {what}",
             span,
@@ -229,19 +219,18 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         if isinstance(symbol, typed.ParamSymbol):
             self.shared.calls.param(symbol, span)
             if context.constant:
-                self._not_constant(f"the parameter `{symbol.name}`", span, symbol.span, context)
-                return error_expr(span)
+                what = f"the parameter `{symbol.name}`"
+                return self._not_constant(what, span, symbol.span, context)
             return typed.ParamRead(symbol.type, span, symbol)
         if isinstance(symbol, typed.TopicSymbol):
             return self.topic_read(symbol, span, context)
-        self.diagnostics.error(
+        return self.wrong(
             "N003",
             f"`{entry.decl.name.text}` is a {entry.kind}, not a value",
             span,
             also=((entry.decl.name.span, "declared here"),),
             helps=self._value_of(entry, symbol, span, context),
         )
-        return error_expr(span)
 
     def _value_of(
         self, entry: Entry, symbol: object, span: Span, context: Context
@@ -266,11 +255,10 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     def topic_read(self, topic: typed.TopicSymbol, span: Span, context: Context) -> typed.TypedExpr:
         """The typed read of a topic, if this place may read it."""
         if context.constant:
-            self._not_constant(f"topic `{topic.name}`", span, topic.span, context)
-            return error_expr(span)
+            return self._not_constant(f"topic `{topic.name}`", span, topic.span, context)
         if context.topics is None:
             in_function = context.result is not None
-            self.diagnostics.error(
+            return self.wrong(
                 "M010",
                 f"topic `{topic.name}` cannot be read in {context.where}",
                 span,
@@ -279,19 +267,18 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                 else ("this is computed before the program runs",),
                 helps=("pass its value as an argument",) if in_function else (),
             )
-            return error_expr(span)
         if context.topics != "any" and topic not in context.topics:
-            self._not_subscribed(topic, span, context)
-            return error_expr(span)
+            return self._not_subscribed(topic, span, context)
         context.topics_read.setdefault(topic)
         queue = context.queues.get(topic)
         t = topic.type if queue is None else ListType(topic.type, queue)
         return typed.TopicRead(t, span, topic)
 
-    def _not_subscribed(self, topic: typed.TopicSymbol, span: Span, context: Context) -> None:
+    def _not_subscribed(
+        self, topic: typed.TopicSymbol, span: Span, context: Context
+    ) -> typed.TypedExpr:
         if context.owner in self.shared.damaged:  # it may be the one that could not be read
-            self.names.losses += 1
-            return
+            return self.lost(span)
         if context.node is not None and topic in context.node.publishes:
             message = f"{context.where} publishes `{topic.name}` and cannot read it back"
             helps: tuple[Help, ...] = ("keep the value in a local `var`",)
@@ -301,7 +288,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             helps = (f"add `{topic.name}` to `{context.inputs}`",)
             if isinstance(context.owner, (typed.NodeSymbol, typed.PlantSymbol)):
                 helps = (unknown_names.listed_too(context.inputs, span.text, context.owner.span),)
-        self.diagnostics.error("M010", message, span, helps=helps)
+        return self.wrong("M010", message, span, helps=helps)
 
     # ------------------------------------------------------------ records and lists
 
@@ -374,17 +361,15 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                 return error_expr(expr.span)
             target = expected
         elif not items:
-            self.diagnostics.error(
+            return self.wrong(
                 "T019",
                 "an empty list needs a type",
                 expr.span,
                 helps=("say it where it is declared: `var xs: float[<=8] = [];`",),
             )
-            return error_expr(expr.span)
         else:
-            first = plain(items[0].type)
-            if any(isinstance(i.type, FloatType) for i in items):
-                first = FLOAT
+            floats = any(isinstance(i.type, FloatType) for i in items)
+            first = FLOAT if floats else plain(items[0].type)
             items = [self.convert(i, first) for i in items]
             target = ArrayType(first, count)
         if is_error(*items):

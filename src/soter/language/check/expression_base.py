@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from soter.diagnostics.diagnostic import append, replace
 from soter.language.model import typed
@@ -31,10 +31,14 @@ from soter.language.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from soter.diagnostics.codes import Code
     from soter.diagnostics.diagnostic import Help, Span
     from soter.language.check.checker_interface import Because, Context, Shared
+    from soter.language.check.scope import FileScope
     from soter.language.model.types import Type
     from soter.language.syntax import tree
+
+    _Symbol = TypeVar("_Symbol")
 
 
 SECONDS_MAX = 1e6
@@ -110,13 +114,86 @@ def difference(expected: Type, actual: Type) -> str:
     return ""
 
 
-class ExprBase(ABC):
-    """The entry points of the expression checker, and its conversions."""
+class CheckerPart:
+    """A part of the checker, for one kind of syntax; the other parts it knows as `shared`."""
 
     def __init__(self, shared: Shared) -> None:
         self.shared = shared
         self.diagnostics = shared.diagnostics
+
+    def referred(
+        self,
+        ref: tree.Ref,
+        scope: FileScope,
+        kind: str,
+        of: type[_Symbol],
+        *,
+        helps: tuple[Help, ...] = (),
+        otherwise: tuple[Help, ...] = (),
+        notes: tuple[str, ...] = (),
+    ) -> _Symbol | None:
+        """The symbol of class `of` that a reference means, None after a report: N001, N003 or N006.
+
+        N003, for a declaration of another `kind`, has `helps` and `notes`; N001, for a name that
+        means nothing at all, has `otherwise`.
+        """
+        entry = self.shared.names.find_ref(scope, ref, kind, otherwise)
+        if entry is None:
+            return None
+        if entry.kind != kind:
+            self.diagnostics.error(
+                "N003",
+                f"`{ref.text}` is a {entry.kind}, not a {kind}",
+                ref.span,
+                also=((entry.decl.name.span, "declared here"),),
+                notes=notes,
+                helps=helps or entry.instead(kind, ref.span),
+            )
+            return None
+        symbol = self.shared.resolve(entry, ref.span)
+        return symbol if isinstance(symbol, of) else None
+
+    def number_if_given(
+        self,
+        expr: tree.SyntaxExpr | None,
+        context: Context,
+        expected: Type,
+        what: str,
+        because: Because | None = None,
+    ) -> typed.TypedExpr | None:
+        """As `Shared.number`; None if the program does not give the number, or after a report."""
+        if expr is None:
+            return None
+        return sound(self.shared.number(expr, context, expected, what, because))
+
+
+class ExprBase(CheckerPart, ABC):
+    """The entry points of the expression checker, and its conversions."""
+
+    def __init__(self, shared: Shared) -> None:
+        super().__init__(shared)
         self.names = shared.names
+
+    def wrong(
+        self,
+        code: Code,
+        message: str,
+        span: Span,
+        label: str = "",
+        *,
+        whole: Span | None = None,
+        also: tuple[tuple[Span, str], ...] = (),
+        notes: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
+    ) -> typed.TypedExpr:
+        """Reports an error at `span`; the ERROR expression for `whole`, by default for `span`."""
+        self.diagnostics.error(code, message, span, label, also=also, notes=notes, helps=helps)
+        return error_expr(span if whole is None else whole)
+
+    def lost(self, span: Span) -> typed.TypedExpr:
+        """The ERROR expression for what cannot be checked because of an error reported before."""
+        self.names.losses += 1
+        return error_expr(span)
 
     def unknown(
         self,
@@ -217,7 +294,7 @@ class ExprBase(ABC):
             if as_float is not None:
                 return as_float
         why = difference(expected, expr.type)
-        self.diagnostics.error(
+        return self.wrong(
             "T001",
             f"expected `{expected}`, found `{expr.type}`",
             expr.span,
@@ -226,7 +303,6 @@ class ExprBase(ABC):
             notes=(why,) if why else (),
             helps=of_a_list(expr, expected) or _conversion(expected, expr),
         )
-        return error_expr(expr.span)
 
     def _narrow(
         self, expr: typed.TypedExpr, expected: IntType, because: Because | None
@@ -235,14 +311,13 @@ class ExprBase(ABC):
             return typed.Narrow(expected, expr.span, expr)
         if expected.low <= expr.value <= expected.high:
             return typed.Literal(expected, expr.span, expr.value, expr.name)
-        self.diagnostics.error(
+        return self.wrong(
             "T015",
             f"{expr.value} does not fit into `{expected}`",
             expr.span,
             f"{expected.low} to {expected.high} are allowed",
             also=(because,) if because else (),
         )
-        return error_expr(expr.span)
 
 
 def of_a_list(expr: typed.TypedExpr, wanted: Type) -> tuple[Help, ...]:

@@ -76,8 +76,7 @@ class FieldChecker(ExprBase):
         """Checks `target.field` in all its meanings."""
         names = flat_names(expr)
         if names is not None and names[0].text in context.lost:
-            self.names.losses += 1
-            return error_expr(expr.span)
+            return self.lost(expr.span)
         if names is not None and context.find_local(names[0].text) is None:
             if context.instances is not None and names[0].text in context.instances:
                 return self._below_instance(expr.span, names, context)
@@ -194,10 +193,14 @@ class FieldChecker(ExprBase):
                 return typed.TypedLength(INT, span, target)
             if name.text in {"length", "size", "count"}:
                 helps = (replace(name.span, "len", "its length is `.len`"),)
-        self.diagnostics.error(
-            "N004", f"`{t}` has no field `{name.text}`", name.span, notes=notes, helps=helps
+        return self.wrong(
+            "N004",
+            f"`{t}` has no field `{name.text}`",
+            name.span,
+            notes=notes,
+            helps=helps,
+            whole=span,
         )
-        return error_expr(span)
 
     def _member(
         self, t: object, name: tree.Name, span: Span, helps: tuple[Help, ...] = ()
@@ -238,8 +241,7 @@ class FieldChecker(ExprBase):
             return self.no_value(what, path, span)
         if isinstance(what, typed.PlantSymbol) and rest[0].text == "truth":
             if what in self.shared.damaged and what.truth.index(rest[-1].text) is None:
-                self.names.losses += 1
-                return error_expr(span)
+                return self.lost(span)
             value: typed.TypedExpr = typed.TruthRead(what.truth, span, path)
             return self._select_all(value, rest[1:], span)
         if isinstance(what, typed.SystemSymbol):
@@ -248,8 +250,7 @@ class FieldChecker(ExprBase):
                 value = self.topic_read(topic, span, context)
                 return value if is_error(value) else self._select_all(value, rest[1:], span)
         if what in self.shared.damaged:
-            self.names.losses += 1
-            return error_expr(span)
+            return self.lost(span)
         self._not_below(what, path, rest[0], names[0], context)
         return error_expr(span)
 
@@ -260,8 +261,7 @@ class FieldChecker(ExprBase):
             helps = (f"the plant's state is `{path}.truth`",)
         elif isinstance(what, typed.ModuleSymbol):
             helps = (f"the module's mode is `mode({path})`",)
-        self.diagnostics.error("N003", f"`{path}` is an instance, not a value", span, helps=helps)
-        return error_expr(span)
+        return self.wrong("N003", f"`{path}` is an instance, not a value", span, helps=helps)
 
     def _not_below(
         self, what: object, path: str, name: tree.Name, first: tree.Name, context: Context
@@ -320,15 +320,15 @@ class FieldChecker(ExprBase):
         if is_error(target, index):
             return error_expr(expr.span)
         if not isinstance(target.type, (ArrayType, ListType)):
-            self.diagnostics.error(
+            return self.wrong(
                 "T002",
                 f"`{target.type}` cannot be indexed",
                 expr.target.span,
                 f"this is `{target.type}`",
                 notes=("only arrays and lists have elements",),
                 helps=instead_of_index(target.type, expr.span, expr.target.span.text, index),
+                whole=expr.span,
             )
-            return error_expr(expr.span)
         constant_index(self.diagnostics, target.type, index, expr.target.span.text)
         return typed.Index(target.type.element, expr.span, target, index)
 

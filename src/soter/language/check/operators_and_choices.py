@@ -77,8 +77,14 @@ class ChooseChecker(ExprBase):
         if not self._check_count(expr, choice.count):
             return error_expr(expr.span)
         if expr.fair and isinstance(context.owner, typed.PlantSymbol):
-            self._fair_in_a_plant(expr.span, context)
-            return error_expr(expr.span)
+            note = "who chooses fairly remembers what it took before, and a plant has its states"
+            return self.wrong(
+                "E014",
+                f"`fair choose` cannot stand in {context.where}",
+                expr.span,
+                notes=(note,),
+                helps=("write `choose`, or count in a state",),
+            )
         if expr.fair:
             name = f"fair {len(context.choices) + 1}"
             ages = ArrayType(AGE, choice.count)
@@ -98,15 +104,6 @@ class ChooseChecker(ExprBase):
         message = f"`choose` cannot stand in {where}"
         self.diagnostics.error("E001", message, span, notes=(note,), helps=(help_,))
 
-    def _fair_in_a_plant(self, span: Span, context: Context) -> None:
-        self.diagnostics.error(
-            "E014",
-            f"`fair choose` cannot stand in {context.where}",
-            span,
-            notes=("who chooses fairly remembers what it took before, and a plant has its states",),
-            helps=("write `choose`, or count in a state",),
-        )
-
     # ------------------------------------------------------------ the three kinds
 
     def _between(
@@ -119,15 +116,14 @@ class ChooseChecker(ExprBase):
         if is_error(*ends):
             return error_expr(expr.span)
         if any(isinstance(e.type, FloatType) for e in ends):
-            self._infinite("all floats of an interval", interval.span)
-            return error_expr(expr.span)
+            return self._infinite("all floats of an interval", interval.span, expr.span)
         bounds = [self.shared.evaluate(self.convert(e, INT), what) for e in ends]
         low, high = bounds
         if low is None or high is None:
             return error_expr(expr.span)
         if low > high:
-            self._empty(f"[{low}, {high}] is empty", interval.span, (f"write `[{high}, {low}]`",))
-            return error_expr(expr.span)
+            turned = (f"write `[{high}, {low}]`",)
+            return self._empty(f"[{low}, {high}] is empty", interval.span, turned, expr.span)
         return typed.TypedChoose(IntType(low, high), expr.span, high - low + 1, low, (), None)
 
     def _of_type(
@@ -143,7 +139,7 @@ class ChooseChecker(ExprBase):
         elif isinstance(t, IntType) and not t.is_full:
             count, low = t.high - t.low + 1, t.low
         elif not isinstance(t, ErrorType):
-            self._infinite(f"the values of `{t}`", type_.span)
+            return self._infinite(f"the values of `{t}`", type_.span, expr.span)
         if not count:
             return error_expr(expr.span)
         return typed.TypedChoose(t, expr.span, count, low, (), None)
@@ -153,16 +149,14 @@ class ChooseChecker(ExprBase):
     ) -> typed.TypedExpr:
         """Checks `choose { e1, e2 }`, a choice between values of one type."""
         if not expr.options:
-            self._empty("there is nothing to choose from", expr.span, ())
-            return error_expr(expr.span)
+            return self._empty("there is nothing to choose from", expr.span, (), expr.span)
         items = [self.check(e, context, expected) for e in expr.options]
         if is_error(*items):
             return error_expr(expr.span)
         t = expected
         if t is None:
-            t = plain(items[0].type)
-            if any(isinstance(i.type, FloatType) for i in items):
-                t = FLOAT
+            floats = any(isinstance(i.type, FloatType) for i in items)
+            t = FLOAT if floats else plain(items[0].type)
             because = (items[0].span, f"the first one is {a_type(t)}")
             items = [self.convert(i, t, None if i is items[0] else because) for i in items]
         if is_error(*items):
@@ -171,23 +165,27 @@ class ChooseChecker(ExprBase):
 
     # ------------------------------------------------------------ what cannot be chosen
 
-    def _empty(self, message: str, span: Span, helps: tuple[str, ...]) -> None:
-        self.diagnostics.error(
+    def _empty(
+        self, message: str, span: Span, helps: tuple[str, ...], whole: Span
+    ) -> typed.TypedExpr:
+        return self.wrong(
             "E002",
             message,
             span,
             "an empty choice",
             notes=("a step must be able to go on: a choice has at least one alternative",),
             helps=helps,
+            whole=whole,
         )
 
-    def _infinite(self, what: str, span: Span) -> None:
-        self.diagnostics.error(
+    def _infinite(self, what: str, span: Span, whole: Span) -> typed.TypedExpr:
+        return self.wrong(
             "E003",
             f"{what} cannot be tried one by one",
             span,
             notes=("a choice has few alternatives: each of them is explored",),
             helps=("list the values that matter: `choose { a, b, c }`",),
+            whole=whole,
         )
 
     def _check_count(self, expr: tree.ChooseExpr, count: int) -> bool:
@@ -237,10 +235,9 @@ class OperatorChecker(ExprBase):
             return typed.TypedUnary(INT, expr.span, "-", operand)
         if isinstance(t, FloatType) or is_vector(t):
             return typed.TypedUnary(t, expr.span, "-", operand)
-        self._no_negation(expr, t)
-        return error_expr(expr.span)
+        return self._no_negation(expr, t)
 
-    def _no_negation(self, expr: tree.UnaryExpr, t: Type) -> None:
+    def _no_negation(self, expr: tree.UnaryExpr, t: Type) -> typed.TypedExpr:
         """Reports T002 for `-` before a bool, a time or anything else that is no number."""
         helps: tuple[Help, ...] = ()
         sign = Span(expr.span.source, expr.span.start, expr.operand.span.start)
@@ -248,12 +245,13 @@ class OperatorChecker(ExprBase):
             helps = (replace(sign, "!", "for the opposite of a bool write `!`"),)
         elif isinstance(t, DurationType):
             helps = (replace(sign, "", f"no time is below 0: write `{expr.operand.span.text}`"),)
-        self.diagnostics.error(
+        return self.wrong(
             "T002",
             f"`-` does not apply to `{t}`",
             expr.operand.span,
             f"this is `{t}`",
             helps=helps,
+            whole=expr.span,
         )
 
     def binary(
@@ -277,12 +275,19 @@ class OperatorChecker(ExprBase):
         if is_error(left, right):
             return error_expr(expr.span)
         left, right = unify_literals(left, right)
-        result = self._compared(expr, left, right) if op in COMPARISONS else None
-        if op not in COMPARISONS:
-            result = _arithmetic(expr, left, right)
+        result = (_compared if op in COMPARISONS else _arithmetic)(expr, left, right)
         if result is None:
-            self._does_not_apply(expr, left, right, expected)
-            return error_expr(expr.span)
+            lt, rt = left.type, right.type
+            return self.wrong(
+                "T002",
+                f"`{op}` does not apply to `{lt}` and `{rt}`",
+                expr.span,
+                also=((expr.left.span, f"`{lt}`"), (expr.right.span, f"`{rt}`")),
+                helps=of_a_list(left, rt)
+                or of_a_list(right, lt)
+                or _enum_case_help(left, right, expected)
+                or _operator_help(expr, lt, rt, expected),
+            )
         if op == "/":
             self._nothing_left(expr, left, right)
         return result
@@ -304,36 +309,6 @@ class OperatorChecker(ExprBase):
             helps=(f"two floats keep it: `{a!r} / {b!r}`",),
         )
 
-    def _compared(
-        self, expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
-    ) -> typed.TypedExpr | None:
-        lt, rt = left.type, right.type
-        ordered = isinstance(lt, (IntType, FloatType, DurationType))
-        same = type(lt) is type(rt) and (not isinstance(lt, EnumType) or lt == rt)
-        equality = expr.op in {"==", "!="} and isinstance(lt, (BoolType, EnumType))
-        if same and (ordered or equality):
-            return typed.TypedBinary(BOOL, expr.span, expr.op, left, right)
-        return None
-
-    def _does_not_apply(
-        self,
-        expr: tree.BinaryExpr,
-        left: typed.TypedExpr,
-        right: typed.TypedExpr,
-        expected: Type | None,
-    ) -> None:
-        lt, rt = left.type, right.type
-        self.diagnostics.error(
-            "T002",
-            f"`{expr.op}` does not apply to `{lt}` and `{rt}`",
-            expr.span,
-            also=((expr.left.span, f"`{lt}`"), (expr.right.span, f"`{rt}`")),
-            helps=of_a_list(left, rt)
-            or of_a_list(right, lt)
-            or _enum_case_help(left, right, expected)
-            or _operator_help(expr, lt, rt, expected),
-        )
-
     def conditional(
         self, expr: tree.ConditionalExpr, context: Context, expected: Type | None
     ) -> typed.TypedExpr:
@@ -348,13 +323,12 @@ class OperatorChecker(ExprBase):
         if isinstance(t, IntType) and isinstance(otherwise.type, IntType):
             t = t if t == otherwise.type else INT
         elif t != otherwise.type:
-            self.diagnostics.error(
+            return self.wrong(
                 "T001",
                 f"the two sides of `?:` differ: `{t}` and `{otherwise.type}`",
                 expr.span,
                 also=((then.span, f"`{t}`"), (otherwise.span, f"`{otherwise.type}`")),
             )
-            return error_expr(expr.span)
         return typed.Conditional(t, expr.span, condition, then, otherwise)
 
 
@@ -373,6 +347,18 @@ _ARITHMETIC_TYPES: Mapping[tuple[type[Type], str, type[Type]], Type] = {
     (IntType, "*", DurationType): DURATION,
 }
 """(left type, operator, right type) of scalars -> type of the result."""
+
+
+def _compared(
+    expr: tree.BinaryExpr, left: typed.TypedExpr, right: typed.TypedExpr
+) -> typed.TypedExpr | None:
+    lt, rt = left.type, right.type
+    ordered = isinstance(lt, (IntType, FloatType, DurationType))
+    same = type(lt) is type(rt) and (not isinstance(lt, EnumType) or lt == rt)
+    equality = expr.op in {"==", "!="} and isinstance(lt, (BoolType, EnumType))
+    if same and (ordered or equality):
+        return typed.TypedBinary(BOOL, expr.span, expr.op, left, right)
+    return None
 
 
 def _arithmetic(

@@ -187,13 +187,22 @@ class Names:
             also=((first, "first declared here"),),
         )
 
+    def is_first(self, name: tree.Name, seen: dict[str, Span], what: str = "") -> bool:
+        """Whether a name is new, and then enters it in `seen`; reports N002 as `twice` if not."""
+        first = seen.setdefault(name.text, name.span)
+        if first is not name.span:
+            self.twice(name.text, name.span, first, what)
+        return first is name.span
+
+    def said_twice(self, message: str, again: Span, first: Span) -> None:
+        """Reports N002 for something that may be said once, at both places."""
+        self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
+
     # ------------------------------------------------------------ looking up
 
     def find(self, scope: FileScope, name: str) -> Entry | None:
         """The entry that a bare name means in a file, marked as used; or None."""
-        entry = scope.entries.get(name)
-        if entry is None:
-            entry = self.prelude.get(name)
+        entry = scope.entries.get(name) or self.prelude.get(name)
         if entry is not None:
             entry.used = True
         return entry
@@ -303,10 +312,10 @@ class Names:
                 helps=self._here(scope, qualifier, member),
             )
             return
+        self._missing.add((id(scope), name))
         decls = [e.decl for e in scope.entries.values()]
         meant = next((m for m in unknown_names.meanings(decls, name) if not m.weak), None)
         if meant is not None:
-            self._missing.add((id(scope), name))
             self.diagnostics.error(
                 "N006",
                 f"`{name}` is {meant.what}, not an imported file",
@@ -315,7 +324,6 @@ class Names:
                 helps=self._here(scope, qualifier, member) or (meant.help,),
             )
             return
-        self._missing.add((id(scope), name))
         near = self.diagnostics.did_you_mean(name, scope.imports, qualifier.span)
         self.diagnostics.error(
             "N006",

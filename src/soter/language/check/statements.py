@@ -6,12 +6,12 @@ Non-goals: expressions (`language/check/expr.py`), what a body belongs to (`decl
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.diagnostics.diagnostic import Span, append, insert, replace
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import SPECIALS
-from soter.language.check.expression_base import error_expr, is_error, plain
+from soter.language.check.expression_base import CheckerPart, error_expr, is_error, plain
 from soter.language.check.field import constant_index, instead_of_index
 from soter.language.check.scope import BUILTIN_FUNCTIONS
 from soter.language.model import typed
@@ -29,6 +29,8 @@ from soter.language.model.types import (
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from soter.diagnostics.diagnostic import Diagnostics, Help
     from soter.language.check.checker_interface import Context, Shared
     from soter.language.check.expr import ExprChecker
@@ -38,13 +40,12 @@ ASSIGNABLE = {"var", "local"}
 MAX_LOOP = 1_000_000
 
 
-class StmtChecker:
+class StmtChecker(CheckerPart):
     """Checks statements of one program."""
 
     def __init__(self, shared: Shared, expressions: ExprChecker) -> None:
-        self.shared = shared
+        super().__init__(shared)
         self.expressions = expressions
-        self.diagnostics = shared.diagnostics
 
     def block(self, block: tree.Block, context: Context) -> tuple[typed.TypedStmt, ...]:
         """The typed statements of a block, which gets a scope of its own."""
@@ -96,37 +97,22 @@ class StmtChecker:
 
     def statement(self, s: tree.SyntaxStmt, context: Context) -> typed.TypedStmt | None:
         """The typed statement, or None if it has too many errors to be kept."""
-        if isinstance(s, (tree.LetStmt, tree.VarStmt)):
-            return self._declaration(s, context)
-        if isinstance(s, tree.AssignStmt):
-            return self._assign(s, context)
-        if isinstance(s, tree.PushStmt):
-            return self._push(s, context)
-        if isinstance(s, tree.PublishStmt):
-            return self._publish(s, context)
-        if isinstance(s, tree.ReturnStmt):
-            return self._return(s, context)
-        if isinstance(s, tree.AssertStmt):
-            condition = self.expressions.check(s.condition, context, BOOL)
-            return typed.Assert(s.span, condition, s.message)
-        if isinstance(s, tree.IfStmt):
-            arms = tuple(
-                (self.expressions.check(c, context, BOOL), self.block(b, context))
-                for c, b in s.arms
-            )
-            otherwise = self.block(s.otherwise, context) if s.otherwise else ()
-            return typed.TypedIf(s.span, arms, otherwise)
-        if isinstance(s, tree.ForRangeStmt):
-            return self._for_range(s, context)
-        assert isinstance(s, tree.ForEachStmt), s
-        return self._for_each(s, context)
+        return self._STATEMENTS[type(s)](self, s, context)
+
+    def _assert(self, s: tree.AssertStmt, context: Context) -> typed.TypedStmt:
+        return typed.Assert(s.span, self.expressions.check(s.condition, context, BOOL), s.message)
+
+    def _if(self, s: tree.IfStmt, context: Context) -> typed.TypedStmt:
+        arms = tuple(
+            (self.expressions.check(c, context, BOOL), self.block(b, context)) for c, b in s.arms
+        )
+        otherwise = self.block(s.otherwise, context) if s.otherwise else ()
+        return typed.TypedIf(s.span, arms, otherwise)
 
     def _declaration(
         self, s: tree.LetStmt | tree.VarStmt, context: Context
     ) -> typed.TypedStmt | None:
-        t = None
-        if s.type is not None:
-            t = self.shared.resolve_type(s.type, context.scope, context)
+        t = self.shared.resolve_type(s.type, context.scope, context) if s.type else None
         if s.value is None:
             value = error_expr(s.span)
             if t is not None and not isinstance(t, ErrorType):
@@ -360,9 +346,8 @@ class StmtChecker:
                 helps=("to skip the rest of it, put the rest into an `else`",),
             )
             return None
-        because = None
-        if context.result_span is not None:
-            because = (context.result_span, f"returns `{context.result}`")
+        at = context.result_span
+        because = None if at is None else (at, f"returns `{context.result}`")
         value = self.expressions.check(s.value, context, context.result, because)
         return typed.TypedReturn(s.span, value)
 
@@ -419,6 +404,21 @@ class StmtChecker:
         if isinstance(element, ErrorType):
             return None
         return typed.ForEach(s.span, variable, sequence, body)
+
+    _STATEMENTS: ClassVar[
+        dict[type[tree.SyntaxStmt], Callable[[StmtChecker, Any, Context], typed.TypedStmt | None]]
+    ] = {
+        tree.LetStmt: _declaration,
+        tree.VarStmt: _declaration,
+        tree.AssignStmt: _assign,
+        tree.PushStmt: _push,
+        tree.PublishStmt: _publish,
+        tree.ReturnStmt: _return,
+        tree.AssertStmt: _assert,
+        tree.IfStmt: _if,
+        tree.ForRangeStmt: _for_range,
+        tree.ForEachStmt: _for_each,
+    }
 
 
 def _to_loop_over(sequence: typed.TypedExpr, context: Context) -> tuple[Help, ...]:

@@ -377,6 +377,8 @@ def instead(
         return _told_of("it is a node of", of)
     if wanted == "value" and isinstance(decl, (tree.NodeDecl, tree.PlantDecl)):
         return _its_topics(declared, decl)
+    if wanted == "parameter" and isinstance(decl, tree.ConstDecl):
+        return ("declare it with `param`",)
     return ()
 
 

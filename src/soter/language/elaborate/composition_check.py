@@ -130,7 +130,7 @@ class Composition:
             driven_topic.driver = topic_drivers[0][0]
             if len(topic_drivers) > 1:
                 self._two_drivers(driven_topic, topic_drivers)
-            if driven_topic.symbol.input and self._is_wired(driven_topic, topic_drivers[0][1]):
+            if driven_topic.symbol.input:
                 self._drives_an_input(driven_topic, *topic_drivers[0])
         self._disjoint_topics()
         self._acknowledgements(drivers)
@@ -151,11 +151,6 @@ class Composition:
         for queue in self.system.topics:
             if queue.queue_of is not None:
                 queue.driver = self.system.topics[queue.queue_of].driver
-
-    def _source(self, index: int) -> int:
-        """The topic, or for a queue the topic that fills it."""
-        queue_of = self.system.topics[index].queue_of
-        return index if queue_of is None else queue_of
 
     # ------------------------------------------------------------ drivers
 
@@ -205,9 +200,9 @@ class Composition:
         for c in self.system.components:
             if c in without:
                 continue
-            who = f"{c.role} `{c.name}`", c.span
-            if c.stands_for is not None:
-                who = f"{c.stands_for.kind} `{c.stands_for.of}`", c.span
+            stands_for = c.stands_for
+            name = f"{stands_for.kind} `{stands_for.of}`" if stands_for else f"{c.role} `{c.name}`"
+            who = name, c.span
             for t in c.published if c.role in {"plant", "node"} else ():
                 drivers = drivers_by_topic.setdefault(c.scope.topics[t], [])
                 if c.stands_for is None or who not in drivers:
@@ -311,13 +306,11 @@ class Composition:
                     helps=("give the instance another name",),
                 )
 
-    def _is_wired(self, topic: Topic, span: Span) -> bool:
-        """Whether the part at `span` drives an input by a wire; else the checker reported it."""
-        return all(
-            topic.symbol not in c.published for c in self.system.components if c.span is span
-        )
-
     def _drives_an_input(self, topic: Topic, who: str, span: Span) -> None:
+        """Reports M011 if the part at `span` drives an input by a wire."""
+        parts = [c for c in self.system.components if c.span is span]
+        if any(topic.symbol in c.published for c in parts):
+            return  # it names the input itself, which the checker reported
         self.diagnostics.error(
             "M011",
             f"{who} is wired to `{topic.name}`, an input topic: only the environment sets it",
@@ -332,7 +325,8 @@ class Composition:
         for c in self.system.components:
             if c.node is None:
                 continue
-            reads = {self._source(c.scope.topics[s.topic]): s.topic for s in c.node.subscribes}
+            subscribed = [(c.scope.topics[s.topic], s.topic) for s in c.node.subscribes]
+            reads = {self.system.topics[i].source: symbol for i, symbol in subscribed}
             for symbol in c.node.publishes:
                 index = c.scope.topics[symbol]
                 inner = reads.get(index)
@@ -401,7 +395,7 @@ class Composition:
         return reads
 
     def _driven(self, index: int, span: Span, reader: str, driven: set[int]) -> None:
-        index = self._source(index)
+        index = self.system.topics[index].source
         topic = self.system.topics[index]
         self.read.add(index)
         if index in driven:

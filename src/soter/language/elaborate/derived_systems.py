@@ -60,11 +60,11 @@ def only(system: System, kept: Collection[int]) -> System:
     def of(place: Mapping[int, int], index: int | None) -> int | None:
         return None if index is None else place[index]
 
-    components = []
-    for old, new in at.items():
-        c = system.components[old]
-        own = replace(c, index=new, module=of(placed, c.module), scope=seen(c.scope))
-        components.append(_that_can_run(own))
+    components = [
+        _that_can_run(replace(c, index=new, module=of(placed, c.module), scope=seen(c.scope)))
+        for old, new in at.items()
+        for c in (system.components[old],)
+    ]
     left = [p for p in system.properties if _can_be_judged(p, at, placed)]
     faults = [
         replace(f, component=at[f.component], on=of(at, f.on))
@@ -156,10 +156,8 @@ def own_of(module: Module, instances: Sequence[typed.InstanceSymbol]) -> Iterato
 
 def with_components(system: System, changed: Iterable[Component]) -> System:
     """The system with these components in the place of those with the same indices."""
-    components = list(system.components)
-    for c in changed:
-        components[c.index] = c
-    return replace(system, components=tuple(components))
+    new = {c.index: c for c in changed}
+    return replace(system, components=tuple(new.get(c.index, c) for c in system.components))
 
 
 def with_node(
@@ -192,8 +190,7 @@ def with_module(system: System, module: Module) -> System:
 
 def forced(system: System, module: int, who: str) -> System:
     """The system with a module whose mode is always `who`, "ac" or "sc"."""
-    modules = [replace(m, forced=who) if m.index == module else m for m in system.modules]
-    return replace(system, modules=tuple(modules))
+    return with_module(system, replace(system.modules[module], forced=who))
 
 
 # ---------------------------------------------------------------- topics
@@ -206,10 +203,8 @@ def reading(module: Module, more: Sequence[int], **changes: Any) -> Module:  # n
 
 def with_changed_topics(system: System, changed: Iterable[Topic]) -> System:
     """The system with these topics in the place of those with the same indices."""
-    topics = list(system.topics)
-    for t in changed:
-        topics[t.index] = t
-    return replace(system, topics=tuple(topics))
+    new = {t.index: t for t in changed}
+    return replace(system, topics=tuple(new.get(t.index, t) for t in system.topics))
 
 
 def with_topics(system: System, made: Sequence[Topic]) -> System:

@@ -221,7 +221,9 @@ def representatives(
     if isinstance(t, IntType):
         low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
     elif bound is None:
-        low, high = _value_below(constants), _value_above(constants)
+        least, greatest = float(min(constants)), float(max(constants))
+        low = max(least - max(1.0, abs(least)), -sys.float_info.max)
+        high = min(greatest + max(1.0, abs(greatest)), sys.float_info.max)
     else:
         low, high = bound.low, bound.high
     cuts = sorted({low, high, *(c for c in constants if low <= c <= high)})
@@ -238,16 +240,6 @@ def _between(a: float, b: float, t: IntType | FloatType) -> float:
     if isinstance(t, IntType):
         return (int(a) + int(b)) // 2
     return float((Fraction(a) + Fraction(b)) / 2)
-
-
-def _value_below(constants: set[int | float]) -> float:
-    least = float(min(constants))
-    return max(least - max(1.0, abs(least)), -sys.float_info.max)
-
-
-def _value_above(constants: set[int | float]) -> float:
-    greatest = float(max(constants))
-    return min(greatest + max(1.0, abs(greatest)), sys.float_info.max)
 
 
 FINEST = 8
@@ -289,7 +281,7 @@ def together(system: System, watched: Sequence[ReadClocks]) -> int:
     in_steps, looked_at, seen, from_zero, clocks = 0, 0, 0, False, 0
     for w in watched:
         free = late if w.component is None else late & {w.component}
-        ages = {_source(system, t) for t in w.ages}
+        ages = {system.topics[t].source for t in w.ages}
         edges, moving, has_zero = _edges(w, ages, moved, free=bool(free))
         from_zero |= has_zero
         clocks += moving
@@ -338,12 +330,6 @@ def _published_late(system: System, late: set[int]) -> set[int]:
         if c.index in late and c.node is not None
         for t in c.node.publishes
     }
-
-
-def _source(system: System, topic: int) -> int:
-    """The topic, or for a queue the topic that fills it, whose age it has."""
-    of = system.topics[topic].queue_of
-    return topic if of is None else of
 
 
 def releases(system: System, component: int) -> int:

@@ -22,7 +22,7 @@ from soter.language.elaborate.step_times import (
     inlined,
     may_take,
 )
-from soter.language.elaborate.system_numbers import TooLargeError
+from soter.language.elaborate.system_numbers import TooLargeError, warn_of_idle_settings
 from soter.language.elaborate.topics import (
     Topics,
     beyond,
@@ -32,7 +32,6 @@ from soter.language.elaborate.topics import (
     make_shield_topics,
     refuse_overrun,
 )
-from soter.language.elaborate.unused_settings import Idle
 from soter.language.model import typed
 from soter.language.model.system import (
     LEVELS_DEFAULT,
@@ -179,10 +178,20 @@ class Elaborator(Topics):
     def _idle_settings(self) -> None:
         """Warns W010 of settings that nothing reads, unless parts are missing, which may."""
         settings = self.parameters.of_instances()
-        if settings and not self.partial:
-            idle = Idle()
-            idle.enter(self.parts, self.placed, self.topics)
-            idle.report(settings, self.diagnostics)
+        if not settings or self.partial:
+            return
+        code: list[tuple[str, tuple[object, ...]]] = [
+            (part.prefix[:-1], (part.system.properties, part.system.inputs)) for part in self.parts
+        ]
+        code += [(p.name, (p.symbol, *p.replaced.values())) for p in self.placed]
+        code += [
+            (
+                t.name.removesuffix(t.symbol.name).rstrip("."),
+                (t.symbol.values, t.symbol.default, t.symbol.max_age),
+            )
+            for t in self.topics
+        ]
+        warn_of_idle_settings(settings, code, self.diagnostics)
 
     def run_loose(self, topics: list[typed.TopicSymbol]) -> System | None:
         """Checks numbers of declarations outside systems and of `topics`, but no composition."""
@@ -263,7 +272,7 @@ class Elaborator(Topics):
             if not self.measure.fits(variable.type):
                 raise TooLargeError
             what = f"the first value of `{variable.name}`"
-            value = self.number(expr, what) if expr is not None else None
+            value = self.number(expr, what)
             values.append(default_value(variable.type) if value is None else value)
         return tuple(values)
 
@@ -304,9 +313,7 @@ class Elaborator(Topics):
         name = d.variable.name
         span = d.low.span.to(d.high.span)
         interval = self.interval(d.low, d.high, span, f"disturbance `{name}`") or (0.0, 0.0)
-        hold = None
-        if d.hold is not None:
-            hold = self.duration(d.hold, f"`hold` of `{name}`")
+        hold = self.duration(d.hold, f"`hold` of `{name}`")
         streams: tuple[str, ...] = ()
         if not isinstance(d.variable.type, ErrorType):
             paths = [path for path, _ in leaves(d.variable.type)]
@@ -393,7 +400,7 @@ class Elaborator(Topics):
         return low, max(low, high)
 
     def _phase(self, node: typed.NodeSymbol, period: int, name: str) -> int:
-        phase = self.number(node.phase, "a phase") if node.phase is not None else None
+        phase = self.number(node.phase, "a phase")
         if phase is None or node.phase is None:
             return 0
         if 0 <= phase < period or name in self.unknown:
@@ -414,16 +421,17 @@ class Elaborator(Topics):
     ) -> dict[int, Value]:
         """Topic -> value published after a step fault, or held after the end of a lease."""
         value_by_topic: dict[int, Value] = {}
-        why = "what is published after a step fault must be allowed too"
-        if isinstance(node, typed.ModuleSymbol):
-            why = "proofs of what acts after the lease speak of values in the set"
+        why = (
+            "proofs of what acts after the lease speak of values in the set"
+            if isinstance(node, typed.ModuleSymbol)
+            else "what is published after a step fault must be allowed too"
+        )
         for symbol, expr in node.failsafe.items():
             value = self.number(expr, f"the fail-safe value of `{symbol.name}`")
             if value is None:
                 continue
-            topic = self.topics[scope.topics[symbol]]
-            if topic.queue_of is not None:  # it reads its own output: M001 was reported
-                topic = self.topics[topic.queue_of]
+            # a queue's: the node reads its own output, which M001 was reported for
+            topic = self.topics[self.topics[scope.topics[symbol]].source]
             value_by_topic[topic.index] = value
             self.in_set(
                 topic,
@@ -666,9 +674,8 @@ class Elaborator(Topics):
         for component in components:
             wanted: dict[typed.ModuleSymbol | str, typed.TypedExpr] = {}
             margins: set[typed.ModuleSymbol | str] = set()
-            home = component.name
-            if component.module is not None:
-                home = modules[component.module].name
+            of = component.module
+            home = component.name if of is None else modules[of].name
             if component.node is not None:
                 node = component.node
                 contracts = (*node.assumes, *node.guarantees)
@@ -827,7 +834,7 @@ class Elaborator(Topics):
 
     def _external(self, item: typed.ExternalSymbol, index: int) -> External:
         what = f"of external topic `{item.topic.name}`"
-        every = self.duration(item.every, f"`every` {what}") if item.every else None
+        every = self.duration(item.every, f"`every` {what}")
         delay = self.delay(item.delayed, f"`delayed` {what}")
         errors: list[float | None] = [None for _ in leaves(item.topic.type)]
         for m in item.measured:

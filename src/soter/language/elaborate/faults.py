@@ -105,7 +105,7 @@ class _FaultPlacer:
         """Yields the faults of one item, one for each component; none after a report."""
         if item.kind == "order":
             return
-        lasts = self._duration_ns(item)
+        lasts = self.elaborator.duration(item.lasts, f"how long `{item.kind}` lasts") or 0
         amount = self._amount_values(item, lasts)
         rate = self._rate(item)
         if amount is None or rate is None:
@@ -154,11 +154,6 @@ class _FaultPlacer:
         return name if count == 1 else f"{name}#{count}"
 
     # ------------------------------------------------------------ numbers
-
-    def _duration_ns(self, item: typed.SystemFaultSymbol) -> int:
-        if item.lasts is None:
-            return 0
-        return self.elaborator.duration(item.lasts, f"how long `{item.kind}` lasts") or 0
 
     def _rate(self, item: typed.SystemFaultSymbol) -> float | None:
         """How often it happens, per second; 0 if it always does, None after a report."""
@@ -357,8 +352,6 @@ class _FaultPlacer:
 
     def _number(self, m: Module, expr: typed.TypedExpr | None) -> float | None:
         """A time of a `verify` block in ns, with the parameters of its module."""
-        if expr is None:
-            return None
         with self.elaborator.under(m.scope.params):
             value = self.elaborator.number(expr, "a time of `verify`")
         return None if value is None else float(value)
@@ -445,7 +438,7 @@ def _read(system: System, c: Component) -> set[int]:
     if c.node is None:
         return set()
     own = [system.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
-    return {t.index if t.queue_of is None else t.queue_of for t in own}
+    return {t.source for t in own}
 
 
 def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:

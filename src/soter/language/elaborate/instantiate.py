@@ -166,10 +166,9 @@ class Instantiation(Numbers):
 
     def _beside(self, system: typed.SystemSymbol) -> Collection[typed.TopicSymbol]:
         """The topics of a system beside its instances, computed once."""
-        known = self._topics_beside.get(system)
-        if known is None:
-            known = self._topics_beside[system] = frozenset(topics_beside(system))
-        return known
+        if system not in self._topics_beside:
+            self._topics_beside[system] = frozenset(topics_beside(system))
+        return self._topics_beside[system]
 
     def _ignored_sets(self, inner: typed.SystemSymbol, path: str) -> None:
         for item in inner.sets:
@@ -425,13 +424,14 @@ class Instantiation(Numbers):
     def _in_a_circle(self, seen: dict[tuple[tuple[str, ...], typed.TopicSymbol], Span]) -> None:
         names = [".".join((*path, topic.name)) for (path, topic) in seen]
         spans = list(seen.values())
+        first = min(spans, key=lambda span: span.start)
         self.diagnostics.error(
             "M021",
             f"`{names[0]}` is wired to itself"
             if len(names) == 1
             else f"{listed(sorted(names))} are wired in a circle",
-            min(spans, key=_start),
-            also=tuple((s, "and back here") for s in spans if s is not min(spans, key=_start))[:1],
+            first,
+            also=tuple((s, "and back here") for s in spans if s is not first)[:1],
             notes=("a wire gives a topic the place of another one: somewhere there must be one",),
             helps=("leave one of the wires out",),
         )
@@ -445,10 +445,6 @@ def controller_names(module: str, ac: typed.NodeSymbol, sc: typed.NodeSymbol) ->
         f"{role}.{s}" if alike or s == "dm" else s for role, s in zip(ROLES, short, strict=True)
     ]
     return f"{module}.{roles[0]}", f"{module}.{roles[1]}"
-
-
-def _start(span: Span) -> int:
-    return span.start
 
 
 def expressions_of(properties: tuple[typed.PropertySymbol, ...]) -> list[typed.TypedExpr]:

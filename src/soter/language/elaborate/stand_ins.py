@@ -22,7 +22,7 @@ from soter.language.elaborate.distinguished import (
 )
 from soter.language.model import typed
 from soter.language.model.system import StandIn
-from soter.language.model.tree_walk import mode_reads, nodes, rewritten, topic_reads
+from soter.language.model.tree_walk import joined, mode_reads, nodes, rewritten, topic_reads
 from soter.language.model.types import (
     BOOL,
     INT,
@@ -224,10 +224,7 @@ def _published_if(put: Put, span: Span, holds: Sequence[typed.TypedExpr]) -> lis
             out.append(typed.TypedIf(span, ((typed.VarRead(BOOL, span, is_put), (publish,)),), ()))
     if not holds:
         return out
-    condition = holds[0]
-    for other in holds[1:]:
-        condition = typed.TypedBinary(BOOL, span, "&&", condition, other)
-    return [typed.TypedIf(span, ((condition, tuple(out)),), ())]
+    return [typed.TypedIf(span, ((joined("&&", holds, span), tuple(out)),), ())]
 
 
 def _with_values(e: typed.TypedExpr, put: Put) -> typed.TypedExpr:
@@ -413,18 +410,8 @@ def with_part(value: Value, path: Path, part: Value) -> Value:
 
 def is_one_of(read: typed.TypedExpr, values: Sequence[Value]) -> typed.TypedExpr:
     """The condition that `read` equals one of the values, leaf by leaf (0.0 equals -0.0)."""
-    each = [_all([*_equalities(read, v)], read.span) for v in values]
-    condition = each[0]
-    for other in each[1:]:
-        condition = typed.TypedBinary(BOOL, read.span, "||", condition, other)
-    return condition
-
-
-def _all(conditions: list[typed.TypedExpr], span: Span) -> typed.TypedExpr:
-    condition: typed.TypedExpr = typed.Literal(BOOL, span, True)
-    for i, other in enumerate(conditions):
-        condition = typed.TypedBinary(BOOL, span, "&&", condition, other) if i else other
-    return condition
+    each = [joined("&&", [*_equalities(read, v)], read.span) for v in values]
+    return joined("||", each, read.span)
 
 
 def _equalities(read: typed.TypedExpr, value: Value) -> Iterator[typed.TypedExpr]:

@@ -153,24 +153,17 @@ def budget(numbers: Numbers, of: typed.NodeSymbol | typed.ModuleSymbol) -> tuple
 
 def _time(numbers: Numbers, expr: typed.TypedExpr | None, what: str, *, least: int) -> int | None:
     """A time of at least `least` ns; None after a report, C001 or C002."""
-    value = None if expr is None else numbers.number(expr, what)
-    if value is None or expr is None:
-        return None
-    assert isinstance(value, int)
-    if value < least:
-        needed = "cannot be negative" if least == 0 else "must be longer than zero"
-        message = f"{what} {needed}"
-        numbers.diagnostics.error("C001", message, expr.span, f"this is {show_ns(value)}")
-        return None
-    if value > MAX_PERIOD_NS:
-        numbers.diagnostics.error(
-            "C002",
-            f"{what} cannot be {show_ns(value)}",
-            expr.span,
-            f"up to {show_ns(MAX_PERIOD_NS)} is possible",
-        )
-        return None
-    return value
+    needed = "cannot be negative" if least == 0 else "must be longer than zero"
+    value = numbers.time_from(expr, what, least, needed)
+    if value is None or expr is None or value <= MAX_PERIOD_NS:
+        return value
+    numbers.diagnostics.error(
+        "C002",
+        f"{what} cannot be {show_ns(value)}",
+        expr.span,
+        f"up to {show_ns(MAX_PERIOD_NS)} is possible",
+    )
+    return None
 
 
 def inlined(

@@ -2,7 +2,8 @@
 
 Purpose: finds the value of each parameter in each instance, and evaluates periods, counts and
 intervals with checks of their ranges. It counts instances and numbers before it makes them, as a
-few lines can ask for 2^50 instances; then it reports M007.
+few lines can ask for 2^50 instances; then it reports M007. It warns of settings of instances that
+nothing there reads (W010).
 Non-goals: what the numbers are for (`elaborator.py`), the exact size of the state
 (`core/layout.py`).
 
@@ -17,6 +18,7 @@ from __future__ import annotations
 import math
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import the_other_way
@@ -27,10 +29,12 @@ from soter.language.model import typed
 from soter.language.model.types import leaf_count, show_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics, Span
     from soter.language.model.types import Type, Value
+
+    Reads = frozenset[typed.ParamSymbol]
 
 
 Values = dict[typed.ParamSymbol, Any]
@@ -184,81 +188,64 @@ class Numbers:
 
     # ------------------------------------------------------------ numbers
 
-    def number(self, expr: typed.TypedExpr, what: str) -> Value | None:
-        """The value of a constant expression under this system's parameters."""
-        return self.calculator.value(expr, what)
+    def number(self, expr: typed.TypedExpr | None, what: str) -> Value | None:
+        """The value of a constant expression under this system's parameters; None without one."""
+        return None if expr is None else self.calculator.value(expr, what)
 
-    def duration(self, expr: typed.TypedExpr, what: str) -> int | None:
-        """A time in ns; None after a report: C001 if it is not above 0, C002 if out of limits."""
+    def time_from(
+        self, expr: typed.TypedExpr | None, what: str, least: int, too_little: str
+    ) -> int | None:
+        """A time of `least` ns or more; None where there is none, or after a report of C001."""
+        value = self.number(expr, what)
+        if value is None or expr is None or value >= least:
+            return value
+        this = f"this is {show_ns(value)}"
+        self.diagnostics.error("C001", f"{what} {too_little}", expr.span, this)
+        return None
+
+    def _limited(
+        self,
+        value: Value | None,
+        expr: typed.TypedExpr | None,
+        what: str,
+        limits: tuple[int, int],
+        shown: Callable[[int], str],
+    ) -> int | None:
+        """The value of `expr` if it is in these limits; None, for others after a report of C002."""
+        low, high = limits
+        if value is None or expr is None or low <= value <= high:
+            return value
+        possible = f"{shown(low)} to {shown(high)} are possible"
+        self.diagnostics.error("C002", f"{what} cannot be {shown(value)}", expr.span, possible)
+        return None
+
+    def duration(self, expr: typed.TypedExpr | None, what: str) -> int | None:
+        """A time in ns; None without one or after a report: C001 if not above 0, C002 if too long.
+
+        None, too, for a period with an error of its own.
+        """
         if isinstance(expr, typed.Literal) and expr.name == UNKNOWN:
             return None
-        value = self.number(expr, what)
-        if value is None:
-            return None
-        assert isinstance(value, int)
-        if value <= 0:
-            self.diagnostics.error(
-                "C001", f"{what} must be longer than zero", expr.span, f"this is {show_ns(value)}"
-            )
-            return None
-        if not MIN_PERIOD_NS <= value <= MAX_PERIOD_NS:
-            self.diagnostics.error(
-                "C002",
-                f"{what} cannot be {show_ns(value)}",
-                expr.span,
-                f"{show_ns(MIN_PERIOD_NS)} to {show_ns(MAX_PERIOD_NS)} are possible",
-            )
-            return None
-        return value
+        value = self.time_from(expr, what, 1, "must be longer than zero")
+        return self._limited(value, expr, what, (MIN_PERIOD_NS, MAX_PERIOD_NS), show_ns)
 
     def long_duration(self, expr: typed.TypedExpr | None, what: str) -> int | None:
         """The length of a run in ns, None where there is none or after a report."""
-        value = self.number(expr, what) if expr is not None else None
-        if value is None or expr is None:
-            return None
-        if value <= 0:
-            self.diagnostics.error(
-                "C001", f"{what} must be longer than zero", expr.span, f"this is {show_ns(value)}"
-            )
-            return None
-        if value > MAX_TIME_NS:
-            self.diagnostics.error(
-                "C002", f"{what} is too long", expr.span, "at most 146 years are possible"
-            )
-            return None
-        return int(value)
+        value = self.time_from(expr, what, 1, "must be longer than zero")
+        if value is None or expr is None or value <= MAX_TIME_NS:
+            return value
+        years = "at most 146 years are possible"
+        self.diagnostics.error("C002", f"{what} is too long", expr.span, years)
+        return None
 
     def delay(self, expr: typed.TypedExpr | None, what: str) -> int | None:
         """A delay in ns, zero allowed; None where there is none or after a report."""
-        value = self.number(expr, what) if expr is not None else None
-        if value is None or expr is None:
-            return None
-        if value < 0:
-            self.diagnostics.error(
-                "C001", f"{what} cannot be negative", expr.span, f"this is {show_ns(value)}"
-            )
-            return None
-        if value > MAX_PERIOD_NS:
-            self.diagnostics.error(
-                "C002",
-                f"{what} cannot be {show_ns(value)}",
-                expr.span,
-                f"0 s to {show_ns(MAX_PERIOD_NS)} are possible",
-            )
-            return None
-        return int(value)
+        value = self.time_from(expr, what, 0, "cannot be negative")
+        return self._limited(value, expr, what, (0, MAX_PERIOD_NS), show_ns)
 
     def count(self, expr: typed.TypedExpr | None, what: str, low: int, high: int) -> int | None:
         """A whole number in [low, high]; None where there is none or after a report (C002)."""
-        value = self.number(expr, what) if expr is not None else None
-        if value is None or expr is None:
-            return None
-        if not low <= value <= high:
-            self.diagnostics.error(
-                "C002", f"{what} cannot be {value}", expr.span, f"{low} to {high} are possible"
-            )
-            return None
-        return int(value)
+        return self._limited(self.number(expr, what), expr, what, (low, high), str)
 
     def interval(
         self, low: typed.TypedExpr, high: typed.TypedExpr, span: Span, what: str
@@ -289,18 +276,8 @@ class Numbers:
 
     def skew(self, expr: typed.TypedExpr | None) -> int:
         """The skew of a test in ns, 0 or more; 0 also after a report."""
-        value = self.number(expr, "`skew`") if expr is not None else None
-        if expr is None or value is None:
-            return 0
-        if not 0 <= value <= MAX_PERIOD_NS:
-            self.diagnostics.error(
-                "C002",
-                f"`skew` cannot be {show_ns(value)}",
-                expr.span,
-                f"0 s to {show_ns(MAX_PERIOD_NS)} are possible",
-            )
-            return 0
-        return int(value)
+        value = self.number(expr, "`skew`")
+        return self._limited(value, expr, "`skew`", (0, MAX_PERIOD_NS), show_ns) or 0
 
 
 MAX_COMPONENTS = 10_000
@@ -385,3 +362,69 @@ class SizeCounter:
 
 def _parts(system: typed.SystemSymbol) -> list[typed.SystemSymbol]:
     return [i.what for i in system.instances if isinstance(i.what, typed.SystemSymbol)]
+
+
+# ---------------------------------------------------------------- settings that nothing reads
+
+
+def warn_of_idle_settings(
+    settings: Iterable[typed.SetSymbol],
+    code: Iterable[tuple[str, tuple[object, ...]]],
+    diagnostics: Diagnostics,
+) -> None:
+    """Warns W010 of each setting, with a full path, that nothing in its instance reads.
+
+    `code`: the paths of all instances, each with parts of the checked program that stand there. Of
+    settings in a loop it warns once, of the first one.
+    """
+    known: dict[int, Reads] = {}
+    read_by_path: dict[str, set[typed.ParamSymbol]] = {}
+    for path, roots in code:
+        for root in roots:
+            if id(root) not in known:
+                known[id(root)] = _params_read(root)
+        around = path
+        while around:
+            read_by_path.setdefault(around, set()).update(*(known[id(root)] for root in roots))
+            around = around.rpartition(".")[0]
+    told: set[Span] = set()
+    for item in settings:
+        if item.param in read_by_path.get(item.path, ()) or item.span in told:
+            continue
+        told.add(item.span)
+        diagnostics.warning(
+            "W010",
+            f"nothing in `{item.path}` reads the parameter `{item.param.name}`",
+            item.span,
+            "this changes nothing",
+            also=((item.param.span, "the parameter"),),
+            notes=("the sets of topics belong to the system that they stand in",),
+        )
+
+
+def _params_read(root: object) -> Reads:
+    """Parameters that a part of a checked program reads, also in the functions that it calls.
+
+    What a topic's own declaration reads does not count for a part that reads the topic.
+    """
+    params: set[typed.ParamSymbol] = set()
+    seen: set[int] = set()
+    todo = [root]
+    while todo:
+        node = todo.pop()
+        kind: Any = type(node)
+        if isinstance(node, (tuple, list)):
+            todo.extend(node)
+        elif isinstance(node, dict):
+            todo.extend(node.values())
+        elif isinstance(node, typed.ParamRead):
+            params.add(node.param)
+        elif _is_code(kind) and id(node) not in seen:
+            seen.add(id(node))
+            todo.extend(vars(node).values())
+    return frozenset(params)
+
+
+@cache
+def _is_code(kind: type) -> bool:
+    return kind.__module__ == typed.__name__ and not issubclass(kind, typed.TopicSymbol)

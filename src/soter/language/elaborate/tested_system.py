@@ -96,9 +96,7 @@ class _TestElaborator(Elaborator):
         """Flattens the system and adds its plan; None if it is too large."""
         horizon = self._horizon()
         skew = self.skew(self.test.skew)
-        quantum = None
-        if self.test.quantum is not None:
-            quantum = self.duration(self.test.quantum, "`quantum`")
+        quantum = self.duration(self.test.quantum, "`quantum`")
         before = self.diagnostics.error_count
         flat = self.run()
         if flat is None:
@@ -291,7 +289,7 @@ class _TestElaborator(Elaborator):
                     within_ns=within or 0,
                     module=None,
                     scope=scope,
-                    text=_text(item),
+                    text=item.whole or " ".join(item.span.text.split()).rstrip("; "),
                     span=item.span,
                     asks=item.asks,
                     promises=item.text,
@@ -390,7 +388,9 @@ class _TestElaborator(Elaborator):
         """The components that a path names; reports E009 if none, or one without such faults."""
         components = named(system, item.path)
         if not components:
-            self._no_component(system, item)
+            if not self.partial and self.sound:
+                verb = _VERBS[item.kind]
+                not_found(system, item.path, item.span, self.diagnostics, verb=verb, plants=False)
             return []
         wrong = {c.role for c in components} & (
             {"plant", "dm"} if item.kind == "overrun" else {"plant"}
@@ -410,11 +410,6 @@ class _TestElaborator(Elaborator):
             helps=() if plant else (f"let its step be late: `late {item.path} by ...;`",),
         )
         return []
-
-    def _no_component(self, system: System, item: typed.FaultSymbol) -> None:
-        if not self.partial and self.sound:
-            verb = _VERBS[item.kind]
-            not_found(system, item.path, item.span, self.diagnostics, verb=verb, plants=False)
 
     def _overrun(self, system: System, c: Component, item: typed.FaultSymbol) -> None:
         assert c.node is not None
@@ -487,9 +482,11 @@ class _TestElaborator(Elaborator):
         symbol = c.node or c.plant
         assert symbol is not None
         what = "plant" if c.plant is not None else "node"
-        by = "a plant of Soter code"
-        if c.plant is None:
-            by = "a node of Soter code that may do anything, with `choose`"
+        by = (
+            "a node of Soter code that may do anything, with `choose`"
+            if c.plant is None
+            else "a plant of Soter code"
+        )
         name = c.name.rpartition(".")[2] if c.module is not None else c.name
         self.diagnostics.error(
             "E005",
@@ -595,13 +592,6 @@ def _with_values(of: StandIn, stated: Sequence[StatedValues]) -> StandIn:
     promised = [s.text for s in stated if s.promised]
     tried = [s.text for s in stated if not s.promised]
     return replace(of, clauses=(*of.clauses, *promised), tried=tuple(tried))
-
-
-def _text(item: typed.PropertySymbol) -> str:
-    """The source text of a property without its `;`."""
-    if item.whole:
-        return item.whole
-    return " ".join(item.span.text.split()).rstrip("; ")
 
 
 def _code(system: System) -> Iterator[object]:

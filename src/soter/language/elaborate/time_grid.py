@@ -154,7 +154,8 @@ def _texts(system: System) -> Iterator[Text]:
     assert system.test is not None
     for t in system.test.timed:
         ages = any(isinstance(n, typed.AgeRead) for n in nodes([t.condition]))
-        looks = _steps(system) if ages else 2 if t.kind == "leadsto" else 1
+        every = sum(releases(system, c.index) for c in system.components)
+        looks = every if ages else 2 if t.kind == "leadsto" else 1
         watched = ReadClocks(looks=looks, deadline=t.kind)
         yield _TimeReader(t.scope, watched=watched), [t.premise, t.condition], []
 
@@ -179,11 +180,6 @@ def _texts_of_components(system: System) -> Iterator[Text]:
                 typed.TypedDeclare(value.span, variable, value) for variable, value in p.lets
             )
             yield reader, [*p.der.values(), *p.next.values(), *(e for _, e in p.drives)], [lets]
-
-
-def _steps(system: System) -> int:
-    """The number of all releases up to the horizon, a bound for the moments that decide."""
-    return sum(releases(system, c.index) for c in system.components)
 
 
 class _TimeReader:

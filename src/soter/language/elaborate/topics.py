@@ -76,16 +76,26 @@ def make_latch_topics(modules: Iterable[Module], first: int) -> list[Topic]:
 
 
 def _memory_topic(module: Module, what: str, index: int, most: int) -> Topic:
+    return _hidden_topic(module, what, index, IntType(0, most), (Bound(0, most),), 0)
+
+
+def _hidden_topic(
+    module: Module,
+    what: str,
+    index: int,
+    held: Type,
+    bounds: tuple[Bound | None, ...],
+    default: Value,
+) -> Topic:
     name = f"{module.name}.{what}"
-    held = IntType(0, most)
     return Topic(
         index=index,
         name=name,
         symbol=TopicSymbol(name, module.symbol.span, held, False, {}, None, None),
         type=held,
-        bounds=(Bound(0, most),),
+        bounds=bounds,
         set_declared=True,
-        default=0,
+        default=default,
         max_age_ns=None,
         driver=module.name,
         held=True,
@@ -178,21 +188,8 @@ def _numbers(module: Module, topics: Sequence[Topic]) -> tuple[float, ...]:
 
 
 def _topic(module: Module, what: str, index: int, default: tuple[float, ...]) -> Topic:
-    name = f"{module.name}.{what}"
     size = len(default)
-    held = ArrayType(FLOAT, size)
-    return Topic(
-        index=index,
-        name=name,
-        symbol=TopicSymbol(name, module.symbol.span, held, False, {}, None, None),
-        type=held,
-        bounds=(None,) * size,
-        set_declared=True,
-        default=default,
-        max_age_ns=None,
-        driver=module.name,
-        held=True,
-    )
+    return _hidden_topic(module, what, index, ArrayType(FLOAT, size), (None,) * size, default)
 
 
 class Topics(Instantiation):
@@ -225,11 +222,9 @@ class Topics(Instantiation):
             prefix, symbol = key
             if not self.measure.fits(symbol.type):
                 raise TooLargeError
-            max_age = None
             with self.under(self.params_at[prefix]):
                 bounds, declared, default = self._range(symbol)
-                if symbol.max_age is not None:
-                    max_age = self.duration(symbol.max_age, f"`max_age` of `{symbol.name}`")
+                max_age = self.duration(symbol.max_age, f"`max_age` of `{symbol.name}`")
             known = Topic(
                 index=len(self.topics),
                 name=prefix + symbol.name,
@@ -318,8 +313,7 @@ class Topics(Instantiation):
         self, symbol: typed.TopicSymbol, params: Values
     ) -> tuple[tuple[Bound | None, ...], Value | None]:
         with self.under(params):
-            age = symbol.max_age
-            return self._range(symbol)[0], None if age is None else self.number(age, "a `max_age`")
+            return self._range(symbol)[0], self.number(symbol.max_age, "a `max_age`")
 
     def _bounds(self, symbol: typed.TopicSymbol) -> tuple[tuple[Bound | None, ...], bool]:
         """A bound for each leaf, and whether every number has one."""
@@ -329,25 +323,21 @@ class Topics(Instantiation):
             interval = self.interval(values.low, values.high, values.span, what)
             if interval is not None:
                 resolved[path] = Bound(*interval)
-            else:
-                self._unreliable(symbol)
+            else:  # consequences of the error are not reported
+                self.program.damaged.add(symbol)
         bounds, declared = _Bounder(resolved).bounds(symbol.type)
         if any(b is not None and b.low > b.high for b in bounds):
             self.diagnostics.error(
                 "V001", f"{what} holds no value of its type `{symbol.type}`", symbol.span
             )
-            self._unreliable(symbol)
+            self.program.damaged.add(symbol)
         return bounds, declared
-
-    def _unreliable(self, symbol: typed.TopicSymbol) -> None:
-        """Notes that a topic's set has an error, so that consequences are not reported."""
-        self.program.damaged.add(symbol)
 
     def _default(self, symbol: typed.TopicSymbol, bounds: tuple[Bound | None, ...]) -> Value:
         """The first value of a topic; reports V002 if it lies outside the set."""
         written = symbol.default
         what = f"the default of `{symbol.name}`"
-        value = self.number(written, what) if written is not None else None
+        value = self.number(written, what)
         if value is None:
             value = default_value(symbol.type)
         if symbol in self.program.damaged:

@@ -12,7 +12,7 @@ drawn. The re-checker has its own views (`certificate/reading/view_predicates.py
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache, reduce
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
@@ -22,9 +22,15 @@ from soter.language.evaluate.environment import Environment
 from soter.language.evaluate.statements import Evaluator
 from soter.language.model import typed
 from soter.language.model.system import Bound, Disturbance
-from soter.language.model.tree_walk import conjuncts, disjuncts, nodes, rewritten, topic_reads
+from soter.language.model.tree_walk import (
+    conjuncts,
+    disjuncts,
+    joined,
+    nodes,
+    rewritten,
+    topic_reads,
+)
 from soter.language.model.types import (
-    BOOL,
     FLOAT,
     ArrayType,
     FloatType,
@@ -82,13 +88,13 @@ def _seen(flat: System, module: Module, view: typed.ViewSymbol) -> tuple[System,
     assert symbol.safer is not None
     enters = symbol.verify.enters
     if enters is not None:
-        enters = _joined("&&", _kept(conjuncts(enters), topics), enters)
+        enters = joined("&&", _kept(conjuncts(enters), topics), enters.span)
     part = replace(
         symbol,
         verify=replace(view.block, enters=enters),
-        safe=_joined("&&", _kept(conjuncts(symbol.safe), topics), symbol.safe),
-        ttf=_joined("||", _kept(disjuncts(symbol.ttf), topics), symbol.ttf),
-        safer=_joined("&&", _kept(conjuncts(symbol.safer), topics), symbol.safer),
+        safe=joined("&&", _kept(conjuncts(symbol.safe), topics), symbol.safe.span),
+        ttf=joined("||", _kept(disjuncts(symbol.ttf), topics), symbol.ttf.span),
+        safer=joined("&&", _kept(conjuncts(symbol.safer), topics), symbol.safer.span),
     )
     module_view = replace(module, symbol=part, view=view.name, whole=symbol)
     return with_module(flat, module_view), module_view
@@ -96,13 +102,6 @@ def _seen(flat: System, module: Module, view: typed.ViewSymbol) -> tuple[System,
 
 def _kept(parts: Iterable[typed.TypedExpr], topics: Topics) -> list[typed.TypedExpr]:
     return [e for e in parts if topics.issuperset(topic_reads(e))]
-
-
-def _joined(op: str, parts: list[typed.TypedExpr], whole: typed.TypedExpr) -> typed.TypedExpr:
-    """The parts joined by `op`; without parts true for `&&`, false for `||`."""
-    if not parts:
-        return typed.Literal(BOOL, whole.span, op == "&&")
-    return reduce(lambda a, b: typed.TypedBinary(BOOL, whole.span, op, a, b), parts)
 
 
 def _judge(symbol: typed.ModuleSymbol) -> None:
@@ -172,7 +171,8 @@ class Influence:
 def foreign(c: Component, outputs: tuple[int, ...]) -> list[typed.TopicSymbol]:
     """Topics that the equations of a plant read and that are no outputs of the module."""
     assert c.plant is not None
-    read = topic_reads(*_equations(c.plant))
+    lets = (e for _, e in c.plant.lets)
+    read = topic_reads(*lets, *c.plant.der.values(), *c.plant.next.values())
     return [t for t in c.plant.reads if t in read and c.scope.topics[t] not in outputs]
 
 
@@ -266,10 +266,6 @@ def _value(t: Type, left: Iterator[typed.Variable], topic: typed.TopicSymbol) ->
 
 def _part_types(t: RecordType | ArrayType) -> list[Type]:
     return [f for _, f in t.fields] if isinstance(t, RecordType) else [t.element] * t.size
-
-
-def _equations(plant: typed.PlantSymbol) -> list[typed.TypedExpr]:
-    return [*(e for _, e in plant.lets), *plant.der.values(), *plant.next.values()]
 
 
 def _replace_topics(

@@ -17,7 +17,7 @@ from soter.language.check.constants_and_types import Calculator
 from soter.language.model.types import show_ns, write_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from soter.diagnostics.diagnostic import Span
     from soter.language.model import typed
@@ -57,7 +57,15 @@ def check_declaration(
     _decided_by_itself(module, diagnostics)
     for below in module.below:
         if sc in below.own:
-            _shared_sc(module, below, at_sc, diagnostics)
+            diagnostics.error(
+                "M002",
+                f"`{sc.name}` is SC of module `{module.name}` and a controller of `{below.name}`",
+                at_sc,
+                "the safe controller",
+                also=((below.span, f"`{below.name}` stands in the place of AC"),),
+                notes=("one node cannot have control in two ways",),
+                helps=("give the module a safe controller of its own",),
+            )
             return
     for node in module.own:
         check_messages(module, node, at_ac if node is ac else at_sc, diagnostics)
@@ -136,20 +144,6 @@ def _decided_by_itself(module: ModuleSymbol, diagnostics: Diagnostics) -> None:
                 notes=("they are computed for modules that can be proved where they stand",),
                 helps=("write `ttf ...;` and `safer ...;`",),
             )
-
-
-def _shared_sc(
-    module: ModuleSymbol, below: ModuleSymbol, at: Span, diagnostics: Diagnostics
-) -> None:
-    diagnostics.error(
-        "M002",
-        f"`{module.sc.name}` is SC of module `{module.name}` and a controller of `{below.name}`",
-        at,
-        "the safe controller",
-        also=((below.span, f"`{below.name}` stands in the place of AC"),),
-        notes=("one node cannot have control in two ways",),
-        helps=("give the module a safe controller of its own",),
-    )
 
 
 def check_messages(
@@ -388,7 +382,7 @@ def _params(c: Component | Module) -> dict[str, str]:
 
 
 def _component(here: System, mine: Component, there: System, proved: Component) -> Iterator[str]:
-    pairs: tuple[tuple[str, object, object], ...] = (
+    pairs = (
         ("another declaration", mine.node, proved.node),
         ("another role", mine.role, proved.role),
         ("another period", mine.period_ns, proved.period_ns),
@@ -401,9 +395,7 @@ def _component(here: System, mine: Component, there: System, proved: Component) 
         ("other fail-safe values", _failsafe(here, mine), _failsafe(there, proved)),
         ("other modes to read", _modes(here, mine), _modes(there, proved)),
     )
-    for what, a, b in pairs:
-        if a != b:
-            yield f"`{mine.name}` has {what} there"
+    yield from _unequal(f"`{mine.name}`", pairs)
 
 
 def _failsafe(system: System, c: Component) -> dict[str, str]:
@@ -427,7 +419,7 @@ def _module(here: System, mine: Module, there: System, proved: Module) -> Iterat
     def cells(m: Module) -> int:
         return 0 if m.shield is None else m.shield.cells
 
-    pairs: tuple[tuple[str, object, object], ...] = (
+    pairs = (
         ("another declaration", mine.symbol, proved.symbol),
         ("another period", mine.period_ns, proved.period_ns),
         ("another `clean`", mine.clean, proved.clean),
@@ -435,24 +427,26 @@ def _module(here: System, mine: Module, there: System, proved: Module) -> Iterat
         ("other parameters", (_params(mine), around(mine)), (_params(proved), around(proved))),
         ("another module in the place of AC", over(here, mine), over(there, proved)),
     )
-    for what, a, b in pairs:
-        if a != b:
-            yield f"module `{mine.name}` has {what} there"
+    yield from _unequal(f"module `{mine.name}`", pairs)
     for name, forced in ((here.name, mine.forced), (there.name, proved.forced)):
         if forced is not None:
             yield f"module `{mine.name}` is forced to {forced.upper()} in `{name}`"
 
 
 def _topic(mine: Topic, proved: Topic) -> Iterator[str]:
-    pairs: tuple[tuple[str, object, object], ...] = (
+    pairs = (
         ("another declaration", mine.symbol, proved.symbol),
         ("another set", repr(mine.bounds), repr(proved.bounds)),
         ("another `max_age`", mine.max_age_ns, proved.max_age_ns),
         ("another first value", repr(mine.default), repr(proved.default)),
     )
+    yield from _unequal(f"topic `{mine.name}`", pairs)
+
+
+def _unequal(who: str, pairs: Sequence[tuple[str, object, object]]) -> Iterator[str]:
     for what, a, b in pairs:
         if a != b:
-            yield f"topic `{mine.name}` has {what} there"
+            yield f"{who} has {what} there"
 
 
 def _outside(here: System, there: System) -> Iterator[str]:

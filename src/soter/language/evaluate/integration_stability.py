@@ -130,12 +130,10 @@ class Slopes:
         else:
             assert isinstance(b, tuple)
             pairs = [(a, y) for y in b]
-        elements = []
-        for x, y in pairs:
-            if not (isinstance(x, Slope) and isinstance(y, Slope)):
-                return unknown(e.type, self._touched_states(e))
-            elements.append(arithmetic(e.op, x, y))
-        return tuple(elements)
+        slopes = [(x, y) for x, y in pairs if isinstance(x, Slope) and isinstance(y, Slope)]
+        if len(slopes) < len(pairs):
+            return unknown(e.type, self._touched_states(e))
+        return tuple(arithmetic(e.op, x, y) for x, y in slopes)
 
     def _builtin(self, e: typed.Builtin) -> Tree:
         parts = [self.of(x) for x in e.arguments]
@@ -171,11 +169,14 @@ def fixed(value: Value) -> Tree:
 
 def unknown(t: Type, by: Mapping[int, Range]) -> Tree:
     """The tree of an unknown value of type `t` with the derivatives `by`."""
+    return alike(t, Slope(*ANY, dict.fromkeys(by, ANY)))
+
+
+def alike(t: Type, slope: Slope) -> Tree:
+    """The tree of a value of type `t` whose numbers all have this slope."""
     if isinstance(t, RecordType):
-        return tuple(unknown(f, by) for _, f in t.fields)
-    if isinstance(t, ArrayType):
-        return tuple(unknown(t.element, by) for _ in range(t.size))
-    return Slope(*ANY, dict.fromkeys(by, ANY))
+        return tuple(alike(f, slope) for _, f in t.fields)
+    return (alike(t.element, slope),) * t.size if isinstance(t, ArrayType) else slope
 
 
 def each(t: Tree, change: Callable[[Slope], Slope]) -> Tree:
@@ -368,7 +369,7 @@ def _jacobian(
 
     variables: dict[typed.Variable, Tree] = {v: state(v, v.type) for v in plant.states}
     for d in c.disturbances:
-        variables[d.variable] = _everywhere(d.variable.type, (d.low, d.high))
+        variables[d.variable] = alike(d.variable.type, Slope(d.low, d.high))
     slopes = Slopes(variables, lambda t: _topic(system, c, t), lambda p: c.scope.params[p])
     for variable, value in plant.lets:
         slopes.variables[variable] = slopes.of(value)
@@ -382,14 +383,6 @@ def _jacobian(
             assert isinstance(at, Slope)
             rows.append([at.by.get(k, (0.0, 0.0)) for k in range(len(leaves))])
     return rows
-
-
-def _everywhere(t: Type, r: Range) -> Tree:
-    if isinstance(t, RecordType):
-        return tuple(_everywhere(f, r) for _, f in t.fields)
-    if isinstance(t, ArrayType):
-        return tuple(_everywhere(t.element, r) for _ in range(t.size))
-    return Slope(*r)
 
 
 def _topic(system: System, c: Component, symbol: typed.TopicSymbol) -> Tree:

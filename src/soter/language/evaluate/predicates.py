@@ -323,10 +323,7 @@ class _NanFinder(RangeEvaluator):
             return _finite(of.element)
         if not isinstance(whole, tuple) or not whole or isinstance(of, ListType):
             return anything(of.element)
-        union = whole[0]
-        for part in whole[1:]:
-            union = self._joined(union, part, of.element)
-        return union
+        return self._union(whole, of.element)
 
     EXPRESSIONS: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any], Known]]] = {
         **RangeEvaluator.EXPRESSIONS,

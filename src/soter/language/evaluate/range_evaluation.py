@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import reduce
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from soter.language.evaluate import ranges
@@ -27,7 +28,7 @@ from soter.language.model.types import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from soter.language.model.system import Scope
     from soter.language.model.types import Type, Value
@@ -318,10 +319,11 @@ class RangeEvaluator:
     def _choose(self, e: t.TypedChoose) -> Known:
         if not e.options:
             return Range(e.low, e.low + e.count - 1)
-        union = self.evaluate(e.options[0])
-        for option in e.options[1:]:
-            union = self._joined(union, self.evaluate(option), e.type)
-        return union
+        return self._union(map(self.evaluate, e.options), e.type)
+
+    def _union(self, parts: Iterable[Known], of: Type) -> Known:
+        """What covers all of one or more values of one type."""
+        return reduce(lambda union, part: self._joined(union, part, of), parts)
 
     def _part(self, whole: Known, index: int, of: Type) -> Known:
         if isinstance(whole, ReadPlace):

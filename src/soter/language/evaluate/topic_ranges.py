@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import sys
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.arithmetic import StepFault
@@ -237,15 +238,10 @@ class _ScaledSignal:
 
 def limits(system: System) -> list[Limit]:
     """The limits in every module's `safe` and in every `always`, without duplicates."""
-    unique_limits: dict[Limit, None] = {}
-    for m in system.modules:
-        for limit in _LimitReader(system, m.scope).limits(m.symbol.safe, f"safe of {m.name}"):
-            unique_limits[limit] = None
-    for p in system.properties:
-        if p.kind == "always":
-            for limit in _LimitReader(system, p.scope).limits(p.condition, "always"):
-                unique_limits[limit] = None
-    return list(unique_limits)
+    demanded = [(m.scope, m.symbol.safe, f"safe of {m.name}") for m in system.modules]
+    demanded += [(p.scope, p.condition, "always") for p in system.properties if p.kind == "always"]
+    readers = (_LimitReader(system, scope).limits(e, by) for scope, e, by in demanded)
+    return list(dict.fromkeys(chain.from_iterable(readers)))
 
 
 class _LimitReader:

@@ -81,6 +81,11 @@ class Topic:
     """Whether it is hidden, no topic of the program: it holds what a node that `takes` time
     published, or, for code that reads `margin`, what a DM saw."""
 
+    @property
+    def source(self) -> int:
+        """Its index; for a queue that of the topic that fills it."""
+        return self.index if self.queue_of is None else self.queue_of
+
 
 @dataclass(eq=False)
 class Scope:
@@ -494,17 +499,11 @@ class System:
 
     def topic(self, name: str) -> Topic:
         """The topic with this full name; KeyError when there is none."""
-        for t in self.topics:
-            if t.name == name:
-                return t
-        raise KeyError(name)
+        return {t.name: t for t in self.topics}[name]
 
     def component(self, name: str) -> Component:
         """The component with this full name; KeyError when there is none."""
-        for c in self.components:
-            if c.name == name:
-                return c
-        raise KeyError(name)
+        return {c.name: c for c in self.components}[name]
 
 
 def environment_topics(system: System) -> tuple[int, ...]:

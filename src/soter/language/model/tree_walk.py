@@ -20,12 +20,12 @@ is not counted.
 from __future__ import annotations
 
 from dataclasses import fields, replace
-from functools import cache
+from functools import cache, reduce
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.model import typed
-from soter.language.model.types import ArrayType, ListType, leaf_count
+from soter.language.model.types import BOOL, ArrayType, ListType, leaf_count
 from soter.language.model.values import is_table
 
 if TYPE_CHECKING:
@@ -246,9 +246,7 @@ class _Counter:
 
     def plant(self, plant: typed.PlantSymbol) -> None:
         """Compares the cost of a plant's step with the limit."""
-        exprs = [e for _, e in plant.lets]
-        exprs += [*plant.der.values(), *plant.next.values(), *(e for _, e in plant.drives)]
-        self.expressions(exprs, f"`{plant.name}`", plant.span)
+        self.expressions(plant_code(plant), f"`{plant.name}`", plant.span)
 
     def module(self, module: typed.ModuleSymbol) -> typed.Cost:
         """The cost of a decision; code that only a proof evaluates is compared with the limit."""
@@ -373,6 +371,13 @@ def _declared(s: object) -> int:
 
 def _shown(count: int) -> str:
     return f"{count:,}".replace(",", " ") if count < 10**12 else f"about 10^{len(str(count)) - 1}"
+
+
+def joined(op: str, parts: Sequence[typed.TypedExpr], span: Span) -> typed.TypedExpr:
+    """The parts joined by `op`; without parts true for `&&`, false for `||`."""
+    if not parts:
+        return typed.Literal(BOOL, span, op == "&&")
+    return reduce(lambda a, b: typed.TypedBinary(BOOL, span, op, a, b), parts)
 
 
 def conjuncts(predicate: typed.TypedExpr) -> list[typed.TypedExpr]:

@@ -116,10 +116,7 @@ class RecordType(Type):
 
     def index(self, name: str) -> int | None:
         """Position of the field called `name`, or None."""
-        for i, (n, _) in enumerate(self.fields):
-            if n == name:
-                return i
-        return None
+        return next((i for i, (n, _) in enumerate(self.fields) if n == name), None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -122,8 +122,8 @@ class Parser(BodyParser):
                         f"put {first} before everything else",
                     ),
                 ),
+                once=False,
             )
-            self.quiet = -1
             return
         self.i = 1
         if self.kinds[1] == INT:
@@ -222,8 +222,7 @@ class Parser(BodyParser):
             near = meaning("declaration", word) or self.close_word(word, _DECLARATIONS)
             if near is not None and advice is None:
                 helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
-                self.report("S009", message, helps=helps)
-                self.quiet = -1
+                self.report("S009", message, helps=helps, once=False)
                 return self._declaration(_DECLARATIONS[near])
         if advice is not None and not elsewhere:
             helps = (advice,)
@@ -248,14 +247,13 @@ class Parser(BodyParser):
             late.span,
             also=((first.name.span, "the first declaration"),),
             helps=("move the import to the top of the file",),
+            once=False,
         )
-        self.quiet = -1
 
     # ------------------------------------------------------------ simple declarations
 
     def _import(self) -> tree.Decl:
-        start = self.i
-        self.i += 1
+        start = self.take()
         at = self.i
         if self.kinds[at] != STRING:
             raise self.failure(
@@ -288,8 +286,7 @@ class Parser(BodyParser):
         return tree.ImportDecl(name, self.span_from(self.starts[start]), path, self.token_span(at))
 
     def _type_declaration(self) -> tree.Decl:
-        start = self.starts[self.i]
-        self.i += 1
+        start = self.starts[self.take()]
         name = self.declare("the name of the type")
         if self.kinds[self.i] == "{":
             self.report(
@@ -304,8 +301,7 @@ class Parser(BodyParser):
         return tree.TypeDecl(name, self.span_from(start), type_)
 
     def _enum(self) -> tree.TypeExpr:
-        start = self.starts[self.i]
-        self.i += 1
+        start = self.starts[self.take()]
         opener = self.i
         members: list[tree.Name] = []
         try:
@@ -335,8 +331,7 @@ class Parser(BodyParser):
         )
         help_ = "write `let` or `var`" if local else "move it out"
         message = f"`{word}` stands only at the top level of a file"
-        self.report("S009", message, helps=(help_,))
-        self.quiet = -1
+        self.report("S009", message, helps=(help_,), once=False)
         outer = (self.declared, self.damaged, self.items, self.blocks, self.depth, self.indent)
         self.inner = True
         self._declaration(_DECLARATIONS["topic" if word == "input" else word])
@@ -346,8 +341,7 @@ class Parser(BodyParser):
         self.declared, self.damaged, self.items, self.blocks, self.depth, self.indent = outer
 
     def _const(self) -> tree.Decl:
-        start = self.starts[self.i]
-        self.i += 1
+        start = self.starts[self.take()]
         name = self.declare("the name of the constant")
         type_ = self.typed("the constant")
         data: str | None = None
@@ -364,8 +358,7 @@ class Parser(BodyParser):
         return tree.ConstDecl(name, self.span_from(start), type_, value, data, data_span)
 
     def _param(self) -> tree.Decl:
-        start = self.starts[self.i]
-        self.i += 1
+        start = self.starts[self.take()]
         name = self.declare("the name of the parameter")
         type_ = self.typed("the parameter")
         found = clauses(self, "parameter", _OF_A_PARAMETER)

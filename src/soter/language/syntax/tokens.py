@@ -288,7 +288,9 @@ def _malformed_number(tokens: Tokens, token: str, start: int, end: int) -> None:
     elif re.match(r"0[xXbBoO]", token):
         label, helps = "numbers are decimal", _decimal_help(token, span)
     elif number and re.fullmatch(r"[^\W\d_]+", number[2]) and "__" not in number[1]:
-        code, message, label, helps = _unknown_unit(tokens, number[1], number[2], span)
+        code, message = "L006", f"`{visible(number[2])}` is not a unit of time"
+        label = "units are ns, us, ms, s, min and h"
+        helps = (_instead_of_unit(tokens, number[1], number[2], span),)
     elif suffixed := re.fullmatch(r"([0-9][0-9_.]*?)_?([fiu](?:8|16|32|64|size)|[uUlL]+)", token):
         label, helps = "numbers have no suffix", (replace(span, suffixed[1]),)
     elif "_" in token:
@@ -314,31 +316,25 @@ _TIME_FOLLOWS = frozenset(
 )  # fmt: skip
 
 
-def _unknown_unit(
-    tokens: Tokens, number: str, unit: str, span: Span
-) -> tuple[Code, str, str, tuple[Help, ...]]:
-    """L006: a unit of time spelt otherwise, a suffix, or a unit of something else."""
-    message = f"`{visible(unit)}` is not a unit of time"
-    label = "units are ns, us, ms, s, min and h"
+def _instead_of_unit(tokens: Tokens, number: str, unit: str, span: Span) -> Help:
+    """The help for a unit of time spelt otherwise, a suffix, or a unit of something else."""
     if unit.lower() == "hz":
         period = period_of(number)
         if period is None:
-            return "L006", message, label, ("a period is a time: 100 Hz is `10ms`",)
-        return "L006", message, label, (replace(span, period, f"a period is a time: `{period}`"),)
+            return "a period is a time: 100 Hz is `10ms`"
+        return replace(span, period, f"a period is a time: `{period}`")
     if unit in ("f", "F", "d", "L", "l", "u", "U"):
         plain = f"{number}.0" if unit in "fFd" and number.isdigit() else number
-        title = f"numbers have no suffix: write `{plain}`"
-        return "L006", message, label, (replace(span, plain, title),)
+        return replace(span, plain, f"numbers have no suffix: write `{plain}`")
     bare = in_si(number, unit)
     before = tokens.texts[-1] if tokens.texts else ""
-    timely = before in _TIME_FOLLOWS or bare is None
     time_unit = meaning("time_unit", unit)
-    if time_unit is not None and timely:
-        return "L006", message, label, (replace(span, f"{number}{time_unit}"),)
+    if time_unit is not None and (before in _TIME_FOLLOWS or bare is None):
+        return replace(span, f"{number}{time_unit}")
     si = "quantities other than time carry no unit: use SI"
     if bare is None:
-        return "L006", message, label, (f"{si} and say so in a comment",)
-    return "L006", message, label, (replace(span, bare, f"{si}, `{bare}`"),)
+        return f"{si} and say so in a comment"
+    return replace(span, bare, f"{si}, `{bare}`")
 
 
 def _open_string(tokens: Tokens, token: str, start: int, end: int) -> None:

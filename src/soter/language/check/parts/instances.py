@@ -14,6 +14,7 @@ from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from soter.diagnostics.diagnostic import insert
+from soter.language.check.expression_base import CheckerPart
 from soter.language.check.field import find_instance, flat_names
 from soter.language.model import typed
 from soter.language.model.types import INT
@@ -76,12 +77,8 @@ class Unroller:
 
     def items(self, items: Sequence[_Item | tree.Repeated]) -> list[_Item]:
         """All items, with loop variables and elements replaced."""
-        concrete_items = []
-        for item, values in self._each(items, {}):
-            filled = self.filled(item, values)
-            if filled is not None:
-                concrete_items.append(cast("_Item", filled))
-        return concrete_items
+        filled = (self.filled(item, values) for item, values in self._each(items, {}))
+        return [cast("_Item", item) for item in filled if item is not None]
 
     def filled(self, item: object, values: Values) -> object | None:
         """An item with its loop variables and elements replaced; None after a report."""
@@ -245,9 +242,11 @@ class Unroller:
             known = _elements(inside, names[-1].text)
             self._no_element(text, node.span, known, indices[::-1], values)
         name = tree.Name(text, node.span)
-        result: tree.SyntaxExpr = tree.NameExpr(node.span, name)
-        if isinstance(base, tree.FieldExpr):
-            result = tree.FieldExpr(node.span, base.target, name)
+        result: tree.SyntaxExpr = (
+            tree.FieldExpr(node.span, base.target, name)
+            if isinstance(base, tree.FieldExpr)
+            else tree.NameExpr(node.span, name)
+        )
         for i in indices[: len(indices) - count][::-1]:
             result = tree.IndexExpr(node.span, result, self._expr(i, values))
         return result
@@ -325,11 +324,8 @@ _FILLED = (
 """Classes of syntax that may contain expressions or paths; references and types do not."""
 
 
-class Wires:
+class Wires(CheckerPart):
     """Finds the topics that instances are wired to."""
-
-    def __init__(self, shared: Shared) -> None:
-        self.shared = shared
 
     def end(
         self,
@@ -340,8 +336,9 @@ class Wires:
         """The topic that `topic`, `file.topic` or `instance.topic` means; None after a report."""
         names = path.parts
         what, depth = find_instance(instances, names)
-        if depth == 0 or (len(names) == 1 and "[" not in names[0].text):
-            return self._beside(path, scope)
+        if len(names) <= 2 and (depth == 0 or (len(names) == 1 and "[" not in names[0].text)):
+            first = names[0] if len(names) == 2 else None
+            return self.shared.topic_ref(tree.Ref(first, names[-1], path.span), scope)
         if isinstance(what, typed.SystemSymbol) and len(names) == depth + 1:
             for topic in self.shared.topics_of(what):
                 if topic.name.rsplit(".", 1)[-1] == names[-1].text:
@@ -407,14 +404,6 @@ class Wires:
             for inner in (topic, *(k for k, outer in i.renames.items() if outer is topic))
             if inner is not topic or topic not in i.renames
         )
-
-    def _beside(self, path: tree.DottedPath, scope: FileScope) -> typed.TopicSymbol | None:
-        names = path.parts
-        if len(names) <= 2:
-            first = names[0] if len(names) == 2 else None
-            return self.shared.topic_ref(tree.Ref(first, names[-1], path.span), scope)
-        self._no_topic(path, None, 0)
-        return None
 
     def _no_topic(self, path: tree.DottedPath, what: object, depth: int) -> None:
         """Reports N004 for a path that leads to no topic."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import is_error, sound
+from soter.language.check.expression_base import CheckerPart, is_error
 from soter.language.check.field import instead_of, listed
 from soter.language.check.parts.node import period_or_unknown
 from soter.language.check.parts.verify_block import VerifyChecker
@@ -22,35 +22,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.diagnostics.diagnostic import Span
-    from soter.language.check.checker_interface import Because, Shared
+    from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
-    from soter.language.model.types import Type
 
 
-class ModuleChecker:
+class ModuleChecker(CheckerPart):
     """Checks modules of one program."""
 
     def __init__(self, shared: Shared) -> None:
-        self.shared = shared
-        self.diagnostics = shared.diagnostics
+        super().__init__(shared)
         self.verification = VerifyChecker(shared)
-
-    def node_ref(self, ref: tree.Ref, scope: FileScope) -> typed.NodeSymbol | None:
-        """The node that a reference means, or None after a report."""
-        entry = self.shared.names.find_ref(scope, ref, "node")
-        if entry is None:
-            return None
-        if entry.kind != "node":
-            self.diagnostics.error(
-                "N003",
-                f"`{ref.text}` is a {entry.kind}, not a node",
-                ref.span,
-                also=((entry.decl.name.span, "declared here"),),
-                helps=entry.instead("node", ref.span),
-            )
-            return None
-        symbol = self.shared.resolve(entry, ref.span)
-        return symbol if isinstance(symbol, typed.NodeSymbol) else None
 
     def _module_ref(self, ref: tree.Ref, scope: FileScope) -> typed.ModuleSymbol | None:
         """The module that a reference means, or None after a report."""
@@ -70,12 +51,16 @@ class ModuleChecker:
         symbol = self.shared.resolve(entry, ref.span)
         return symbol if isinstance(symbol, typed.ModuleSymbol) else None
 
+    def _node(self, ref: tree.Ref | None, scope: FileScope) -> typed.NodeSymbol | None:
+        """The node that a reference means; None without one, or after a report."""
+        return self.referred(ref, scope, "node", typed.NodeSymbol) if ref else None
+
     def _advanced(
         self, decl: tree.RtaDecl, scope: FileScope
     ) -> tuple[typed.NodeSymbol | None, typed.ModuleSymbol | None]:
         """The AC, and, if a module stands in its place, the module whose AC it is."""
         if not isinstance(decl.ac, tree.ModuleAsAc):
-            return (self.node_ref(decl.ac, scope) if decl.ac else None), None
+            return self._node(decl.ac, scope), None
         over, name = self._module_ref(decl.ac.module, scope), decl.name.text
         if decl.clean is not None:
             self.diagnostics.error(
@@ -102,13 +87,14 @@ class ModuleChecker:
                 notes=("a module is an advanced and a safe controller, a period and a property",),
                 helps=(_parts(decl, scope, missing),),
             )
-        number = self._number
+        number = self.number_if_given
         ac, over = self._advanced(decl, scope)
         if isinstance(decl.sc, tree.Synthesized):
             sc = self._synthesized(decl.sc, ac, context)
         else:
-            sc = self.node_ref(decl.sc, scope) if decl.sc else None
-        period = number(decl.period, context, DURATION, "a period")
+            sc = self._node(decl.sc, scope)
+        what, given = "a period", decl.period
+        period = None if given is None else self.shared.number(given, context, DURATION, what)
         counts = decl.name.span, "`clean` counts outputs of AC, as in `clean 5;`"
         clean = number(decl.clean, context, INT, "`clean`", counts)
         shield = self._shield(decl, context)
@@ -129,31 +115,18 @@ class ModuleChecker:
             safe=typed.Literal(BOOL, decl.safe.span, True),
             safer=None,
             ttf=None,
-            clean=sound(clean),
+            clean=clean,
             verify=typed.TypedVerifyBlock(),
             ac_span=decl.ac.span,
             sc_span=decl.sc.span,
             over=over,
-            wcet=sound(wcet),
-            jitter=sound(jitter),
-            shield=sound(shield),
+            wcet=wcet,
+            jitter=jitter,
+            shield=shield,
             toward_sc=decl.toward_sc,
         )
         self.shared.later(module, decl, scope)
         return module
-
-    def _number(
-        self,
-        expr: tree.SyntaxExpr | None,
-        context: Context,
-        expected: Type,
-        what: str,
-        because: Because | None = None,
-    ) -> typed.TypedExpr | None:
-        """The typed expression of a number, None if the program gives none."""
-        if expr is None:
-            return None
-        return self.shared.number(expr, context, expected, what, because)
 
     def _shield(self, decl: tree.RtaDecl, context: Context) -> typed.TypedExpr | None:
         """Into how many cells commands are cut; for `shield;` the most that there may be.
@@ -161,7 +134,7 @@ class ModuleChecker:
         Reports M027 for `shield;` in a module without `rest`.
         """
         if not isinstance(decl.shield, tree.EachCommand):
-            return self._number(decl.shield, context, INT, "`shield`")
+            return self.number_if_given(decl.shield, context, INT, "`shield`")
         if decl.rest is None and decl.name.text not in context.scope.broken:
             self.diagnostics.error(
                 "M027",
@@ -398,15 +371,11 @@ class ModuleChecker:
         context = Context(scope, where, topics="any", has_time=True, has_modes=True)
         seen: dict[str, Span] = {}
         for item in decl.contract:
-            name = item.name
             condition = self.shared.check_expr(item.condition, context, BOOL)
-            first = seen.setdefault(name.text, name.span)
-            if first is not name.span:
-                self.shared.names.twice(name.text, name.span, first)
-            elif not is_error(condition):
+            if self.shared.names.is_first(item.name, seen) and not is_error(condition):
                 self._about_its_outputs(module, item, condition)
                 text = " ".join(item.condition.span.text.split())
-                yield typed.ClauseSymbol(name.text, item.span, item.kind, condition, text)
+                yield typed.ClauseSymbol(item.name.text, item.span, item.kind, condition, text)
 
     def _about_its_outputs(
         self, module: typed.ModuleSymbol, item: tree.Clause, condition: typed.TypedExpr

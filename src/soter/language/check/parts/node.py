@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import out_of_list
 from soter.language.check import unknown_names
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import is_error, sound
+from soter.language.check.expression_base import CheckerPart, is_error
 from soter.language.load.named_files import FORMS, binding_of
 from soter.language.model import typed
 from soter.language.model.types import BOOL, DURATION, leaf_count
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics, Span
-    from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
     from soter.language.syntax import tree
 
@@ -74,19 +73,14 @@ MAX_OUTPUTS = 32
 """Most outputs of a node: the publications of a step are bits of one machine word."""
 
 
-class NodeChecker:
+class NodeChecker(CheckerPart):
     """Checks nodes of one program."""
-
-    def __init__(self, shared: Shared) -> None:
-        self.shared = shared
-        self.diagnostics = shared.diagnostics
 
     def signature(self, decl: tree.NodeDecl, scope: FileScope, full: str) -> typed.NodeSymbol:
         """Checks everything but the code, and returns the symbol."""
         context = Context(scope, f"the declaration of node `{decl.name.text}`")
-        number = self.shared.number
-        period = number(decl.period, context, DURATION, "a period")
-        phase = number(decl.phase, context, DURATION, "a phase") if decl.phase else None
+        period = self.shared.number(decl.period, context, DURATION, "a period")
+        phase = self.number_if_given(decl.phase, context, DURATION, "a phase")
         check_binding(decl.source, decl.source_span, self.diagnostics)
         subscribes = self._subscribes(decl, scope)
         bursts: dict[typed.TopicSymbol, int] = {}
@@ -97,7 +91,7 @@ class NodeChecker:
             full,
             decl.name.span,
             period=period_or_unknown(period),
-            phase=sound(phase),
+            phase=phase,
             extern=decl.extern,
             source=located(decl.source, scope),
             subscribes=tuple(subscribes.values()),
@@ -111,10 +105,8 @@ class NodeChecker:
             step=(),
             bursts=bursts,
             takes=self._takes(decl, context),
-            wcet=sound(number(decl.wcet, context, DURATION, "`wcet`")) if decl.wcet else None,
-            jitter=sound(number(decl.jitter, context, DURATION, "`jitter`"))
-            if decl.jitter
-            else None,
+            wcet=self.number_if_given(decl.wcet, context, DURATION, "`wcet`"),
+            jitter=self.number_if_given(decl.jitter, context, DURATION, "`jitter`"),
         )
         self.shared.later(node, decl, scope)
         return node
@@ -125,9 +117,10 @@ class NodeChecker:
         """How long a step lasts, at least and at most; None if not declared or after a report."""
         if decl.takes is None:
             return None
-        number, what = self.shared.number, "how long a step takes"
-        low = sound(number(decl.takes.low, context, DURATION, what))
-        high = sound(number(decl.takes.high, context, DURATION, what))
+        low, high = (
+            self.number_if_given(end, context, DURATION, "how long a step takes")
+            for end in (decl.takes.low, decl.takes.high)
+        )
         return None if low is None or high is None else (low, high)
 
     # ------------------------------------------------------------ inputs and outputs
@@ -141,44 +134,29 @@ class NodeChecker:
             if topic is None:
                 continue
             if topic in subscription_by_topic:
-                self._twice(
+                self.shared.names.said_twice(
                     f"`{s.topic.text}` is subscribed to twice",
                     s.span,
                     subscription_by_topic[topic].span,
                 )
                 continue
-            if s.queue is not None and s.queue < 1:
-                self.diagnostics.error(
-                    "T011", "a queue holds at least one message", s.span, f"not {s.queue}"
-                )
-            elif s.queue is not None and s.queue * leaf_count(topic.type) > VALUE_MAX:
-                self.diagnostics.error(
-                    "T011",
-                    f"this queue holds {s.queue * leaf_count(topic.type)} numbers",
-                    s.span,
-                    f"at most {VALUE_MAX} are possible",
-                )
             policy = s.policy or "drop_oldest"
-            queue = None if s.queue is None else max(s.queue, 1)
+            queue = self._count(s.queue, s.span, topic, "a queue holds", "this queue holds")
             subscription_by_topic[topic] = typed.Subscribed(topic, queue, policy, s.span)
         return subscription_by_topic
 
-    def _burst(self, publication: tree.Publication, topic: typed.TopicSymbol) -> int | None:
-        """How many messages a step may publish; reports T011 for 0 or too many."""
-        count, span = publication.burst, publication.span
+    def _count(
+        self, count: int | None, span: Span, topic: typed.TopicSymbol, each: str, these: str
+    ) -> int | None:
+        """How many messages a queue holds, or a step publishes; reports T011 for 0 or too many."""
         if count is None:
             return None
+        numbers = count * leaf_count(topic.type)
         if count < 1:
-            self.diagnostics.error(
-                "T011", "a step publishes at least one message", span, f"not {count}"
-            )
-        elif count * leaf_count(topic.type) > VALUE_MAX:
-            self.diagnostics.error(
-                "T011",
-                f"these messages hold {count * leaf_count(topic.type)} numbers",
-                span,
-                f"at most {VALUE_MAX} are possible",
-            )
+            self.diagnostics.error("T011", f"{each} at least one message", span, f"not {count}")
+        elif numbers > VALUE_MAX:
+            most = f"at most {VALUE_MAX} are possible"
+            self.diagnostics.error("T011", f"{these} {numbers} numbers", span, most)
         return max(count, 1)
 
     def _publishes(
@@ -196,7 +174,9 @@ class NodeChecker:
             if topic is None:
                 continue
             if topic in span_by_topic:
-                self._twice(f"`{ref.text}` is published twice", ref.span, span_by_topic[topic])
+                self.shared.names.said_twice(
+                    f"`{ref.text}` is published twice", ref.span, span_by_topic[topic]
+                )
                 continue
             if topic in subscribes:
                 self.diagnostics.error(
@@ -211,7 +191,8 @@ class NodeChecker:
             if topic.input:
                 input_is_set(topic, ref.span, self.diagnostics)
             span_by_topic[topic] = ref.span
-            burst = self._burst(publication, topic)
+            count, span = publication.burst, publication.span
+            burst = self._count(count, span, topic, "a step publishes", "these messages hold")
             if burst is not None:
                 bursts[topic] = burst
         if len(span_by_topic) > MAX_OUTPUTS:
@@ -258,9 +239,6 @@ class NodeChecker:
                 )
             taken.setdefault(short, topic)
 
-    def _twice(self, message: str, again: Span, first: Span) -> None:
-        self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
-
     # ------------------------------------------------------------ locals and fail-safe values
 
     def _locals(
@@ -271,9 +249,7 @@ class NodeChecker:
         for local in decl.locals:
             t = self.shared.resolve_type(local.type, scope)
             because = (local.type.span, f"declared as `{t}`")
-            value = None
-            if local.initial is not None:
-                value = self.shared.number(local.initial, context, t, "a first value", because)
+            value = self.number_if_given(local.initial, context, t, "a first value", because)
             first = variables.get(local.name.text)
             if first is not None:
                 self.shared.names.twice(local.name.text, local.name.span, first.span)
@@ -281,7 +257,7 @@ class NodeChecker:
             variables[local.name.text] = typed.Variable(
                 local.name.text, t, "local", local.name.span
             )
-            initial.append(sound(value))
+            initial.append(value)
         return list(variables.values()), initial
 
     def _failsafe(
@@ -311,7 +287,7 @@ class NodeChecker:
                     ),
                 )
             elif topic in spans:
-                self._twice(
+                self.shared.names.said_twice(
                     f"the fail-safe value of `{ref.text}` is given twice", ref.span, spans[topic]
                 )
             elif not is_error(value):

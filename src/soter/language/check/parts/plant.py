@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import out_of_list
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import a_type, error_expr, is_error, plain, sound
+from soter.language.check.expression_base import (
+    CheckerPart,
+    a_type,
+    error_expr,
+    is_error,
+    plain,
+)
 from soter.language.check.parts.node import check_binding, input_is_set, located, period_or_unknown
 from soter.language.check.statements import no_duration
 from soter.language.model import typed
@@ -30,32 +36,23 @@ from soter.language.syntax.schemes import DEFAULT_SCHEME
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Span
-    from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
     from soter.language.model.types import Type
     from soter.language.syntax import tree
 
 
-class PlantChecker:
+class PlantChecker(CheckerPart):
     """Checks plants of one program."""
-
-    def __init__(self, shared: Shared) -> None:
-        self.shared = shared
-        self.diagnostics = shared.diagnostics
 
     def signature(self, decl: tree.PlantDecl, scope: FileScope, full: str) -> typed.PlantSymbol:
         """Checks everything but the right-hand sides, and returns the symbol."""
-        number = self.shared.number
         context = Context(scope, f"the declaration of plant `{decl.name.text}`")
-        period = number(decl.period, context, DURATION, "a period")
+        period = self.shared.number(decl.period, context, DURATION, "a period")
         check_binding(decl.source, decl.source_span, self.diagnostics)
         reads = self._reads(decl, scope)
         states, initial, ranges = self._states(decl, scope, context)
         disturbances = self._disturbances(decl, scope, context, states)
         method, substeps = decl.integrate or (DEFAULT_SCHEME, None)
-        steps = None
-        if substeps is not None:
-            steps = number(substeps, context, INT, "the number of substeps")
         truth = RecordType(
             tuple((v.name, v.type) for v in states if not isinstance(v.type, ErrorType)),
             f"{full}.truth",
@@ -76,7 +73,7 @@ class PlantChecker:
             der={},
             next={},
             method=method,
-            substeps=sound(steps),
+            substeps=self.number_if_given(substeps, context, INT, "the number of substeps"),
             measured=(),
             truth=truth,
             read_spans=tuple(reads.values()),
@@ -91,7 +88,7 @@ class PlantChecker:
             if topic is None:
                 continue
             if topic in reads:
-                self._twice(f"`{ref.text}` is read twice", ref.span, reads[topic])
+                self.shared.names.said_twice(f"`{ref.text}` is read twice", ref.span, reads[topic])
             reads.setdefault(topic, ref.span)
         return reads
 
@@ -113,15 +110,14 @@ class PlantChecker:
             if expr is None or topic is None:
                 continue
             if topic in spans:
-                self._twice(f"`{ref.text}` is driven twice", ref.span, spans[topic])
+                self.shared.names.said_twice(
+                    f"`{ref.text}` is driven twice", ref.span, spans[topic]
+                )
                 continue
             spans[topic] = ref.span
             if topic.input:
                 input_is_set(topic, ref.span, self.diagnostics)
         return tuple((t, error_expr(span)) for t, span in spans.items())
-
-    def _twice(self, message: str, again: Span, first: Span) -> None:
-        self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
 
     def _states(
         self, decl: tree.PlantDecl, scope: FileScope, context: Context
@@ -135,17 +131,15 @@ class PlantChecker:
         ranges: list[tuple[typed.TypedExpr, typed.TypedExpr] | None] = []
         for s in decl.states:
             t = self.shared.resolve_type(s.type, scope)
-            value = None
-            if s.initial is not None:
-                because = (s.type.span, f"declared as `{t}`")
-                value = self.shared.number(s.initial, context, t, "a first value", because)
+            because = (s.type.span, f"declared as `{t}`")
+            value = self.number_if_given(s.initial, context, t, "a first value", because)
             interval = self._start(s, t, context)
             first = states.get(s.name.text)
             if first is not None:
                 self.shared.names.twice(s.name.text, s.name.span, first.span, "state")
                 continue
             states[s.name.text] = typed.Variable(s.name.text, t, "state", s.name.span, used=True)
-            initial.append(sound(value))
+            initial.append(value)
             ranges.append(interval)
         return list(states.values()), initial, ranges
 
@@ -195,9 +189,7 @@ class PlantChecker:
         for d in decl.disturbances:
             t = self.shared.resolve_type(d.type, scope)
             interval = self._interval(d.interval, context)
-            hold = None
-            if d.hold is not None:
-                hold = self.shared.number(d.hold, context, DURATION, "`hold`")
+            hold = self.number_if_given(d.hold, context, DURATION, "`hold`")
             first = taken.get(d.name.text)
             if first is not None:
                 self.shared.names.twice(d.name.text, d.name.span, first.span)
@@ -214,7 +206,7 @@ class PlantChecker:
             if interval is None:
                 zero = typed.Literal(FLOAT, d.interval.span, 0.0)
                 interval = (zero, zero)
-            disturbances.append(typed.DisturbanceSymbol(variable, *interval, sound(hold)))
+            disturbances.append(typed.DisturbanceSymbol(variable, *interval, hold))
         return disturbances
 
     # ------------------------------------------------------------ body
@@ -277,7 +269,7 @@ class PlantChecker:
                     self._no_state(plant, decl, name, context)
                 elif name.text in given:
                     message = f"the dynamics of `{name.text}` are given twice"
-                    self._twice(message, name.span, given[name.text])
+                    self.shared.names.said_twice(message, name.span, given[name.text])
                 elif word == "der" and not _can_be_integrated(variable.type):
                     self.diagnostics.error(
                         "T018",
@@ -386,7 +378,9 @@ class PlantChecker:
                     helps=("name the fields that are floats",),
                 )
             elif overlap is not None:
-                self._twice(f"the error of `{path.span.text}` is given twice", path.span, overlap)
+                self.shared.names.said_twice(
+                    f"the error of `{path.span.text}` is given twice", path.span, overlap
+                )
             elif not is_error(within):
                 measured.append(typed.MeasuredSymbol(topic, below, within, path.span))
             taken.append((topic, below, path.span))

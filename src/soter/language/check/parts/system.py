@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import is_error, sound
-from soter.language.check.field import find_instance
+from soter.language.check.expression_base import is_error
+from soter.language.check.field import find_instance, flat_names
 from soter.language.check.parts.instances import Unroller, Wires
 from soter.language.check.parts.system_items import (
     ItemChecker,
@@ -84,7 +84,10 @@ class SystemChecker(ItemChecker):
             instances.clear()
         self._arrays_apart(instances)
         for symbol, item, values in placed:
-            self._inside(symbol, unroller.filled(item, values), instances, scope)
+            filled = unroller.filled(item, values)
+            if isinstance(filled, tree.Instance):
+                self._renames(symbol, filled, instances, scope)
+                self.settings[symbol] = filled.sets
         whole = self.shared.mark() == mark and decl.name.text not in scope.broken
         if whole and not instances:
             self.diagnostics.error(
@@ -105,7 +108,10 @@ class SystemChecker(ItemChecker):
             sets=(),
             inputs=(),
         )
-        system.deploys = deployed_system(self.shared, decl, scope)
+        if decl.deploys is not None:
+            notes = ("`deploys` names the system in which the modules were proved",)
+            of = typed.SystemSymbol
+            system.deploys = self.referred(decl.deploys, scope, "system", of, notes=notes)
         self.shared.lost[system] = frozenset(lost)
         self.shared.later(system, decl, scope)
         return system
@@ -133,17 +139,8 @@ class SystemChecker(ItemChecker):
                 helps=helps,
             )
             return None
-        if isinstance(
-            what,
-            (
-                typed.PlantSymbol,
-                typed.NodeSymbol,
-                typed.ModuleSymbol,
-                typed.SystemSymbol,
-            ),
-        ):
-            return what
-        return None
+        kinds = (typed.PlantSymbol, typed.NodeSymbol, typed.ModuleSymbol, typed.SystemSymbol)
+        return what if isinstance(what, kinds) else None
 
     def _instance_twice(
         self, name: tree.Name, item: tree.Instance, first: typed.InstanceSymbol
@@ -178,19 +175,6 @@ class SystemChecker(ItemChecker):
                     notes=("the elements of an array all have the same number of indices",),
                 )
 
-    def _inside(
-        self,
-        symbol: typed.InstanceSymbol,
-        item: object,
-        instances: dict[str, typed.InstanceSymbol],
-        scope: FileScope,
-    ) -> None:
-        """Checks wires and settings of an instance, once all instances beside it are known."""
-        if not isinstance(item, tree.Instance):
-            return
-        self._renames(symbol, item, instances, scope)
-        self.settings[symbol] = item.sets
-
     def _renames(
         self,
         symbol: typed.InstanceSymbol,
@@ -220,7 +204,9 @@ class SystemChecker(ItemChecker):
                     notes=("wired topics are one topic, so they have one type",),
                 )
             elif inner in renames:
-                self._twice(f"`{inner_ref.text}` is wired twice", inner_ref.span, spans[inner])
+                self.shared.names.said_twice(
+                    f"`{inner_ref.text}` is wired twice", inner_ref.span, spans[inner]
+                )
             else:
                 renames[inner] = outer
             spans.setdefault(inner, inner_ref.span)
@@ -260,7 +246,9 @@ class SystemChecker(ItemChecker):
             what, depth = find_instance(instances, force.module.parts)
             whole = depth == len(force.module.parts)
             if path in forces:
-                self._twice(f"`{path}` is forced twice", force.module.span, forces[path][2])
+                self.shared.names.said_twice(
+                    f"`{path}` is forced twice", force.module.span, forces[path][2]
+                )
             elif whole and isinstance(what, typed.ModuleSymbol):
                 forces[path] = (path, force.to, force.module.span)
             elif system in self.shared.damaged or what in self.shared.damaged:
@@ -287,27 +275,6 @@ def _its_module(instances: dict[str, typed.InstanceSymbol], node: str) -> tuple[
         if isinstance(what, typed.ModuleSymbol) and node in (what.ac.name, what.sc.name):
             return (f"it is a node of module `{name}`",)
     return ()
-
-
-def deployed_system(
-    shared: Shared, decl: tree.SystemDecl, scope: FileScope
-) -> typed.SystemSymbol | None:
-    """The system that `deploys` names; None without `deploys`, or after a report."""
-    if decl.deploys is None:
-        return None
-    entry = shared.names.find_ref(scope, decl.deploys, "system")
-    symbol = shared.resolve(entry, decl.deploys.span) if entry is not None else None
-    if isinstance(symbol, typed.SystemSymbol):
-        return symbol
-    if entry is not None and entry.kind != "system":
-        shared.diagnostics.error(
-            "N003",
-            f"`{decl.deploys.text}` is a {entry.kind}, not a system",
-            decl.deploys.span,
-            also=((entry.decl.name.span, "declared here"),),
-            notes=("`deploys` names the system in which the modules were proved",),
-        )
-    return None
 
 
 class TestChecker(SystemChecker):
@@ -369,10 +336,7 @@ class TestChecker(SystemChecker):
 
     def _fault(self, item: tree.TimingFaultItem, context: Context) -> typed.FaultSymbol:
         by = self.time(item.by, context, "`by`")
-        at_most = item.at_most
-        count = None
-        if at_most is not None:
-            count = sound(self.shared.number(at_most, context, INT, "`at most`"))
+        count = self.number_if_given(item.at_most, context, INT, "`at most`")
         mentioned(item.component, context.scope)
         return typed.FaultSymbol(item.kind, item.component.text, by, count, item.component.span)
 
@@ -428,7 +392,7 @@ class TestChecker(SystemChecker):
     ) -> str | None:
         """The instance path of the module that an argument means; None after a report."""
         instances = context.instances or {}
-        names = _names(argument)
+        names = flat_names(argument) or []
         what, depth = find_instance(instances, names)
         if names and depth == len(names) and isinstance(what, typed.ModuleSymbol):
             return ".".join(n.text for n in names)
@@ -439,9 +403,11 @@ class TestChecker(SystemChecker):
         text = print_expr(argument)
         modules = [n for n, i in instances.items() if isinstance(i.what, typed.ModuleSymbol)]
         below = [m.name for i in instances.values() for m in getattr(i.what, "below", ())]
-        note = "theorem 3.1 is about a module"
-        if text in below:
-            note = f"`{text}` is below a module, whose invariant holds whatever `{text}` does"
+        note = (
+            f"`{text}` is below a module, whose invariant holds whatever `{text}` does"
+            if text in below
+            else "theorem 3.1 is about a module"
+        )
         self.diagnostics.error(
             "M013",
             f"`{text}` is not a module of system `{test.system.name}`",
@@ -450,13 +416,3 @@ class TestChecker(SystemChecker):
             helps=self.diagnostics.did_you_mean(text, modules, argument.span),
         )
         return None
-
-
-def _names(expr: tree.SyntaxExpr) -> list[tree.Name]:
-    """The parts of a dotted path; [] for any other expression."""
-    if isinstance(expr, tree.NameExpr):
-        return [expr.name]
-    if isinstance(expr, tree.FieldExpr):
-        before = _names(expr.target)
-        return [*before, expr.field] if before else []
-    return []

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import replace
 from soter.language.check.checker_interface import Context
-from soter.language.check.expression_base import a_type, is_error, sound
+from soter.language.check.expression_base import CheckerPart, a_type, is_error, sound
 from soter.language.check.field import find_instance
 from soter.language.check.operators_and_choices import MAX_CHOICES
 from soter.language.check.unknown_names import is_driven
@@ -32,11 +32,8 @@ if TYPE_CHECKING:
     Replaced = tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract, Span]
 
 
-class SettingReader:
+class SettingReader(CheckerPart):
     """Checks the `set` items of systems and tests."""
-
-    def __init__(self, shared: Shared) -> None:
-        self.shared = shared
 
     def all(
         self,
@@ -54,13 +51,7 @@ class SettingReader:
             first = setting_by_key.setdefault(key, symbol)
             if first is not symbol:
                 name = f"{symbol.path}.{item.param.parts[-1].text}".lstrip(".")
-                self.shared.diagnostics.error(
-                    "N002",
-                    f"`{name}` is set twice",
-                    symbol.span,
-                    "again",
-                    also=((first.span, "the first time"),),
-                )
+                self.shared.names.said_twice(f"`{name}` is set twice", symbol.span, first.span)
         return list(setting_by_key.values())
 
     def _one(
@@ -82,7 +73,7 @@ class SettingReader:
         ref = tree.Ref(
             rest[0] if len(rest) == 2 else None, rest[-1], rest[0].span.to(rest[-1].span)
         )
-        param = self._param(ref, scope)
+        param = self.referred(ref, scope, "parameter", typed.ParamSymbol)
         if param is None:
             return None
         value = self.shared.constant(item.value, scope, param.type, f"the value of `{ref.text}`")
@@ -100,26 +91,13 @@ class SettingReader:
         if system in self.shared.damaged or name.text in self.shared.lost.get(system, ()):
             self.shared.names.losses += 1
             return
-        self.shared.diagnostics.error(
+        self.diagnostics.error(
             "M013",
             f"there is no instance `{name.text}` whose parameter could be set",
             item.param.span,
             helps=_instances_of(name, inside)
-            or self.shared.diagnostics.did_you_mean(name.text, inside, name.span),
+            or self.diagnostics.did_you_mean(name.text, inside, name.span),
         )
-
-    def _param(self, ref: tree.Ref, scope: FileScope) -> typed.ParamSymbol | None:
-        entry = self.shared.names.find_ref(scope, ref, "parameter")
-        symbol = self.shared.resolve(entry, ref.span) if entry else None
-        if entry is not None and entry.kind != "parameter":
-            self.shared.diagnostics.error(
-                "N003",
-                f"`{ref.text}` is a {entry.kind}, not a parameter",
-                ref.span,
-                also=((entry.decl.name.span, "declared here"),),
-                helps=("declare it with `param`",) if entry.kind == "constant" else (),
-            )
-        return symbol if isinstance(symbol, typed.ParamSymbol) else None
 
 
 def _instances_of(name: tree.Name, inside: Mapping[str, typed.InstanceSymbol]) -> tuple[Help, ...]:
@@ -156,8 +134,7 @@ def _measures(
         first = seen.setdefault(item.name.text, item.name.span)
         if first is not item.name.span:
             message = f"measure `{item.name.text}` is said twice"
-            also = ((first, "the first time"),)
-            shared.diagnostics.error("N002", message, item.name.span, "again", also=also)
+            shared.names.said_twice(message, item.name.span, first)
         value = shared.check_expr(item.value, context, FLOAT)
         parts = (
             number(item.interval.low, place, FLOAT, "the range of a histogram"),
@@ -200,19 +177,18 @@ def mentioned(path: tree.DottedPath, scope: FileScope) -> None:
             scope.used_imports.add(part.text)
 
 
-class ItemChecker:
+class ItemChecker(CheckerPart):
     """Checks what systems and tests share: properties, replacements, inputs, settings."""
 
     def __init__(self, shared: Shared) -> None:
-        self.shared = shared
-        self.diagnostics = shared.diagnostics
+        super().__init__(shared)
         self.sets = SettingReader(shared)
 
     def time(
         self, expr: tree.SyntaxExpr | None, context: Context, what: str
     ) -> typed.TypedExpr | None:
         """The typed expression of a time, whose value each system computes; None without one."""
-        return sound(self.shared.number(expr, context, DURATION, what)) if expr else None
+        return self.number_if_given(expr, context, DURATION, what)
 
     def inside(
         self,
@@ -236,7 +212,13 @@ class ItemChecker:
     def property(self, item: tree.PropertyItem, context: Context) -> typed.PropertySymbol | None:
         """Checks a property that consists of one or two expressions."""
         if invariant_call(item, context) is not None:
-            self._only_in_a_test(item)
+            self.diagnostics.error(
+                "E012",
+                f"`{source_line(item.condition)}` can only be asked by a test, with `always`",
+                item.condition.span,
+                notes=("it speaks about the time since the decision module last looked",),
+                helps=("write it in a `test` block: `always invariant(M);`, `always invariants;`",),
+            )
             return None
         check = self.shared.check_expr
         premise = check(item.premise, context, BOOL) if item.premise else None
@@ -249,15 +231,6 @@ class ItemChecker:
         asks = read(item.premise) if item.premise else ""
         parts = (item.kind, premise, condition, within, read(item.condition), item.span)
         return typed.PropertySymbol(*parts, whole=whole, asks=asks)
-
-    def _only_in_a_test(self, item: tree.PropertyItem) -> None:
-        self.diagnostics.error(
-            "E012",
-            f"`{source_line(item.condition)}` can only be asked by a test, with `always`",
-            item.condition.span,
-            notes=("it speaks about the time since the decision module last looked",),
-            helps=("write it in a `test` block: `always invariant(M);`, `always invariants;`",),
-        )
 
     def _by_contract(
         self, item: tree.Replace, replacements: list[Replaced], *, in_test: bool
@@ -321,7 +294,9 @@ class ItemChecker:
                 self._no_input(item, read, context.scope)
             elif read.topic in input_by_topic:
                 first = input_by_topic[read.topic].span
-                self._twice(f"`{item.topic.text}` is drawn twice", item.topic.span, first)
+                self.shared.names.said_twice(
+                    f"`{item.topic.text}` is drawn twice", item.topic.span, first
+                )
             elif not item.values and has_list(read.type):
                 self.diagnostics.error(
                     "T018",
@@ -373,9 +348,11 @@ class ItemChecker:
     def _no_input(self, item: tree.DriveInput, read: typed.TypedExpr, scope: FileScope) -> None:
         topic = read.topic if isinstance(read, typed.TopicRead) else None
         name = item.topic.parts[-1].text
-        help_ = f"declare it `input topic {name}`"
-        if topic and is_driven([e.decl for e in scope.entries.values()], name):
-            help_ = "leave this line out: a plant or a node of the program publishes it"
+        help_ = (
+            "leave this line out: a plant or a node of the program publishes it"
+            if topic and is_driven([e.decl for e in scope.entries.values()], name)
+            else f"declare it `input topic {name}`"
+        )
         self.diagnostics.error(
             "M011",
             f"`{item.topic.text}` is not an input topic",
@@ -384,9 +361,6 @@ class ItemChecker:
             notes=("only topics of the environment are drawn",),
             helps=(help_,) if topic else (),
         )
-
-    def _twice(self, message: str, again: Span, first: Span) -> None:
-        self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
 
 
 def path_expr(path: tree.DottedPath) -> tree.SyntaxExpr:
@@ -439,7 +413,13 @@ def externals(
             continue
         topic, below, _ = at
         if below:
-            _no_topic(shared, item)
+            shared.diagnostics.error(
+                "N003",
+                f"`{item.topic.text}` is a part of a topic",
+                item.topic.span,
+                notes=("a topic is published and read as a whole",),
+                helps=(f"write `external topic {item.topic.parts[0].text};`",),
+            )
         elif topic in external_by_topic:
             message = f"`{item.topic.text}` is said twice to be outside"
             also = ((external_by_topic[topic].span, "before"),)
@@ -450,16 +430,6 @@ def externals(
                 topic, every, delayed, measured, item.topic.span
             )
     return tuple(external_by_topic.values())
-
-
-def _no_topic(shared: Shared, item: tree.ExternalTopic) -> None:
-    shared.diagnostics.error(
-        "N003",
-        f"`{item.topic.text}` is a part of a topic",
-        item.topic.span,
-        notes=("a topic is published and read as a whole",),
-        helps=(f"write `external topic {item.topic.parts[0].text};`",),
-    )
 
 
 def _measured(
@@ -490,8 +460,7 @@ def _measured(
             )
         elif first is not None:
             message = f"the error of `{path.span.text}` is given twice"
-            also = ((first, "the first time"),)
-            shared.diagnostics.error("N002", message, path.span, "again", also=also)
+            shared.names.said_twice(message, path.span, first)
         elif not is_error(within):
             yield typed.MeasuredSymbol(topic, below, within, path.span)
         taken.append((below, path.span))

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.language.check.checker_interface import Context, mentioned
-from soter.language.check.expression_base import is_error, sound
+from soter.language.check.expression_base import CheckerPart, is_error
 from soter.language.check.field import instead_of, part_of
 from soter.language.model import typed
 from soter.language.model.types import BOOL, DURATION, FLOAT, INT, FloatType
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.diagnostics.diagnostic import Span
-    from soter.language.check.checker_interface import Shared
     from soter.language.check.scope import FileScope
     from soter.language.model.types import Type
     from soter.language.syntax import tree
@@ -27,12 +26,8 @@ if TYPE_CHECKING:
 AxisKey = tuple[object, tuple[str, ...]]
 
 
-class VerifyChecker:
+class VerifyChecker(CheckerPart):
     """Checks the `verify` blocks of one program."""
-
-    def __init__(self, shared: Shared) -> None:
-        self.shared = shared
-        self.diagnostics = shared.diagnostics
 
     def check(self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope) -> None:
         """Fills in `module.verify`, and the subscriptions of a synthesized SC."""
@@ -64,10 +59,11 @@ class VerifyChecker:
         scope: FileScope,
     ) -> None:
         """Checks the abstractions and groups of `where`, and enters them in `module.verify`."""
-        links: list[typed.AbstractionLink] = []
-        for instance, parts in where.abstracts:
-            links += self._abstractions(module, instance, parts, scope)
-        module.verify.abstracts = tuple(links)
+        module.verify.abstracts = tuple(
+            link
+            for instance, parts in where.abstracts
+            for link in self._abstractions(module, instance, parts, scope)
+        )
         module.verify.groups = tuple(self._groups(module, where, scope))
 
     def _views(
@@ -76,9 +72,7 @@ class VerifyChecker:
         block = module.verify
         seen: dict[str, Span] = {}
         for view in verify.views:
-            if view.name.text in seen:
-                self.shared.names.twice(view.name.text, view.name.span, seen[view.name.text])
-            seen.setdefault(view.name.text, view.name.span)
+            self.shared.names.is_first(view.name, seen)
             module.verify = replace(block, abstracts=(), groups=(), span=view.span)
             self._sets(module, view, scope)
             yield typed.ViewSymbol(view.name.text, module.verify, view.span)
@@ -90,9 +84,7 @@ class VerifyChecker:
         context = Context(scope, "a `verify` block")
 
         def time(expr: tree.SyntaxExpr | None, what: str) -> typed.TypedExpr | None:
-            if expr is None:
-                return None
-            return sound(self.shared.number(expr, context, DURATION, what))
+            return self.number_if_given(expr, context, DURATION, what)
 
         block.horizon = time(verify.horizon, "`horizon`")
         block.acts_least = time(verify.acts_least, "the least time of `acts within`")
@@ -110,9 +102,7 @@ class VerifyChecker:
 
         block.late_dm, block.late_sc = times("late", verify.late)
         block.response_dm, block.response_sc = times("response", verify.response)
-        if verify.levels is not None:
-            number = self.shared.number
-            block.levels = sound(number(verify.levels, context, INT, "`levels`"))
+        block.levels = self.number_if_given(verify.levels, context, INT, "`levels`")
 
     def _by_node(self, word: str, delays: tree.Delays) -> dict[str, tree.SyntaxExpr]:
         """Node name -> its time; `soter verify` checks whether a system has such a node."""
@@ -135,12 +125,13 @@ class VerifyChecker:
         seen: dict[AxisKey, typed.TypedGridAxis] = {}
         groups = []
         for group in verify.groups:
-            axes = []
-            for item in group.axes:
-                axis = self._axis(module, item, verify, scope)
-                if axis is not None and self._is_new_axis(axis, item, seen):
-                    axes.append(axis)
-            groups.append(typed.TypedAxisGroup(group.kind, tuple(axes), group.span))
+            axes = tuple(
+                axis
+                for item in group.axes
+                if (axis := self._axis(module, item, verify, scope)) is not None
+                and self._is_new_axis(axis, item, seen)
+            )
+            groups.append(typed.TypedAxisGroup(group.kind, axes, group.span))
         return groups
 
     def _is_new_axis(
@@ -313,10 +304,8 @@ class VerifyChecker:
         homes = self._module_contexts(module, instance, scope)
         names: dict[str, Span] = {}
         for part in parts:
-            if part.name.text in names:
-                self.shared.names.twice(part.name.text, part.name.span, names[part.name.text])
-            names.setdefault(part.name.text, part.name.span)
-            plant = self._plant(part.plant, scope)
+            self.shared.names.is_first(part.name, names)
+            plant = self.referred(part.plant, scope, "plant", typed.PlantSymbol)
             value = None
             for context in homes:
                 wanted = plant.truth if plant is not None else None
@@ -331,21 +320,6 @@ class VerifyChecker:
                     )
                 )
         return links
-
-    def _plant(self, ref: tree.Ref, scope: FileScope) -> typed.PlantSymbol | None:
-        entry = self.shared.names.find_ref(scope, ref, "plant")
-        if entry is None:
-            return None
-        plant = self.shared.resolve(entry, ref.span)
-        if entry.kind != "plant":
-            self.diagnostics.error(
-                "N003",
-                f"`{ref.text}` is a {entry.kind}, not a plant",
-                ref.span,
-                also=((entry.decl.name.span, "declared here"),),
-                helps=entry.instead("plant", ref.span),
-            )
-        return plant if isinstance(plant, typed.PlantSymbol) else None
 
     def _module_contexts(
         self, module: typed.ModuleSymbol, instance: tree.Name, scope: FileScope

@@ -431,9 +431,11 @@ def _drawn_rarely(
     message += f"is too old between two draws {where}" if every_ns else f"is never drawn {where}"
     symbol, often = system.program.systems[system.name], write_ns(max_age_ns)
     item = next((i for i in symbol.inputs if i.topic is topic.symbol), None)
-    drawn = added(symbol, f"input {topic.symbol.name} every {often};")
-    if item is not None:
-        drawn = replace(item.every.span, often, f"draw it every {often} at least")
+    drawn = (
+        added(symbol, f"input {topic.symbol.name} every {often};")
+        if item is None
+        else replace(item.every.span, often, f"draw it every {often} at least")
+    )
     diagnostics.warning(
         "W028",
         message,

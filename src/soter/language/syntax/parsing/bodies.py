@@ -71,7 +71,7 @@ class BodyParser(StatementParser):
 
     def _elsewhere(
         self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]
-    ) -> tuple[Diagnostic, int] | None:
+    ) -> Diagnostic | None:
         return out_of_place(self, code, notes, helps)
 
     def _repaired(self, code: Code, message: str) -> Fix | None:
@@ -82,8 +82,7 @@ class BodyParser(StatementParser):
     def _open_body(self, what: str, items: Items) -> int:
         """Steps over the `{` of a body; the index of it, or of the token in its place."""
         if self.kinds[self.i] == "{":
-            self.opened.append(self.i)
-            self.i += 1
+            self.opened.append(self.take())
             return self.i - 1
         self.report("S005", f"expected `{{` to begin the body of {what}, found {self.found()}")
         stop = item_end(self)
@@ -91,8 +90,7 @@ class BodyParser(StatementParser):
             self.damaged = True
             self.skip_expression(self.i, stop_at_brace=True)
             if self.kinds[self.i] == "{":
-                self.opened.append(self.i)
-                self.i += 1
+                self.opened.append(self.take())
                 return self.i - 1
             if self.texts[self.i] not in items:
                 raise Panic
@@ -109,10 +107,9 @@ class BodyParser(StatementParser):
 
     def _items_of(self, opener: int, what: str, parts: Parts, items: Items, other: Other) -> None:
         while True:
-            kind = self.kinds[self.i]
-            if kind == "}":
-                self.i += 1
+            if self.accept("}"):
                 return
+            kind = self.kinds[self.i]
             if kind == EOF or self.at_declaration():
                 if kind != EOF and self.nested_declaration():
                     with suppress(Panic):  # a phrase of another language, which was told
@@ -149,9 +146,11 @@ class BodyParser(StatementParser):
         if sign in (":", "="):
             self.i = word + 1
             self.report(
-                "S005", f"no `{sign}` after `{self.texts[word]}`", helps=(self._without(word + 1),)
+                "S005",
+                f"no `{sign}` after `{self.texts[word]}`",
+                helps=(self._without(word + 1),),
+                once=False,
             )
-            self.quiet = -1
             # The item steps over one token, which is now the sign in place of its word.
             self.texts[word + 1], self.kinds[word + 1] = self.texts[word], self.kinds[word]
 
@@ -235,8 +234,7 @@ class BodyParser(StatementParser):
         token = self.token_span(self.i)
         rest = " ".join(self.source.text[token.end : self.ends[item_end(self)]].split())
         title = title or f"write `{word} {rest}`".replace("{`", "{ ... }`")
-        self.report("S010", message, helps=(replace(token, word, title),))
-        self.quiet = -1
+        self.report("S010", message, helps=(replace(token, word, title),), once=False)
         self.texts[self.i] = word
         self._item(items[word], parts)
 
@@ -264,9 +262,7 @@ class BodyParser(StatementParser):
     def _loose_statements(self, message: str, items: Items) -> None:
         """Statements without a `step {` around them: reported once, read, and left out."""
         body = body_of(items, 0)
-        helps: tuple[Help, ...] = ()
-        if self.kinds[self.i] == NAME:
-            helps = assigned(self, body)
+        helps = assigned(self, body) if self.kinds[self.i] == NAME else ()
         self.report("S010", message, notes=(meaning("loose_statement", body) or "",), helps=helps)
         self.damaged = True
         while body != NODE and self._at_statement() and self.texts[self.i] not in items:
@@ -296,8 +292,9 @@ class BodyParser(StatementParser):
         if what in parts.first:
             self.quiet = -1
             also = ((parts.first[what], "the first one"),)
-            self.report("S022", f"`{what}` stands twice in this body", span, "again", also=also)
-            self.quiet = -1
+            self.report(
+                "S022", f"`{what}` stands twice in this body", span, "again", also=also, once=False
+            )
             return
         parts.first[what] = span
         values = (read,) if len(item.defaults) == 1 else read
@@ -319,8 +316,7 @@ class BodyParser(StatementParser):
         if self.kinds[i + 1] != "." and not self._is_a_topic(self.texts[i]):
             gone = Span(self.source, self.ends[i - 1], self.ends[i])
             out = replace(gone, "", f"leave `{visible(self.texts[i])}` out")
-            self.report("S005", message, label="no topic is called so", helps=(out,))
-            self.i += 1
+            self.report("S005", message, label="no topic is called so", helps=(out,), skip=1)
             return self.accept(",")
         self.report("S005", message, self.after_previous(), "`,` is missing here")
         return True
@@ -420,8 +416,7 @@ class BodyParser(StatementParser):
         return self._origin() if self.accept_word("from") else (None, None)
 
     def _origin(self) -> tuple[str | None, Span | None]:
-        i = self.i
-        if self.kinds[i] != STRING:
+        if self.kinds[self.i] != STRING:
             self.report(
                 "S005",
                 f"expected a string after `from`, found {self.found()}",
@@ -429,7 +424,7 @@ class BodyParser(StatementParser):
             )
             self.damaged = True
             return None, None
-        self.i += 1
+        i = self.take()
         return string_value(self.texts[i]), self.token_span(i)
 
     def not_extern(self, start: int, origin: Span | None) -> Fix:

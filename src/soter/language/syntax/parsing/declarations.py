@@ -17,6 +17,7 @@ from soter.language.syntax.parsing.instance_arrays import dotted
 from soter.language.syntax.parsing.items import (
     Items,
     assign,
+    block,
     clauses,
     each,
     equal,
@@ -82,8 +83,9 @@ def _function_body(parser: BodyParser) -> tree.Block | None:
     """Parses the body of a function; reports a missing `{`."""
     message = f"expected `{{` and the body of the function, found {parser.found()}"
     if parser.kinds[parser.i] == ";":
-        parser.report("S005", message, helps=("a function written elsewhere is an `extern fun`",))
-        parser.i += 1
+        parser.report(
+            "S005", message, helps=("a function written elsewhere is an `extern fun`",), skip=1
+        )
         return None
     parser.report("S005", message)
     parser.damaged = True
@@ -110,8 +112,8 @@ def _result_type(parser: BodyParser, name: tree.Name) -> tree.TypeExpr:
             "S015",
             f"expected `:` before the result type, found {parser.found()}",
             helps=(replace(parser.token_span(parser.i), ":", "the result type stands behind `:`"),),
+            skip=1,
         )
-        parser.i += 1
         return type_expression(parser, "the result type")
     if parser.accept(":"):
         return type_expression(parser, "the result type")
@@ -134,22 +136,15 @@ def _parameters(parser: BodyParser) -> tuple[tuple[tree.Name, tree.TypeExpr], ..
     try:
         while True:
             parameters.append(_parameter(parser))
-            kind = parser.kinds[parser.i]
-            if kind == ")":
-                parser.i += 1
+            if parser.accept(")"):
                 break
-            if kind == "," and parser.kinds[parser.i + 1] != ")":
-                parser.i += 1
-                continue
-            also = ((parser.token_span(opener), "opened here"),)
-            message = f"expected `,` or `)` after the parameter, found {parser.found()}"
-            if kind == ",":
-                parser.i += 1
-                message = "expected a parameter after `,`, found `)`"
-                parser.report("S005", message)
-                parser.i += 1
+            if not parser.accept(","):
+                also = ((parser.token_span(opener), "opened here"),)
+                message = f"expected `,` or `)` after the parameter, found {parser.found()}"
+                raise parser.failure("S005", message, also=also)
+            if parser.kinds[parser.i] == ")":
+                parser.report("S005", "expected a parameter after `,`, found `)`", skip=1)
                 break
-            raise parser.failure("S005", message, also=also)
     except Panic:
         parser.damaged = True
         while parser.kinds[parser.i] not in (")", "{", ";", "}", EOF):
@@ -168,8 +163,8 @@ def _parameter(parser: BodyParser) -> tuple[tree.Name, tree.TypeExpr]:
             f"expected `:` after the name of the parameter, found `{parser.texts[i + 1]}`",
             parser.token_span(i),
             helps=(f"the name comes first: write `{visible(written)}`",),
+            skip=1,
         )
-        parser.i += 1
         name = parser.name("the name of a parameter")
         return name, tree.ErrorTypeExpr(name.span)
     name = parser.name("the name of a parameter")
@@ -286,14 +281,7 @@ def _plant_let(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Pla
 
 def _equation(parser: BodyParser, word: str, _start: int) -> tuple[tree.Name, tree.SyntaxExpr]:
     name = parser.name(f"the name of a state after `{word}`")
-    start = parser.i
-    try:
-        parser.assign("after the state")
-    except Panic:
-        parser.skip_expression(start)
-        parser.accept(";")
-        return name, tree.ErrorExpr(parser.after_previous())
-    return name, parser.value("the equation")
+    return name, parser.assigned_value("the state", "the equation")
 
 
 def _integrate(parser: BodyParser, _word: str, _start: int) -> tuple[str, tree.SyntaxExpr | None]:
@@ -405,8 +393,7 @@ def _count(parser: BodyParser, what: str) -> int | None:
         parser.i += 1
         return int(parser.texts[i])
     if parser.kinds[i] in (INT, ERROR):
-        parser.report("L005", f"this number is too large for {what}")
-        parser.i += 1
+        parser.report("L005", f"this number is too large for {what}", skip=1)
         return None
     raise parser.failure("S005", f"expected {what} as a whole number, found {parser.found()}")
 
@@ -423,8 +410,8 @@ def _policy(parser: BodyParser) -> str | None:
         "S005",
         f"expected `;` or what a full queue does, found {parser.found()}",
         helps=("the policies are `drop_oldest`, `drop_newest` and `fault`",),
+        skip=1,
     )
-    parser.i += 1
     return None
 
 
@@ -441,8 +428,7 @@ def _publishes(parser: BodyParser, _word: str, _start: int) -> Iterator[tree.Pub
 
 def _burst(parser: BodyParser) -> int | None:
     """`[<=4]`: how many messages a step may publish."""
-    parser.tight.append(parser.i)
-    parser.i += 1
+    parser.tight.append(parser.take())
     if parser.kinds[parser.i] != "<=":
         message = f"expected `<=` before the number of messages, found {parser.found()}"
         helps = ("a topic of which a step may publish up to four messages: `alarm[<=4]`",)
@@ -458,16 +444,10 @@ def _local(parser: BodyParser, _word: str, start: int) -> tree.LocalVar:
     type_ = parser.typed("the variable")
     initial: tree.SyntaxExpr | None = None
     if parser.kinds[parser.i] in ("=", ":=", "=="):
-        parser.assign("after the type of the variable")
-        initial = parser.value("the initial value")
+        initial = parser.assigned_value("the type of the variable", "the initial value")
     else:
         parser.no_initial("the type of the variable")
     return tree.LocalVar(name, type_, initial, parser.span_from(start))
-
-
-def _takeover(parser: BodyParser, _word: str, _start: int) -> tree.Block:
-    parser.expect_word("takeover", "after `on`")
-    return parser.block("after `on takeover`")
 
 
 _FAILSAFE = group(
@@ -486,6 +466,11 @@ NODE_ITEMS: Items = {
     "var": often("locals", _local),
     "assumes": often("assumes", only(value("the assumption"))),
     "guarantees": often("guarantees", only(value("the guarantee"))),
-    "on": once("takeover", _takeover, "on takeover", told="on takeover"),
-    "step": once("step", lambda parser, _word, _start: parser.block("after `step`")),
+    "on": once(
+        "takeover",
+        only(word("takeover", "after `on`"), block("after `on takeover`")),
+        "on takeover",
+        told="on takeover",
+    ),
+    "step": once("step", only(block("after `step`"))),
 }

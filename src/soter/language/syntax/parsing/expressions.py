@@ -76,8 +76,7 @@ class ExpressionParser(Cursor):
 
     def ended(self, result: tree.SyntaxExpr, what: str) -> tree.SyntaxExpr:
         """Steps over the `;` after `result`; an ErrorExpr if other tokens stand between."""
-        if self.kinds[self.i] == ";":
-            self.i += 1
+        if self.accept(";"):
             return result
         self.missing_semicolon(what)
         if self.fresh_start():
@@ -116,8 +115,8 @@ class ExpressionParser(Cursor):
                 "a number without a unit",
                 notes=("units are ns, us, ms, s, min and h, written right behind the number",),
                 helps=helps,
+                once=False,
             )
-            self.quiet = -1
             return tree.ErrorExpr(result.span)
         return result
 
@@ -181,8 +180,7 @@ class ExpressionParser(Cursor):
         return operand
 
     def _conditional(self, condition: tree.SyntaxExpr, start: int) -> tree.SyntaxExpr:
-        opener = self.i
-        self.i += 1
+        opener = self.take()
         then = self.expression(ANY)
         if self.kinds[self.i] != ":":
             raise self.failure(
@@ -190,8 +188,7 @@ class ExpressionParser(Cursor):
                 f"expected `:` after the first choice of `? :`, found {self.found()}",
                 also=((self.token_span(opener), "the choice begins here"),),
             )
-        self.spaced.append(self.i)
-        self.i += 1
+        self.spaced.append(self.take())
         otherwise = self.expression(ANY)
         span = Span(self.source, start, self.ends[self.i - 1])
         return tree.ConditionalExpr(span, condition, then, otherwise)
@@ -203,8 +200,7 @@ class ExpressionParser(Cursor):
         texts = [left.span.text]
         middle = self.source.text[self.ends[first] : self.ends[second - 1]].strip()
         while PRECEDENCE.get(self.kinds[self.i]) == COMPARISON:
-            op = self.kinds[self.i]
-            self.i += 1
+            op = self.kinds[self.take()]
             right = self.expression(COMPARISON + 1).span.text
             texts.append(f"{middle} {op} {right}")
             middle = right
@@ -234,14 +230,10 @@ class ExpressionParser(Cursor):
         result: tree.SyntaxExpr
         if kind == "choose" or (kinds[i + 1] == "choose" and self.is_word("fair")):
             result = self._choose()
-        elif kind == NAME:
+        elif kind == NAME or (kind in _CONVERSIONS and kinds[i + 1] == "("):
             if self.texts[i] == "not" and kinds[i + 1] in (NAME, "true", "false", "!"):
                 i = self._skip_not()
                 start = self.starts[i]
-            span = Span(self.source, start, self.ends[i])
-            result = tree.NameExpr(span, tree.Name(self.texts[i], span))
-            self.i = i + 1
-        elif kind in _CONVERSIONS and kinds[i + 1] == "(":
             span = Span(self.source, start, self.ends[i])
             result = tree.NameExpr(span, tree.Name(self.texts[i], span))
             self.i = i + 1
@@ -280,8 +272,7 @@ class ExpressionParser(Cursor):
         return self.i
 
     def _parenthesised(self) -> tree.SyntaxExpr:
-        opener = self.i
-        self.i += 1
+        opener = self.take()
         result = self.expression(ANY)
         if self.kinds[self.i] == ",":
             raise self.failure(
@@ -295,9 +286,8 @@ class ExpressionParser(Cursor):
         return result
 
     def _index(self, target: tree.SyntaxExpr, start: int) -> tree.SyntaxExpr:
-        opener = self.i
+        opener = self.take()
         self.tight.append(opener)
-        self.i += 1
         index = self.expression(ANY)
         if self.kinds[self.i] == ",":
             raise self.failure(
@@ -336,12 +326,10 @@ class ExpressionParser(Cursor):
         if self.accept(close):
             return ()
         elements = [self.expression(ANY)]
-        while self.kinds[self.i] == ",":
-            self.i += 1
+        while self.accept(","):
             if self.kinds[self.i] == close:
                 if close == ")":
-                    self.report("S007", "expected an argument after `,`, found `)`")
-                    self.quiet = -1
+                    self.report("S007", "expected an argument after `,`, found `)`", once=False)
                 break
             elements.append(self.expression(ANY))
         self.close(close, what, opener)
@@ -349,8 +337,7 @@ class ExpressionParser(Cursor):
 
     def close(self, kind: str, after: str, opener: int) -> None:
         """Step over the bracket `kind` that ends what was opened at token `opener`; else Panic."""
-        if self.kinds[self.i] == kind:
-            self.i += 1
+        if self.accept(kind):
             return
         wanted = f"`{kind}`" if after in ("the expression", "the index") else f"`,` or `{kind}`"
         raise self.failure(
@@ -364,25 +351,22 @@ class ExpressionParser(Cursor):
         i = self.i
         span = Span(self.source, self.starts[i], self.ends[i])
         text = self.texts[i]
-        if kind in NUMBERS:
-            self.i = i + 1
-            return number(self, span, kind)
-        if kind in ("true", "false"):
-            self.i = i + 1
-            return tree.BoolLit(span, kind == "true")
-        if kind == "[":
-            self.i = i + 1
-            elements = self._elements("]", "the element", i)
-            return tree.ListExpr(self.span_from(span.start), elements)
         if kind == "{":
             return self._record()
+        misused = text in self.misused
+        if not misused and kind not in NUMBERS and kind not in ("true", "false", "[", ERROR):
+            return no_expression(self, kind)
+        self.i = i + 1
+        if kind in NUMBERS:
+            return number(self, span, kind)
+        if kind in ("true", "false"):
+            return tree.BoolLit(span, kind == "true")
+        if kind == "[":
+            elements = self._elements("]", "the element", i)
+            return tree.ListExpr(self.span_from(span.start), elements)
         if kind == ERROR:
-            self.i = i + 1
             return tree.ErrorExpr(span)
-        if text in self.misused:
-            self.i = i + 1
-            return tree.NameExpr(span, tree.Name(text, span))
-        return no_expression(self, kind)
+        return tree.NameExpr(span, tree.Name(text, span))
 
     def _record(self) -> tree.SyntaxExpr:
         opener = self.i
@@ -413,8 +397,8 @@ class ExpressionParser(Cursor):
                     "S005",
                     f"expected `:` after the field `{field.text}`, found `=`",
                     helps=(replace(self.token_span(self.i), ":", f"write `{field.text}: ...`"),),
+                    skip=1,
                 )
-                self.i += 1
             else:
                 self.expect(":", f"after the field `{visible(field.text)}`")
             entries.append((field, self.expression(ANY)))
@@ -455,8 +439,6 @@ class ExpressionParser(Cursor):
             )
         return tree.ChooseExpr(self.span_from(start), fair, of, interval, options)
 
-    # ------------------------------------------------------------ types
-
     # ------------------------------------------------------------ intervals and sets
 
     def interval(self, what: str) -> tree.IntervalExpr:
@@ -478,8 +460,8 @@ class ExpressionParser(Cursor):
                 helps=(
                     replace(self.token_span(self.i), ",", "an interval is written `[low, high]`"),
                 ),
+                skip=1,
             )
-            self.i += 1
         else:
             self.expect(",", "between the ends of the interval", opener=opener)
         high = self.expression(ANY)
@@ -489,8 +471,8 @@ class ExpressionParser(Cursor):
                 "S005",
                 "expected `]` after the interval, found `)`",
                 notes=("intervals include both ends",),
+                skip=1,
             )
-            self.i += 1
         else:
             self.expect("]", "after the interval", opener=opener)
         return tree.IntervalExpr(low, high, self.span_from(self.starts[opener]))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.language.syntax import tree
-from soter.language.syntax.tokens import EOF, NAME
+from soter.language.syntax.tokens import EOF
 
 if TYPE_CHECKING:
     from soter.language.syntax.parsing.bodies import BodyParser, Other
@@ -38,9 +38,8 @@ def element(parser: BodyParser, name: tree.Name) -> tree.Name:
     """`name`, with the indices that follow it."""
     indices = []
     while parser.kinds[parser.i] == "[":
-        opener = parser.i
+        opener = parser.take()
         parser.tight.append(opener)
-        parser.i += 1
         indices.append(parser.expr("the index of an element"))
         parser.expect("]", "after the index", opener=opener)
     if not indices:
@@ -62,10 +61,8 @@ def dotted(what: str) -> Step:
     return lambda parser: path(parser, what)
 
 
-def setting(parser: BodyParser, *, inside: bool = False) -> tree.SetParam:
-    """`set K = 3`, at `set`; `inside` the braces of an instance a comma may follow."""
-    start = parser.starts[parser.i]
-    parser.i += 1
+def setting(parser: BodyParser, _word: str, start: int, *, inside: bool = False) -> tree.SetParam:
+    """`set K = 3`, behind `set` at `start`; `inside` an instance's braces a comma may follow."""
     param = path(parser, "the name of a parameter")
     parser.assign("after the parameter")
     what = "the value of the parameter"
@@ -74,14 +71,13 @@ def setting(parser: BodyParser, *, inside: bool = False) -> tree.SetParam:
 
 
 def loop(items: Items, other: Other) -> Read:
-    """`for i in low..high { items }`, at `for`; `items` and `other` as for `BodyParser.body`.
+    """`for i in low..high { items }`; `items` and `other` as for `BodyParser.body`.
 
     It reads what the loop holds by field, each kind of items as one `Repeated`.
     """
 
     def read(parser: BodyParser, _word: str, start: int) -> dict[str, tree.Repeated]:
-        parser.i -= 1
-        at = parser.i
+        at = parser.i - 1
         name, low = parser.loop_head()
         if not parser.accept(".."):
             message = f"expected `..` and the end of the range, found {parser.found()}"
@@ -112,8 +108,3 @@ def loop(items: Items, other: Other) -> Read:
         }
 
     return read
-
-
-def at_instance(parser: BodyParser, at: int) -> bool:
-    """Whether `name:` or `name[i]:` stands at token `at`."""
-    return parser.kinds[at] == NAME and parser.kinds[behind_indices(parser, at + 1)] == ":"

@@ -110,6 +110,7 @@ def _sign(method: str) -> Callable[[str], Step]:
 
 expr, value, time, time_value = map(_step, ("expr", "value", "time", "time_value"))
 name, ref, interval, range_of = map(_step, ("name", "ref", "interval", "range_of"))
+block = _step("block")
 assign, semicolon = map(_sign, ("assign", "semicolon"))
 
 
@@ -129,9 +130,9 @@ def equal(where: str, what: str) -> Step:
     return group(lambda value: value, assign(where), expr(what))
 
 
-def maybe(text: str, step: Step) -> Step:
-    """A step that reads `step` after the word `text`, if that word stands here; else None."""
-    return lambda parser: step(parser) if parser.accept(text) or parser.accept_word(text) else None
+def maybe(text: str, step: Step, none: object = None) -> Step:
+    """A step that reads `step` after the word `text`, if that word stands here; else `none`."""
+    return lambda parser: step(parser) if parser.accept(text) or parser.accept_word(text) else none
 
 
 def commas(step: Step) -> Step:
@@ -167,8 +168,9 @@ def clauses(parser: Cursor, item: str, rows: Mapping[str, Step]) -> dict[str, An
             parser.before_equal = False
         if lead in found:
             parser.quiet = -1
-            parser.report("S022", f"`{lead}` stands twice in this {item}", parser.token_span(at))
-            parser.quiet = -1
+            parser.report(
+                "S022", f"`{lead}` stands twice in this {item}", parser.token_span(at), once=False
+            )
         found.setdefault(lead, read)
     return found
 

@@ -50,8 +50,8 @@ def report_nesting(cursor: Cursor, span: Span, what: str) -> None:
         "this expression",
         notes=(f"at most {LEVELS_MAX} levels: a chain of n operators has n of them",),
         helps=("name parts of it with `let`, or use a loop",),
+        once=False,
     )
-    cursor.quiet = -1
 
 
 def height(expr: tree.SyntaxExpr) -> int:
@@ -146,8 +146,7 @@ def _duration(cursor: Cursor, span: Span, text: str) -> tree.SyntaxExpr:
 
 def _too_large(cursor: Cursor, span: Span, what: str) -> tree.SyntaxExpr:
     cursor.i -= 1
-    cursor.report("L005", f"this number is too large for {what}", span)
-    cursor.i += 1
+    cursor.report("L005", f"this number is too large for {what}", span, skip=1)
     return tree.ErrorExpr(span)
 
 

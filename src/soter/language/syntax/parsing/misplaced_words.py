@@ -72,11 +72,11 @@ def leads_on(cursor: Cursor, fix: Fix, start: int, end: int) -> bool:
 
 def out_of_place(
     cursor: Cursor, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]
-) -> tuple[Diagnostic, int] | None:
-    """What is said in the place of an error at the cursor, and the token after it; None if nothing.
+) -> Diagnostic | None:
+    """What is said in the place of an error at the cursor; None if nothing.
 
-    The token is that of the cursor where the parser goes on by itself. What the error itself has
-    to say of an item or a statement is kept: an edit in any case, a note on a lost brace beside.
+    What the error itself has to say of an item or a statement is kept: an edit in any case, a note
+    on a lost brace beside.
     """
     if code in _SAME_LINE:
         leader = _leader(cursor)
@@ -111,11 +111,8 @@ def _first(cursor: Cursor, i: int) -> bool:
     return before in (";", "{", "}", "input", "extern") or cursor.first_on_line(i)
 
 
-def _clauses(
-    cursor: Cursor, leader: int, order: tuple[str, ...], ends: tuple[str, ...]
-) -> tuple[list[int], int]:
-    """Where the clauses of an item begin, outside of brackets, and the token behind them."""
-    starts: list[int] = []
+def _clause_end(cursor: Cursor, leader: int, ends: tuple[str, ...]) -> int:
+    """The token behind what a word leads: one of `ends` outside of brackets, or a bracket."""
     level = 0
     i = leader + 1
     while (kind := cursor.kinds[i]) != EOF and not (level == 0 and kind in ends):
@@ -125,10 +122,8 @@ def _clauses(
             if level == 0:
                 break
             level -= 1
-        elif level == 0 and cursor.texts[i] in order:
-            starts.append(i)
         i += 1
-    return starts, i
+    return i
 
 
 # ---------------------------------------------------------------- one token
@@ -214,7 +209,7 @@ def at_word_of_elsewhere(cursor: Cursor) -> bool:
     return elsewhere and is_clause(word, rest) and word in places()
 
 
-def _elsewhere(cursor: Cursor, code: Code, notes: tuple[str, ...]) -> tuple[Diagnostic, int] | None:
+def _elsewhere(cursor: Cursor, code: Code, notes: tuple[str, ...]) -> Diagnostic | None:
     i = cursor.i
     word = cursor.texts[i]
     here = word in cursor.items and cursor.blocks == 0
@@ -233,7 +228,7 @@ def _elsewhere(cursor: Cursor, code: Code, notes: tuple[str, ...]) -> tuple[Diag
     if word == "on":
         span = span.to(cursor.token_span(i + 1))
     shown = code if code in _ITEMS else "S010"
-    return made(shown, said.message, Label(span), (), (said.note, *notes), (help_,)), i
+    return made(shown, said.message, Label(span), (), (said.note, *notes), (help_,))
 
 
 def _to_the_topic(cursor: Cursor) -> Fix | None:
@@ -246,7 +241,7 @@ def _to_the_topic(cursor: Cursor) -> Fix | None:
     declared = re.search(rf"^(?:input\s+)?topic\s+{name}\b[^;{{}}]*;", text, re.MULTILINE)
     if declared is None:
         return None
-    _, end = _clauses(cursor, i, (), (",", ";"))
+    end = _clause_end(cursor, i, (",", ";"))
     gone = Span(cursor.source, cursor.ends[i - 1], cursor.ends[end - 1])
     if re.search(rf"\b{word}\b", declared[0]):
         title = f"leave it out: the declaration of topic `{name}` says it already"
@@ -270,7 +265,7 @@ def assigned(cursor: Cursor, body: str) -> tuple[Help, ...]:
     name, follows = cursor.texts[cursor.i], cursor.kinds[cursor.i + 1]
     if follows not in ("=", ":=") or body not in (PLANT, SYSTEM, TEST):
         return ()
-    _, end = _clauses(cursor, cursor.i, (), (";",))
+    end = _clause_end(cursor, cursor.i, (";",))
     whole = Span(cursor.source, cursor.starts[cursor.i], cursor.ends[end - 1])
     value = cursor.source.text[cursor.starts[cursor.i + 2] : whole.end]
     if cursor.kinds[end] != ";":

@@ -68,16 +68,12 @@ def _open(parser: BodyParser) -> tuple[Expr, bool]:
     return parser.expr("where an open axis ends"), False
 
 
-def _grid_axis(*parts: object) -> tree.GridAxis:
-    *axis, end = parts
-    return tree.GridAxis(*axis, *end)  # type: ignore[misc, arg-type]
-
-
 def _abstracted(parser: BodyParser) -> object:
     """`by` behind an abstracted plant, or another word in its place."""
     if not parser.is_word("by") and parser.kinds[parser.i : parser.i + 2] == [NAME, NAME]:
-        parser.report("S005", f"expected `by` after the abstracted plant, found {parser.found()}")
-        parser.i += 1
+        parser.report(
+            "S005", f"expected `by` after the abstracted plant, found {parser.found()}", skip=1
+        )
     else:
         parser.expect_word("by", "after the abstracted plant")
     return NOTHING
@@ -125,7 +121,8 @@ def _recover(parser: BodyParser, _word: str, start: int) -> tuple[Expr, Span | N
 
 
 _CELLS = group(
-    _grid_axis, dotted("a topic or one of its fields"), word("in", "after the axis"),
+    lambda place, within, cells, end: tree.GridAxis(place, within, cells, *end),
+    dotted("a topic or one of its fields"), word("in", "after the axis"),
     range_of("the range of the axis"),
     word("/", "and the number of cells after the range of the axis"),
     expr("the number of cells"), _open,
@@ -184,8 +181,7 @@ VERIFY_ITEMS: Items = {
 
 def rta(parser: BodyParser) -> tree.Decl:
     """Parses an `rta` declaration: a module."""
-    start = parser.starts[parser.i]
-    parser.i += 1
+    start = parser.starts[parser.take()]
     name = parser.declare("the name of the module")
     parts = parser.body(f"module `{visible(name.text)}`", RTA_ITEMS)
     return tree.RtaDecl(name, parser.span_from(start), **parts.fields(RTA_ITEMS))
@@ -253,11 +249,6 @@ def _shield(parser: BodyParser, _word: str, start: int) -> tuple[object, bool]:
     return parser.ended(cells, what), toward
 
 
-def _moves(parser: BodyParser) -> tuple[tree.Move, ...]:
-    """`moves x by d, gap by d down`, or nothing."""
-    return maybe("moves", commas(_MOVE))(parser) or ()
-
-
 _MOVE = group(
     tree.Move, dotted("a topic or one of its fields"),
     word("by", "and how far, behind what moves"), expr("how far it moves"), word_of("down", "up"),
@@ -279,7 +270,7 @@ RTA_ITEMS: Items = {
     "rest": once(
         "rest",
         made(
-            tree.Rest, expr("the condition of `rest`"), _moves,
+            tree.Rest, expr("the condition of `rest`"), maybe("moves", commas(_MOVE), ()),
             word("within", "and a time at the end of `rest`"), time_value("the time of `rest`"),
         ),
     ),

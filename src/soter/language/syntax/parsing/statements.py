@@ -76,10 +76,9 @@ class StatementParser(ExpressionParser):
         statements: list[tree.SyntaxStmt] = []
         kinds = self.kinds
         while True:
-            kind = kinds[self.i]
-            if kind == "}":
-                self.i += 1
+            if self.accept("}"):
                 break
+            kind = kinds[self.i]
             if kind == EOF or (kind not in STATEMENT_WORDS and self.at_declaration()):
                 if kind != EOF and self.nested_declaration():
                     self.misplaced_declaration()
@@ -122,17 +121,15 @@ class StatementParser(ExpressionParser):
         message = f"expected `{{` {where}, found {self.found()}"
         if not self._at_statement():
             raise self.failure("S005", message)
-        self.report("S005", message, helps=("braces are never left out",))
-        self.quiet = -1
+        self.report("S005", message, helps=("braces are never left out",), once=False)
 
     def _braceless(self, where: str, start: int) -> tree.Block:
         self._no_brace(where)
-        kind = self.kinds[self.i]
         statements: list[tree.SyntaxStmt] = []
         self.blocks += 1
         if self.blocks > BLOCKS_MAX:
             raise Panic
-        self._recovering(statements, kind)
+        self._recovering(statements, self.kinds[self.i])
         self.blocks -= 1
         return tree.Block(tuple(statements), self.span_from(start))
 
@@ -146,8 +143,7 @@ class StatementParser(ExpressionParser):
         """The expression between a statement word and its block; Panic where there is no block."""
         start = self.i
         if self.kinds[start] == "{" and self.kinds[start + 2] != ":":
-            self.report("S007", f"expected {what}, found `{{`")
-            self.quiet = -1
+            self.report("S007", f"expected {what}, found `{{`", once=False)
             return tree.ErrorExpr(self.after_previous())
         result = self.expr(what, stop_at_brace=True)
         if self.kinds[self.i] in ("{", "..") or self._at_statement():
@@ -165,41 +161,29 @@ class StatementParser(ExpressionParser):
 
     def let(self) -> tree.SyntaxStmt:
         """`let name = value;`."""
-        start = self.starts[self.i]
-        self.i += 1
+        start = self.starts[self.take()]
         if self.is_word("mut"):
             both = self.token_span(self.i - 1).to(self.token_span(self.i))
             helps = (replace(both, "var", "write `var` for `let mut`"),)
-            self.report("S015", "`mut` is no word of Soter", helps=helps)
-            self.i += 1
+            self.report("S015", "`mut` is no word of Soter", helps=helps, skip=1)
         name = self.name("a name after `let`")
         type_ = type_expression(self, "a type after `:`") if self.accept(":") else None
-        value = self._initial(f"`{visible(name.text)}`")
-        if value is None:
-            value = tree.ErrorExpr(self.after_previous())
+        value = self.assigned_value(f"`{visible(name.text)}`", "the value")
         return tree.LetStmt(self.span_from(start), name, type_, value)
 
     def _var(self) -> tree.SyntaxStmt:
-        start = self.starts[self.i]
-        self.i += 1
+        start = self.starts[self.take()]
         name = self.name("a name after `var`")
         type_ = type_expression(self, "a type after `:`") if self.accept(":") else None
-        if type_ is not None and self.accept(";"):
-            return tree.VarStmt(self.span_from(start), name, type_, None)
         if type_ is not None and self.kinds[self.i] not in ("=", ":=", "=="):
             self.no_initial("the type of the variable")
             return tree.VarStmt(self.span_from(start), name, type_, None)
-        value = self._initial(f"`{visible(name.text)}`")
-        if value is None:
-            value = tree.ErrorExpr(self.after_previous())
+        value = self.assigned_value(f"`{visible(name.text)}`", "the value")
         return tree.VarStmt(self.span_from(start), name, type_, value)
 
     def no_initial(self, after: str) -> None:
         """Step over the `;` behind a type; a value without `=` is reported as such."""
-        kind = self.kinds[self.i]
-        if kind == ";":
-            self.i += 1
-        elif kind in _VALUES:
+        if self.kinds[self.i] in _VALUES:
             message = f"expected `=` or `;` after {after}, found {self.found()}"
             self.report("S005", message, self.after_previous(), "`=` is missing here")
             self.damaged = True
@@ -207,16 +191,16 @@ class StatementParser(ExpressionParser):
         else:
             self.semicolon(after)
 
-    def _initial(self, what: str) -> tree.SyntaxExpr | None:
-        """`= value;` of a `let` or `var`, None where it could not be read."""
+    def assigned_value(self, after: str, what: str) -> tree.SyntaxExpr:
+        """`= value;`: an ErrorExpr where there is no `=` after what `after` names."""
         start = self.i
         try:
-            self.assign(f"after {what}")
+            self.assign(f"after {after}")
         except Panic:
             self.skip_expression(start)
             self.accept(";")
-            return None
-        return self.value("the value")
+            return tree.ErrorExpr(self.after_previous())
+        return self.value(what)
 
     def _assign(self) -> tree.SyntaxStmt:
         start = self.starts[self.i]
@@ -225,16 +209,14 @@ class StatementParser(ExpressionParser):
             return slip
         place = self._place()
         kind = self.kinds[self.i]
-        if kind == "=":
-            self.i += 1
-        elif kind in ("+=", "-=", "*=", "/=", "%=", "**="):
+        if kind in ("+=", "-=", "*=", "/=", "%=", "**="):
             text = visible(place.span.text)
             self.report(
                 "S015",
                 f"`{kind}` is not an operator of Soter",
                 helps=(f"write `{text} = {text} {kind[:-1]} ...;`",),
+                skip=1,
             )
-            self.i += 1
         elif kind == "++" or (kind == "-" and self.kinds[self.i + 1] == "-"):
             text = visible(place.span.text)
             raise self.failure(
@@ -277,8 +259,7 @@ class StatementParser(ExpressionParser):
             if near in _STATEMENTS and near != "while":
                 message = f"expected a statement, found `{visible(word)}`"
                 helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
-                self.report("S011", message, helps=helps)
-                self.quiet = -1
+                self.report("S011", message, helps=helps, once=False)
                 return _STATEMENTS[near](self)
         if following == NAME and self.kinds[i + 2] in ("=", ";"):
             declared = visible(self.texts[i + 1])
@@ -292,13 +273,14 @@ class StatementParser(ExpressionParser):
 
     def _c_style_declaration(self) -> tree.SyntaxStmt:
         """`float x = 3;`, already reported: declares `x` all the same."""
-        start = self.starts[self.i]
-        self.i += 1
+        start = self.starts[self.take()]
         name = self.name("a name")
         self.quiet = -1
-        value = None if self.accept(";") else self._initial(f"`{visible(name.text)}`")
-        if value is None:
-            value = tree.ErrorExpr(self.after_previous())
+        value = (
+            tree.ErrorExpr(self.after_previous())
+            if self.accept(";")
+            else self.assigned_value(f"`{visible(name.text)}`", "the value")
+        )
         return tree.VarStmt(self.span_from(start), name, None, value)
 
     def _typed_declaration(self) -> tree.SyntaxStmt:
@@ -316,77 +298,58 @@ class StatementParser(ExpressionParser):
         name = self.name("the name of a variable")
         place: tree.SyntaxExpr = tree.NameExpr(name.span, name)
         while True:
-            kind = self.kinds[self.i]
-            if kind == ".":
-                self.i += 1
+            if self.accept("."):
                 field = self.name("the name of a field after `.`")
                 place = tree.FieldExpr(self.span_from(start), place, field)
-            elif kind == "[":
+            elif self.kinds[self.i] == "[":
                 place = self._index(place, start)
             else:
                 return place
 
     def _push(self) -> tree.SyntaxStmt:
-        start = self.starts[self.i]
-        self.i += 1
+        start = self.starts[self.take()]
         place = self._place()
         self.expect(",", "after the list of `push`")
         value = self.value("the pushed value")
         return tree.PushStmt(self.span_from(start), place, value)
 
     def _publish(self) -> tree.SyntaxStmt:
-        start = self.starts[self.i]
-        self.i += 1
+        start = self.starts[self.take()]
         topic = self.ref("the name of a topic after `publish`")
-        begin = self.i
-        try:
-            self.assign("after the topic of `publish`")
-        except Panic:
-            self.skip_expression(begin)
-            self.accept(";")
-            value: tree.SyntaxExpr = tree.ErrorExpr(self.after_previous())
-        else:
-            value = self.value("the publish statement")
+        value = self.assigned_value("the topic of `publish`", "the publish statement")
         return tree.PublishStmt(self.span_from(start), topic, value)
 
     def _return(self) -> tree.SyntaxStmt:
-        start = self.starts[self.i]
-        self.i += 1
+        start = self.starts[self.take()]
         if self.items and self.accept(";"):  # in a step, where `return` is the mistake
             return tree.ReturnStmt(self.span_from(start), tree.ErrorExpr(self.after_previous()))
         value = self.value("the returned value")
         return tree.ReturnStmt(self.span_from(start), value)
 
     def _assert(self) -> tree.SyntaxStmt:
-        start = self.starts[self.i]
-        self.i += 1
+        start = self.starts[self.take()]
         condition = self.expr("the condition")
         message = None
         if self.accept(","):
             if self.kinds[self.i] == STRING:
-                message = string_value(self.texts[self.i])
-                self.i += 1
+                message = string_value(self.texts[self.take()])
             else:
                 self.report("S005", f"expected a string after `,`, found {self.found()}")
         self.semicolon("the assertion")
         return tree.AssertStmt(self.span_from(start), condition, message)
 
     def _if(self) -> tree.SyntaxStmt:
-        start = self.starts[self.i]
-        self.i += 1
-        condition = self.head("the condition")
-        arms = [(condition, self.block("after the condition", single=True))]
-        otherwise: tree.Block | None = None
-        while True:
-            if self.accept("elseif") or self._else_if():
-                condition = self.head("the condition")
-                arms.append((condition, self.block("after the condition", single=True)))
-            elif self.accept("else"):
-                otherwise = self.block("after `else`", single=True)
-                break
-            else:
-                break
+        start = self.starts[self.take()]
+        arms = [self._arm()]
+        while self.accept("elseif") or self._else_if():
+            arms.append(self._arm())
+        otherwise = self.block("after `else`", single=True) if self.accept("else") else None
         return tree.IfStmt(self.span_from(start), tuple(arms), otherwise)
+
+    def _arm(self) -> tuple[tree.SyntaxExpr, tree.Block]:
+        """A condition and the block behind it."""
+        condition = self.head("the condition")
+        return condition, self.block("after the condition", single=True)
 
     def _else_if(self) -> bool:
         """`else if`, `elif` and the like: reported, then taken for `elseif`."""
@@ -394,18 +357,16 @@ class StatementParser(ExpressionParser):
         if self.kinds[i] == "else" and self.kinds[i + 1] == "if":
             span = self.token_span(i).to(self.token_span(i + 1))
             helps = (replace(span, "elseif"),)
-            self.report("S015", "`else if` is one word in Soter", span, helps=helps)
-            self.i = i + 2
+            self.report("S015", "`else if` is one word in Soter", span, helps=helps, skip=2)
             return True
         if self.kinds[i] == NAME and self.texts[i] in _ELSEIF:
             helps = (replace(self.token_span(i), "elseif"),)
-            self.report("S015", f"`{self.texts[i]}` is no word of Soter", helps=helps)
-            self.i = i + 1
+            self.report("S015", f"`{self.texts[i]}` is no word of Soter", helps=helps, skip=1)
             return True
         return False
 
     def _for(self) -> tree.SyntaxStmt:
-        start = self.starts[self.i]
+        start = self.starts[self.take()]
         name, low = self.loop_head()
         high = self.head("the end of the range") if self.accept("..") else None
         body = self.block("after the range", single=True)
@@ -414,8 +375,7 @@ class StatementParser(ExpressionParser):
         return tree.ForRangeStmt(self.span_from(start), name, low, high, body)
 
     def loop_head(self) -> tuple[tree.Name, tree.SyntaxExpr]:
-        """`for name in low`, at `for`."""
-        self.i += 1
+        """`for name in low`, behind `for`."""
         if self.kinds[self.i] == "(":
             c_style_loop(self)
         name = self.name("the name of the loop variable after `for`")
@@ -424,8 +384,8 @@ class StatementParser(ExpressionParser):
                 "S005",
                 f"expected `in` after the loop variable, found {self.found()}",
                 helps=(f"write `for {visible(name.text)} in 0..10 {{ ... }}`",),
+                skip=1,
             )
-            self.i += 1
         else:
             self.expect_word("in", "after the loop variable")
         return name, self.head("the range")
@@ -438,22 +398,17 @@ class StatementParser(ExpressionParser):
             label="may run forever",
             notes=("the cost of every step is bounded and known before it runs",),
             helps=("write `for i in 0..N { if condition { ... } }`",),
+            skip=1,
         )
-        self.i += 1
-        condition = self.head("the condition")
-        body = self.block("after the condition", single=True)
-        return tree.IfStmt(self.span_from(start), ((condition, body),), None)
+        return tree.IfStmt(self.span_from(start), (self._arm(),), None)
 
     def _dangling_else(self) -> tree.SyntaxStmt:
         word = self.texts[self.i]
-        self.report("S011", f"`{word}` without an `if` before it")
-        self.i += 1
+        self.report("S011", f"`{word}` without an `if` before it", skip=1)
         if self.kinds[self.i] == "if" or word == "elseif":
             self.accept("if")
             start = self.starts[self.i]
-            condition = self.head("the condition")
-            body = self.block("after the condition", single=True)
-            return tree.IfStmt(self.span_from(start), ((condition, body),), None)
+            return tree.IfStmt(self.span_from(start), (self._arm(),), None)
         body = self.block("after `else`", single=True)
         condition = tree.ErrorExpr(body.span)
         return tree.IfStmt(body.span, ((condition, body),), None)
@@ -464,10 +419,9 @@ class StatementParser(ExpressionParser):
             self.stray_semicolon()
             return
         message = f"expected a statement, found {self.found()}"
-        notes: tuple[str, ...] = ()
-        if kind in BODY_WORDS and not self.closed_below(self.blocks + 1):
-            notes = (f"`{kind}` belongs in the body around: is a `}}` missing before it?",)
-        raise self.failure("S011", message, notes=notes)
+        of_a_body = kind in BODY_WORDS and not self.closed_below(self.blocks + 1)
+        note = f"`{kind}` belongs in the body around: is a `}}` missing before it?"
+        raise self.failure("S011", message, notes=(note,) if of_a_body else ())
 
     def stray_semicolon(self) -> None:
         """Report a `;` that ends nothing and step over all that follow."""

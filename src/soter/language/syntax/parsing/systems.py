@@ -103,8 +103,7 @@ FAULT_ITEMS: Items = {
 
 def system(parser: BodyParser) -> tree.Decl:
     """Parses a `system` declaration."""
-    start = parser.starts[parser.i]
-    parser.i += 1
+    start = parser.starts[parser.take()]
     name = parser.declare("the name of the system")
     default = parser.accept_word("default")
     deploys = parser.ref("the name of a system") if parser.accept_word("deploys") else None
@@ -118,7 +117,9 @@ def _instance(parser: BodyParser, parts: Parts) -> bool:
     """`name: What;` if that stands here."""
     i = parser.i
     _no_leads_to(parser, i)
-    element = parser.kinds[i + 1] == "[" and instance_arrays.at_instance(parser, i)
+    element = parser.kinds[i : i + 2] == [NAME, "["] and (
+        parser.kinds[instance_arrays.behind_indices(parser, i + 1)] == ":"
+    )
     colon = parser.kinds[i + 1] == ":" or element
     if colon and not element and parser.texts[i] in SYSTEM_ITEMS and parser.kinds[i + 2] != NAME:
         return False
@@ -178,8 +179,7 @@ def _wires_and_sets(
     """`{ topic = other, set K = 3 }` behind what an instance is made of: wires and settings."""
     if parser.kinds[parser.i] != "{":
         return (), ()
-    opener = parser.i
-    parser.i += 1
+    opener = parser.take()
     pairs: list[tuple[tree.Ref, tree.DottedPath]] = []
     sets: list[tree.SetParam] = []
     try:
@@ -203,7 +203,8 @@ def _wire_or_setting(
 ) -> str:
     """One of them is read; what it is called where a comma is missing behind it."""
     if parser.is_word("set") and parser.kinds[parser.i + 1] == NAME:
-        sets.append(instance_arrays.setting(parser, inside=True))
+        start = parser.starts[parser.take()]
+        sets.append(instance_arrays.setting(parser, "set", start, inside=True))
         return "the value of the parameter"
     pair = _reversed_wire(parser)
     if pair is None:
@@ -235,9 +236,8 @@ def _reversed_wire(parser: BodyParser) -> tuple[tree.Ref, tree.DottedPath] | Non
 
 def _faults(parser: BodyParser, _word: str, _start: int) -> tuple[tree.SystemFault, ...]:
     """`faults { ... }`."""
-    found: tuple[tree.SystemFault, ...]
-    found = parser.body("`faults`", FAULT_ITEMS).fields(FAULT_ITEMS)["faults"]
-    return found
+    parts = parser.body("`faults`", FAULT_ITEMS)
+    return tuple(parts.several["faults"])
 
 
 def _always(parser: BodyParser, kind: str, start: int) -> tree.PropertyItem:
@@ -277,11 +277,6 @@ def _inline(parser: BodyParser, _word: str, start: int) -> Iterator[tree.Inline]
         if not parser.accept(","):
             break
     parser.semicolon("the nodes of `inline`")
-
-
-def _set(parser: BodyParser, _word: str, _start: int) -> tree.SetParam:
-    parser.i -= 1
-    return instance_arrays.setting(parser)
 
 
 def _stated(parser: BodyParser, kind: str, start: int) -> tree.StatedValues:
@@ -352,8 +347,7 @@ def _values(parser: BodyParser) -> tuple[tree.SyntaxExpr, ...]:
 
 def test(parser: BodyParser) -> tree.Decl:
     """Parses a `test` declaration."""
-    start = parser.starts[parser.i]
-    parser.i += 1
+    start = parser.starts[parser.take()]
     name = parser.declare("the name of the test")
     parts = parser.body(f"test `{visible(name.text)}`", TEST_ITEMS, _leads_to)
     return tree.TestDecl(name, parser.span_from(start), **parts.fields(TEST_ITEMS))
@@ -436,7 +430,7 @@ _IN_BOTH: Items = {
             semicolon("the replacement"),
         ),
     ),
-    "set": often("sets", _set),
+    "set": often("sets", instance_arrays.setting),
     "input": often("inputs", _input),
     "always": often("properties", _always),
     "never": often("properties", _always),

@@ -171,12 +171,32 @@ class Cursor:
         also: tuple[tuple[Span, str], ...] = (),
         notes: tuple[str, ...] = (),
         helps: tuple[Help, ...] = (),
+        skip: int = 0,
+        once: bool = True,
     ) -> None:
-        """Report an error at the cursor (the token's span unless given), once per token.
+        """Report an error at the cursor (the token's span unless given), and skip so many tokens.
 
-        Panic where the text there is a phrase of another language, which is told in its place;
+        Only the first error at a token is told, unless the one before had `once=False`. Panic
+        where the text there is a phrase of another language, which is told in its place;
         TooManyErrorsError beyond `ERRORS_MAX`.
         """
+        self._tell_once(code, message, span, label, also=also, notes=notes, helps=helps)
+        self.i += skip
+        if not once:
+            self.quiet = -1
+
+    def _tell_once(
+        self,
+        code: Code,
+        message: str,
+        span: Span | None,
+        label: str,
+        *,
+        also: tuple[tuple[Span, str], ...],
+        notes: tuple[str, ...],
+        helps: tuple[Help, ...],
+    ) -> None:
+        """Add the error to `problems`, unless one was told at the token of the cursor before."""
         i = self.i
         silent = (
             i == self.quiet
@@ -191,7 +211,9 @@ class Cursor:
         if span is None:
             span = self.token_span(i)
         self._another_language(span)
-        if self._out_of_place(code, notes, helps):
+        elsewhere = self._elsewhere(code, notes, helps)
+        if elsewhere is not None:
+            self.problems.append(elsewhere)
             return
         if code in _REPAIRED and not helps:
             fix = self._repaired(code, message)
@@ -221,26 +243,13 @@ class Cursor:
 
     def _elsewhere(
         self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]
-    ) -> tuple[Diagnostic, int] | None:
-        """What is said of a word of Soter in a wrong place, and the token behind it."""
+    ) -> Diagnostic | None:
+        """What is said of a word of Soter in a wrong place."""
         raise NotImplementedError
 
     def _repaired(self, code: Code, message: str) -> Fix | None:
         """The edit of one token that mends the item at the cursor."""
         raise NotImplementedError
-
-    def _out_of_place(self, code: Code, notes: tuple[str, ...], helps: tuple[Help, ...]) -> bool:
-        """Tell a word of Soter that does not belong here; Panic behind clauses in a wrong order."""
-        said = self._elsewhere(code, notes, helps)
-        if said is None:
-            return False
-        problem, after = said
-        self.problems.append(problem)
-        if after > self.i:
-            self.i = self.quiet = after
-            self.damaged = True
-            raise Panic
-        return True
 
     def file(self) -> File:
         """The whole file, read from its beginning."""
@@ -269,9 +278,7 @@ class Cursor:
 
     def new_line(self) -> bool:
         """Whether the token at the cursor stands on another line than the one before it."""
-        if not self.i:
-            return True
-        return "\n" in self.source.text[self.ends[self.i - 1] : self.starts[self.i]]
+        return not self.i or ("\n" in self.source.text[self.ends[self.i - 1] : self.starts[self.i]])
 
     def at_declaration(self) -> bool:
         """Whether a declaration begins here, judged by its first two or three tokens."""
@@ -315,24 +322,26 @@ class Cursor:
         if self.kinds[self.i] != EOF:
             self.i += 1
 
+    def take(self) -> int:
+        """Step over the token at the cursor, which is not the end; returns its index."""
+        self.i += 1
+        return self.i - 1
+
     def accept(self, kind: str) -> bool:
         """Step over a token of this kind if it is here."""
-        if self.kinds[self.i] == kind:
-            self.i += 1
-            return True
-        return False
+        here = self.kinds[self.i] == kind
+        self.i += here
+        return here
 
     def accept_word(self, word: str) -> bool:
         """Step over this contextual word if it is here."""
-        if self.is_word(word):
-            self.i += 1
-            return True
-        return False
+        here = self.is_word(word)
+        self.i += here
+        return here
 
     def expect(self, kind: str, where: str, *, opener: int | None = None) -> None:
         """Step over a token of this kind; else "expected `kind` `where`, found ..." and Panic."""
-        if self.kinds[self.i] == kind:
-            self.i += 1
+        if self.accept(kind):
             return
         also = ((self.token_span(opener), "opened here"),) if opener is not None else ()
         raise self.failure("S005", f"expected `{kind}` {where}, found {self.found()}", also=also)
@@ -344,31 +353,28 @@ class Cursor:
             return
         message = f"expected `{word}` {where}, found {self.found()}"
         if self.kinds[self.i] == NAME and self.close_word(self.texts[self.i], [word]):
-            self.report("S005", message, helps=(replace(self.token_span(self.i), word),))
-            self.i += 1
+            self.report("S005", message, helps=(replace(self.token_span(self.i), word),), skip=1)
             return
         raise self.failure("S005", message)
 
     def assign(self, where: str) -> None:
         """Step over `=`, forgiving `:=` and `==`; Panic where there is none."""
         kind = self.kinds[self.i]
-        if kind == "=":
-            self.i += 1
+        if self.accept("="):
             return
         if kind in (":=", "==", "<-"):
             self.report(
                 "S015",
                 f"expected `=` {where}, found `{kind}`",
                 helps=(replace(self.token_span(self.i), "=", "assignment is `=`"),),
+                skip=1,
             )
-            self.i += 1
             return
         raise self.failure("S005", f"expected `=` {where}, found {self.found()}")
 
     def semicolon(self, after: str) -> None:
         """Step over `;`; if it is missing, say so where it belongs and carry on."""
-        if self.kinds[self.i] == ";":
-            self.i += 1
+        if self.accept(";"):
             return
         self.missing_semicolon(after)
         if not self.fresh_start():
@@ -404,10 +410,7 @@ class Cursor:
         """A NAME, or a reserved word used as one (reported once per word); else Panic."""
         i = self.i
         kind = self.kinds[i]
-        if kind == NAME:
-            self.i = i + 1
-            return Name(self.texts[i], Span(self.source, self.starts[i], self.ends[i]))
-        if kind == ERROR:  # such as `3x`, already reported
+        if kind in (NAME, ERROR):  # an ERROR such as `3x` was reported
             self.i = i + 1
             return Name(self.texts[i], self.token_span(i))
         if kind in _KIND_WORDS and self._name_beside(i):
@@ -460,16 +463,15 @@ class Cursor:
     def _stops(self, i: int) -> bool:
         """Whether the reserved word at `i` is more likely the next construct than a name."""
         following = self.kinds[i + 1]
-        if self.texts[i] in STATEMENT_WORDS and following in _LITERALS:
-            return True
-        return following in (EOF, "{") and self.new_line()
+        return (self.texts[i] in STATEMENT_WORDS and following in _LITERALS) or (
+            following in (EOF, "{") and self.new_line()
+        )
 
     def ref(self, what: str) -> Ref:
         """`name` or `file.name`."""
         first = self.name(what)
-        if self.kinds[self.i] != ".":
+        if not self.accept("."):
             return Ref(None, first, first.span)
-        self.i += 1
         second = self.name(f"a name after `{visible(first.text)}.`")
         return Ref(first, second, self.span_from(first.span.start))
 
@@ -477,8 +479,7 @@ class Cursor:
         """`name.name.name`."""
         first = self.name(what)
         parts = [first]
-        while self.kinds[self.i] == ".":
-            self.i += 1
+        while self.accept("."):
             parts.append(self.name("a name after `.`"))
         return DottedPath(tuple(parts), self.span_from(first.span.start))
 
@@ -488,21 +489,15 @@ class Cursor:
         Steps over `,` or over `close`. A forgotten comma before something that looks like an
         element is reported and taken as written. Panic where neither can be meant.
         """
-        kind = self.kinds[self.i]
-        if kind == ",":
-            self.i += 1
-            if self.kinds[self.i] == close:
-                self.i += 1
-                return False
-            return True
-        if kind == close:
-            self.i += 1
+        if self.accept(close):
             return False
+        if self.accept(","):
+            return not self.accept(close)
+        kind = self.kinds[self.i]
         message = f"expected `,` or `{close}` after {after}, found {self.found()}"
         if kind == ";" and close == "}" and self.kinds[self.i + 1] in (NAME, "}"):
             comma = replace(self.token_span(self.i), ",", "fields are separated by `,`")
-            self.report("S005", message, helps=(comma,))
-            self.i += 1
+            self.report("S005", message, helps=(comma,), skip=1)
             return not self.accept("}")
         also = ((self.token_span(opener), "opened here"),)
         if kind == NAME and close == "}" and self.kinds[self.i + 1] in (":", ",", "}"):

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from soter.language.syntax.parsing.expressions import ExpressionParser
 
 _IN_UNITS = frozenset(["/", "*", "^"])
-_BUILTIN = frozenset(["bool", "float", "duration"])
+_BUILTIN = frozenset(["bool", "float", "duration", "int"])
 
 
 def type_expression(parser: ExpressionParser, what: str) -> tree.TypeExpr:
@@ -57,9 +57,8 @@ def _type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
     result = _base_type(parser, what)
     suffixes = 0
     while parser.kinds[parser.i] == "[":
-        opener = parser.i
+        opener = parser.take()
         parser.tight.append(opener)
-        parser.i += 1
         suffixes += 1
         if suffixes > LEVELS_MAX:
             too_deep(parser, "type")
@@ -68,11 +67,8 @@ def _type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
         size = parser.expression(ANY)
         parser.strict = False
         parser.close("]", "the size", opener)
-        span = parser.span_from(start)
-        if bounded:
-            result = tree.ListTypeExpr(span, result, size)
-        else:
-            result = tree.ArrayTypeExpr(span, result, size)
+        kind = tree.ListTypeExpr if bounded else tree.ArrayTypeExpr
+        result = kind(parser.span_from(start), result, size)
     if parser.is_word("unit") and parser.kinds[parser.i + 1] == STRING:
         parser.i += 2
         where, unit = parser.token_span(parser.i - 1), string_value(parser.texts[parser.i - 1])
@@ -100,14 +96,11 @@ def _base_type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
     kind = parser.kinds[i]
     if kind in _BUILTIN:
         parser.i = i + 1
-        return tree.BuiltinType(parser.token_span(i), kind)
-    if kind == "int":
-        parser.i = i + 1
-        if parser.kinds[parser.i] == "in" and parser.kinds[parser.i + 1] != "{":
+        if kind == "int" and parser.kinds[i + 1] == "in" and parser.kinds[i + 2] != "{":
             parser.i += 1
             interval = parser.interval("the range of an int")
             return tree.RangedIntType(parser.span_from(parser.starts[i]), interval)
-        return tree.BuiltinType(parser.token_span(i), "int")
+        return tree.BuiltinType(parser.token_span(i), kind)
     if kind == "{":
         return _record_type(parser)
     if kind == NAME:
@@ -135,8 +128,7 @@ def _foreign_type(parser: ExpressionParser, ref: tree.Ref, i: int) -> None:
 
 
 def _record_type(parser: ExpressionParser) -> tree.TypeExpr:
-    opener = parser.i
-    parser.i += 1
+    opener = parser.take()
     entries: list[tuple[tree.Name, tree.TypeExpr]] = []
     while True:
         if parser.kinds[parser.i] == "}" and not entries:
@@ -168,8 +160,8 @@ def value_set(parser: ExpressionParser) -> tree.IntervalExpr | tree.RecordSet:
                 "S005",
                 f"expected `in` after the field `{visible(field.text)}`, found `:`",
                 helps=(f"write `{visible(field.text)} in [low, high]`",),
+                skip=1,
             )
-            parser.i += 1
         else:
             parser.expect("in", f"after the field `{visible(field.text)}`")
         entries.append((field, value_set(parser)))
