@@ -144,7 +144,7 @@ def test_a_mapping_fits_its_program(path: Path) -> None:
     names = [n for n in OF_MAPPINGS if n == path.parent.name or path.name.startswith(n)]
     program = soter.load(path.parent / OF_MAPPINGS[names[0]])
     given = read_mapping(path)
-    mapped = mapping_of(given, program.declared(system_named(given)), folder=path.parent, file=path)
+    mapped = mapping_of(given, program.declared(system_named(given)), file=path)
     assert mapped.topics
 
 

@@ -63,8 +63,7 @@ def time_ns(what: str, given: float | str | None) -> int | None:
     try:
         return duration_ns(given)
     except WrongTextError as error:
-        message = f"`{what}` cannot be `{str(given)[:40]}`: {error}"
-        raise mistake("U001", message) from error
+        raise mistake("U001", f"`{what}` cannot be `{str(given)[:40]}`: {error}") from error
 
 
 def end_of(system: System, until: float | str | None) -> int:
@@ -87,8 +86,7 @@ def chosen_modules(flat: System, module: str | None) -> list[Module]:
     modules = [m for m in flat.modules if module is None or module in (m.name, m.symbol.name)]
     if not modules:
         there = ", ".join(f"`{m.name}`" for m in flat.modules) or "none"
-        what = f"no module `{module}`" if module else "no module"
-        message = f"system `{flat.name}` has {what}"
+        message = f"system `{flat.name}` has no module" + f" `{module}`" * bool(module)
         raise mistake("U001", message, notes=(f"there are: {there}",))
     return modules
 
@@ -214,19 +212,15 @@ def require_writable(path: Path) -> None:
     """Raises D006 if no log or report can be written at `path` or it would replace another file."""
     require_utf8(path)
     require_no_certificate(path)
-    reason = ""
+    reason, folder = "", next((p for p in path.absolute().parents if p.exists()), path)
     if path.is_dir():
         reason = "it is a folder"
-    else:
-        folder = path.absolute().parent
-        while not folder.exists():
-            folder = folder.parent
-        if not folder.is_dir():
-            reason = f"`{folder}` is no folder"
-        elif not os.access(path if path.exists() else folder, os.W_OK):
-            reason = "permission denied"
-        elif path.is_file() and not _made_by_a_run(path):
-            reason = "it holds something else, which would be lost"
+    elif not folder.is_dir():
+        reason = f"`{folder}` is no folder"
+    elif not os.access(path if path.exists() else folder, os.W_OK):
+        reason = "permission denied"
+    elif path.is_file() and not may_replace(path, b"\x89mcap", b"<!doctype html"):
+        reason = "it holds something else, which would be lost"
     if reason:
         raise mistake("D006", f"cannot write `{path}`: {reason}")
 
@@ -240,38 +234,29 @@ def require_no_certificate(path: Path, cert: Path | None = None) -> None:
             raise mistake("D006", problem)
 
 
-def _made_by_a_run(path: Path) -> bool:
-    """Whether a file is a log or a report, so that a new one may take its place."""
+def may_replace(path: Path, *beginnings: bytes) -> bool:
+    """Whether a file is empty or begins as what soter writes there, so that it may be replaced."""
     with path.open("rb") as stream:
         start = stream.read(64).lstrip().lower()
-    return not start or start.startswith((b"\x89mcap", b"<!doctype html"))
+    return not start or start.startswith(beginnings)
 
 
 def write_advice(advice: Sequence[Advice], program: str, path: Path) -> None:
     """Writes a page with the figure of each module; `SoterError` D006 if it cannot be written."""
-    from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
-    from soter.report.html import write_document  # noqa: PLC0415 - the same
+    from soter.report.html import write_document  # noqa: PLC0415 - see `soter.api`
     from soter.report.proof_page import advice_main  # noqa: PLC0415 - only then
 
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_document("soter advise", advice_main([a.page(program) for a in advice]), path)
-    except (OSError, ReportError) as error:
-        raise mistake("D006", f"cannot write `{path}`: {error}") from error
+    write_document("soter advise", advice_main([a.page(program) for a in advice]), path)
 
 
 def write_sections(
     path: Path, title: str, headline: str, verdict: str, sections: Sequence[PageSection]
 ) -> None:
     """Writes a page of sentences and tables, as `sections_main` takes them; `SoterError` D006."""
-    from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
-    from soter.report.html import write_document  # noqa: PLC0415 - the same
+    from soter.report.html import write_document  # noqa: PLC0415 - see `soter.api`
     from soter.report.templates import sections_main  # noqa: PLC0415 - only then
 
-    try:
-        write_document(title, sections_main(title, headline, verdict, sections), path)
-    except ReportError as error:
-        raise mistake("D006", str(error)) from error
+    write_document(title, sections_main(title, headline, verdict, sections), path)
 
 
 def write_test_page(result: TestResult) -> Path:
@@ -280,8 +265,7 @@ def write_test_page(result: TestResult) -> Path:
 
     assert result.replayed is not None
     assert result.trace is not None
-    provenance = {"trace": str(result.trace)}
-    view = view_of(result.replayed, VERSION, provenance)
+    view = view_of(result.replayed, VERSION, {"trace": str(result.trace)})
     path = result.trace.with_name(result.trace.name.removesuffix(".trace.json") + ".html")
     result.page = write_sequence(view, path, "html")
     return result.page
@@ -289,18 +273,6 @@ def write_test_page(result: TestResult) -> Path:
 
 def write_sequence(view: SequenceView, path: Path, kind: str) -> Path:
     """Writes a sequence; `SoterError` D006 if it cannot be written, D007 without a package."""
-    from soter.report.atomic_write import LogError, LogUnavailableError, ReportError  # noqa: PLC0415 - see `soter.api`
+    from soter.report import trace_report  # noqa: PLC0415 - see `soter.api`
 
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if kind == "html":
-            from soter.report.trace_report import write_page  # noqa: PLC0415 - only then
-
-            return write_page(view, path)
-        from soter.report.trace_report import write_log  # noqa: PLC0415 - an extra
-
-        return write_log(view, path)
-    except LogUnavailableError as error:
-        raise mistake("D007", str(error)) from error
-    except (OSError, ReportError, LogError) as error:
-        raise mistake("D006", f"cannot write `{path}`: {error}") from error
+    return (trace_report.write_page if kind == "html" else trace_report.write_log)(view, path)

@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.arguments import end_of, require_writable, time_ns
-from soter.campaign.arms import OURS, PAPER, arms_of, kept
+from soter.campaign.arms import OURS, PAPER, Arm, Lateness, arms_of, kept
 from soter.campaign.batch_flights import Fleet
-from soter.campaign.fly_campaign import cluster, flights_of, fly, require_ray
+from soter.campaign.fly_campaign import Workers, cluster, flights_of, fly, require_ray
 from soter.campaign.page import write_page
 from soter.campaign.result import ORDER, Result, attributions, occurred, result_of
-from soter.campaign.store import CampaignIdentity, CampaignStore, write_parquet
+from soter.campaign.store import CampaignIdentity, CampaignStore, FlightOutcome, write_parquet
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, mistake
 from soter.report.wording import changed_parameters
 from soter.simulate.run_options import seed_value
@@ -29,9 +29,6 @@ from soter.simulate.run_options import seed_value
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from soter.campaign.arms import Arm, Lateness
-    from soter.campaign.fly_campaign import Workers
-    from soter.campaign.store import FlightOutcome
     from soter.language.model.system import System
     from soter.simulate.externs.bindings import Bindings
 
@@ -123,24 +120,24 @@ def campaign(
     began = time.perf_counter()
     flat, core = bindings.system, bindings.core
     until_ns = end_of(flat, until)
-    count = _count(hours, flights, until_ns)
-    threads, horizon_ns = _threads(workers), _horizon(saves)
-    about = _about(flat, path, until_ns, seed, horizon_ns)
-    folder = Path(output) if output is not None else _folder(path, about)
+    count = _flight_count(hours, flights, until_ns)
+    threads, horizon_ns = _thread_count(workers), _horizon_of_saves_ns(saves)
+    about = _identity(flat, path, until_ns, seed, horizon_ns)
+    folder = Path(output) if output is not None else _default_folder(path, about)
     fleet = Fleet(flat, until_ns, core=core, horizon_ns=horizon_ns)
     about = replace(about, **fleet.code())
     _require_judged(flat)
-    lateness, others = _others(flat, arms, folder, lateness_s)
+    lateness, others = _other_arms(flat, arms, folder, lateness_s)
     todo = [(OURS, "the system as it is declared", fleet, folder, about)]
     for arm in others:
         other = Fleet(arm.system, until_ns, core=core)
-        own = _about(arm.system, path, until_ns, seed, 0)
-        own = replace(own, arm=arm.name, lateness=_of(lateness), **other.code())
+        own = _identity(arm.system, path, until_ns, seed, 0)
+        own = replace(own, arm=arm.name, lateness=_quantiles_ns(lateness), **other.code())
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", own))
-    told = [_part(progress or _quiet, k, len(todo)) for k in range(len(todo))]
+    told = [_part_of_progress(progress or _quiet, k, len(todo)) for k in range(len(todo))]
     with ExitStack() as held:
         crew = threads or held.enter_context(cluster())
-        flown = [_flown(*one, count, crew, t) for one, t in zip(todo, told, strict=True)]
+        flown = [_fly_arm(*one, count, crew, t) for one, t in zip(todo, told, strict=True)]
     ours = flown[0]
     return Campaign(
         system=flat.name,
@@ -166,7 +163,7 @@ def campaign(
     )
 
 
-def _horizon(saves: float | str | None) -> int:
+def _horizon_of_saves_ns(saves: float | str | None) -> int:
     """How far AC is flown on after it lost control, in ns; 0: not at all. SoterError U001."""
     horizon_ns = time_ns("saves", saves) or 0
     if saves is not None and horizon_ns <= 0:
@@ -177,13 +174,13 @@ def _horizon(saves: float | str | None) -> int:
 def _require_judged(flat: System) -> None:
     """Raises SoterError C006 if nothing would judge the flights."""
     if not flat.properties and not flat.measures:
-        raise SoterError((_unjudged(flat, Severity.ERROR),))
+        raise SoterError((_no_property(flat, Severity.ERROR),))
 
 
 def _warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
     """Yields warnings of conclusions that these flights do not support."""
     if not flat.properties:
-        yield _unjudged(flat, Severity.WARNING)
+        yield _no_property(flat, Severity.WARNING)
     if r.distinct < r.flights:
         what = (
             f"all {r.flights:,} flights are copies of one: nothing in them is left to chance"
@@ -196,7 +193,7 @@ def _warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
         yield Diagnostic("C007", what, notes=(note,), helps=helps, severity=Severity.WARNING)
 
 
-def _unjudged(flat: System, severity: Severity) -> Diagnostic:
+def _no_property(flat: System, severity: Severity) -> Diagnostic:
     what = f"system `{flat.name}` has no property: no flight of it can be violated"
     helps = ["say what shall hold: `always CONDITION;` in the system"]
     if severity is Severity.ERROR:
@@ -204,7 +201,7 @@ def _unjudged(flat: System, severity: Severity) -> Diagnostic:
     return Diagnostic("C006", what, helps=tuple(helps), severity=severity)
 
 
-def _threads(workers: int | str | None) -> int:
+def _thread_count(workers: int | str | None) -> int:
     """The number of threads that fly; 0: a Ray cluster does. SoterError U001, D007."""
     if workers == RAY:
         require_ray()
@@ -228,10 +225,12 @@ def _faults(flat: System) -> tuple[tuple[str, str], ...]:
 
 def own_folder(flat: System, path: str, until: Any, seed: int) -> Path:  # noqa: ANN401
     """The default folder of a campaign of this system; SoterError U001..."""
-    return _folder(path, _about(flat, path, end_of(flat, until), seed, 0))
+    return _default_folder(path, _identity(flat, path, end_of(flat, until), seed, 0))
 
 
-def _about(flat: System, path: str, until_ns: int, seed: int, horizon_ns: int) -> CampaignIdentity:
+def _identity(
+    flat: System, path: str, until_ns: int, seed: int, horizon_ns: int
+) -> CampaignIdentity:
     return CampaignIdentity(
         program=Path(path).name,
         program_sha256=flat.program.sha256,
@@ -247,7 +246,7 @@ def _about(flat: System, path: str, until_ns: int, seed: int, horizon_ns: int) -
     )
 
 
-def _others(
+def _other_arms(
     flat: System, names: Sequence[str], folder: Path, seconds: float
 ) -> tuple[Lateness | None, list[Arm]]:
     """The measured lateness, if an arm needs it, and the arms to fly beside the system."""
@@ -256,15 +255,14 @@ def _others(
     if PAPER in names:
         folder.parent.mkdir(parents=True, exist_ok=True)
         lateness = kept(folder.parent / f"{folder.name}-lateness.json", seconds)
-    times = lateness.quantiles_ns if lateness else ()
-    return lateness, arms_of(flat, names, times)[1:]
+    return lateness, arms_of(flat, names, lateness.quantiles_ns if lateness else ())[1:]
 
 
-def _of(lateness: Lateness | None) -> list[int]:
+def _quantiles_ns(lateness: Lateness | None) -> list[int]:
     return list(lateness.quantiles_ns) if lateness else []
 
 
-def _flown(
+def _fly_arm(
     name: str,
     text: str,
     fleet: Fleet,
@@ -302,7 +300,7 @@ def _flown(
     )
 
 
-def _part(progress: Progress, k: int, count: int) -> Progress:
+def _part_of_progress(progress: Progress, k: int, count: int) -> Progress:
     return lambda share: progress((k + share) / count)
 
 
@@ -310,7 +308,7 @@ def _quiet(_: float) -> None:
     pass
 
 
-def _count(hours: float | None, flights: int | None, until_ns: int) -> int:
+def _flight_count(hours: float | None, flights: int | None, until_ns: int) -> int:
     if hours is not None and flights is not None:
         raise mistake("U001", "`hours` and `flights` say the same", "give one of them")
     if flights is not None:
@@ -326,7 +324,7 @@ def _count(hours: float | None, flights: int | None, until_ns: int) -> int:
     return ceil(wanted * 3600.0e9 / until_ns)
 
 
-def _folder(path: str, about: CampaignIdentity) -> Path:
+def _default_folder(path: str, about: CampaignIdentity) -> Path:
     parts = [Path(path).stem, about.system, f"{about.until_ns / 1e9:g}s", str(about.first_seed)]
     parts += [f"{k}={v}" for k, v in about.params.items()]
     name = re.sub(r"[^A-Za-z0-9_.=+-]", "_", "-".join(parts))[:120]

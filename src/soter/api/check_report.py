@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.language.front_end import CheckResult
-    from soter.language.model.system import Component, Module, System
+    from soter.language.model.system import Module, System
     from soter.language.model.typed import TypedProgram
     from soter.timing.trusted_thread import Timing
     from soter.verify.problem.switch_latency import SwitchLatency
@@ -154,19 +154,19 @@ def timing_reports(
         if timing is None:
             continue
         report_miss(timing, diagnostics)
-        switches = _switches(system, diagnostics)
+        switches = _switch_reports(system, diagnostics)
         rests_on = (assumed or {}).get(system.name, "")
-        reports.append(replace(_report(timing, switches), assumed=rests_on))
+        reports.append(replace(_timing_report(timing, switches), assumed=rests_on))
     return tuple(reports), diagnostics.items
 
 
-def _switches(system: System, diagnostics: Diagnostics) -> tuple[SwitchReport, ...]:
+def _switch_reports(system: System, diagnostics: Diagnostics) -> tuple[SwitchReport, ...]:
     if not system.modules:
         return ()
     from soter.verify.problem.switch_latency import switch_of  # noqa: PLC0415 - see `soter.api`
 
     switches = []
-    for at, module in _where_proved(system):
+    for at, module in _systems_of_proofs(system):
         switch = switch_of(at, module)
         for d in switch.diagnostics:
             diagnostics.add(d)
@@ -180,11 +180,11 @@ def _switches(system: System, diagnostics: Diagnostics) -> tuple[SwitchReport, .
                 notes=(switch.in_words(),),
                 helps=("a longer `horizon`, which `ttf` has to look ahead, or shorter times",),
             )
-        switches.append(_switch(switch))
+        switches.append(_switch_report(switch))
     return tuple(switches)
 
 
-def _where_proved(system: System) -> list[tuple[System, Module]]:
+def _systems_of_proofs(system: System) -> list[tuple[System, Module]]:
     """Each module with the plants of its system, or of the system that its system deploys.
 
     Both have the same trusted thread (M025); it gets the times known for the deployed one.
@@ -200,7 +200,7 @@ def _where_proved(system: System) -> list[tuple[System, Module]]:
     return [(there, modules[m.name]) for m in system.modules if m.name in modules]
 
 
-def _switch(switch: SwitchLatency) -> SwitchReport:
+def _switch_report(switch: SwitchLatency) -> SwitchReport:
     largest, ns = switch.largest or (None, None)
     return SwitchReport(
         module=switch.module,
@@ -214,11 +214,8 @@ def _switch(switch: SwitchLatency) -> SwitchReport:
     )
 
 
-def _report(timing: Timing, switches: tuple[SwitchReport, ...]) -> TimingReport:
+def _timing_report(timing: Timing, switches: tuple[SwitchReport, ...]) -> TimingReport:
     from soter.timing.trusted_thread import schedule_lines  # noqa: PLC0415 - see `soter.api`
-
-    def names(components: tuple[Component, ...]) -> tuple[str, ...]:
-        return tuple(c.name for c in components)
 
     return TimingReport(
         system=timing.system,
@@ -239,8 +236,8 @@ def _report(timing: Timing, switches: tuple[SwitchReport, ...]) -> TimingReport:
             )
             for r in timing.rows
         ),
-        elsewhere=names(timing.elsewhere),
-        missing=names(timing.missing),
+        elsewhere=tuple(c.name for c in timing.elsewhere),
+        missing=tuple(c.name for c in timing.missing),
         schedule=tuple(schedule_lines(timing)),
         switches=switches,
     )

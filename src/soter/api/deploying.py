@@ -20,33 +20,26 @@ from typing import TYPE_CHECKING
 
 from soter.addons import by_name
 from soter.api.rechecking import recheck
-from soter.certificate.folder import MANIFEST_MAX, PROGRAM_MAX
-from soter.certificate.report import REJECTED
+from soter.certificate.folder import MANIFEST_MAX, PROGRAM_MAX, Certificate
+from soter.certificate.report import REJECTED, RecheckedModule, Report
 from soter.core.layout import size_of
 from soter.diagnostics.diagnostic import Diagnostics, SoterError, mistake
-from soter.language.load.loader import load
+from soter.language.load.loader import LoadedFile, load
 from soter.language.load.named_files import binding_of, read_bytes
-from soter.language.model.system import environment_topics
-from soter.simulate.externs.bindings import require_files
+from soter.language.model.system import System, environment_topics
+from soter.simulate.externs.bindings import Bindings, require_files
 from soter.simulate.result_assumptions import unproved
 from soter.targets.cortex_m_board import Replay, read_board
-from soter.targets.cortex_m_package import replayed_until
-from soter.targets.package import TARGETS, PackageFile, build_package, require_options
+from soter.targets.cortex_m_package import Image, replayed_until
+from soter.targets.package import TARGETS, Package, PackageFile, build_package, require_options
 from soter.verify.proof_cache import stored_verdicts
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
-    from soter.certificate.folder import Certificate
-    from soter.certificate.report import RecheckedModule, Report
-    from soter.language.load.loader import LoadedFile
-    from soter.language.model.system import System
     from soter.native.stack_bound import StackBound
-    from soter.simulate.externs.bindings import Bindings
     from soter.simulate.run import NativeProgram
-    from soter.targets.cortex_m_package import Image
-    from soter.targets.package import Package
     from soter.verify.deploy.level_tables import LevelTable
     from soter.verify.deploy.missing_predicates import Known
     from soter.verify.deploy.proof_transfer import TransferredProof
@@ -156,11 +149,11 @@ def deployed(here: System, cert: str | Path | None) -> DeploymentReport:
     seal, confirmed, sets = "", {}, None
     if cert is not None:
         report = recheck(cert)
-        seal = _fits(Path(cert), report, there)
-        confirmed = _confirmed(report, there)
+        seal = _seal_of_same_program(Path(cert), report, there)
+        confirmed = _confirmed_modules(report, there)
         sets = _CertifiedTables(Path(cert), seal, confirmed)
-    entries = [_entry(m, confirmed.get(m.module), seal) for m in modules]
-    lines = [line for e in entries for line in _lines(e, there.name, seal)]
+    entries = [_inheritance_entry(m, confirmed.get(m.module), seal) for m in modules]
+    lines = [line for e in entries for line in _entry_lines(e, there.name, seal)]
     document: dict[str, object] = {
         "schema": SCHEMA,
         "system": here.name,
@@ -185,7 +178,7 @@ class _CertifiedTables:
 
         certificate = read_certificate(self.folder)
         if certificate.seal != self.seal:
-            raise _other(self.folder, "it was changed while it was checked")
+            raise _other_certificate(self.folder, "it was changed while it was checked")
         return certificate
 
     def sets(self, problem: Problem) -> list[Pairs] | None:
@@ -206,7 +199,9 @@ class _CertifiedTables:
         if reports and not same_tables(
             self._certificate, reports[0].system, name, problem, level_tables
         ):
-            raise _other(self.folder, f"`{name}` is built with other tables than it has")
+            raise _other_certificate(
+                self.folder, f"`{name}` is built with other tables than it has"
+            )
 
 
 def build(
@@ -230,28 +225,31 @@ def build(
     """
     require_options(target, mapping=mapping is not None, board=board is not None)
     place = None if board is None else read_board(board)
-    read, beside = _read(mapping)
     file = Path(mapping) if isinstance(mapping, (str, Path)) else None
-    if read is not None:  # check it before anything takes long
-        _fitted(read, fresh, beside, file)
+    read = mapping if file is None else by_name(MAPPINGS).read_mapping(file)
+
+    def fitted(system: System) -> object:
+        return None if read is None else by_name(MAPPINGS).mapping_of(read, system, file=file)
+
+    fitted(fresh)  # a wrong one is told before anything takes long
     require_files(bound(fresh), linked=True)
     inherits = deployed(fresh, cert)
     flat, computed = completed(inherits.sets)
     flat.certificate = inherits.certificate
     bindings = bound(flat)
-    fits = None if read is None else _fitted(read, bindings.system, beside, file)
-    onto = None if place is None else (place, _replay(bindings))
+    onto = None if place is None else (place, _replay_on_host(bindings))
+    fits = fitted(bindings.system)
     package = build_package(
         target, bindings.system, bindings.core, output, fits, inherits.files, onto
     )
     told = [] if inherits.lines else unproved(flat, stored_verdicts(flat))
-    dropped = _not_carried(bindings) if TARGETS[target].drops_bindings else ()
+    dropped = _left_out_bindings(bindings) if TARGETS[target].drops_bindings else ()
     package.notes += [*told, *computed, *dropped]
     package.inherited, package.inherits = inherits.document, inherits.lines
     return package
 
 
-def _replay(bindings: Bindings) -> Replay:
+def _replay_on_host(bindings: Bindings) -> Replay:
     """The run that an image repeats, done here; without its trace if an extern must answer."""
     system = bindings.system
     until, seed = replayed_until(system), 1
@@ -270,24 +268,7 @@ def _replay(bindings: Bindings) -> Replay:
     return Replay(until, seed, run.trace_sha256 or "")
 
 
-def _read(
-    mapping: str | Path | Mapping[str, Any] | None,
-) -> tuple[Mapping[str, Any] | None, Path | None]:
-    """The content of a mapping, and the folder that its paths are relative to."""
-    if isinstance(mapping, (str, Path)):
-        return by_name(MAPPINGS).read_mapping(Path(mapping)), Path(mapping).parent
-    return mapping, None
-
-
-def _fitted(
-    read: Mapping[str, Any], system: System, folder: Path | None, file: Path | None
-) -> object:
-    """A mapping as records for the topics of a system; SoterError D015."""
-    fitted: object = by_name(MAPPINGS).mapping_of(read, system, None, folder, file)
-    return fitted
-
-
-def _not_carried(bindings: Bindings) -> list[str]:
+def _left_out_bindings(bindings: Bindings) -> list[str]:
     """Notes on bindings to Python and to policies, which a package in C leaves out."""
     notes = []
     for x in bindings.externs:
@@ -326,15 +307,14 @@ def stack_bound(package: Package, board: str | None = None) -> StackBound:
     from soter.native.stack_bound import stack_of  # noqa: PLC0415 - runs a compiler
     from soter.targets.cortex_m_package import cross_compiler  # noqa: PLC0415 - the same
 
-    own = {
+    files = {
         PurePath(f.path).name: f.text
         for f in package.files
-        if str(PurePath(f.path).parent) == (package.trusted or ".") and not f.yours
-    }
-    files = {
-        name: text
-        for name, text in own.items()
-        if name.endswith((".c", ".h")) and name not in NO_PART and "int main(" not in text
+        if str(PurePath(f.path).parent) == (package.trusted or ".")
+        and not f.yours
+        and f.path.endswith((".c", ".h"))
+        and PurePath(f.path).name not in NO_PART
+        and "int main(" not in f.text
     }
     cross = None if board is None else cross_compiler(read_board(board))
     return stack_of(files, package.entries, package.world, cross)
@@ -343,9 +323,9 @@ def stack_bound(package: Package, board: str | None = None) -> StackBound:
 # ---------------------------------------------------------------- what is told
 
 
-def _entry(
+def _inheritance_entry(
     m: TransferredProof, report: list[RecheckedModule] | None, seal: str
-) -> dict[str, object]:
+) -> dict[str, Any]:
     why = m.why_not
     if not why and not seal:
         why = "no certificate was given (--cert DIR)"
@@ -368,38 +348,33 @@ def _entry(
     }
 
 
-def _lines(entry: dict[str, object], there: str, seal: str) -> list[str]:
+def _entry_lines(entry: dict[str, Any], there: str, seal: str) -> list[str]:
     name = entry["module"]
     if not entry["inherited"]:
         lines = [f"{name}: nothing proved: {entry['why_not']}"]
     else:
         confirmed, missing = entry["confirmed"], entry["missing"]
-        assert isinstance(confirmed, list)
-        assert isinstance(missing, list)
         safe = f"; safety is not established: {', '.join(missing)}" if missing else ""
         if "P1c" not in confirmed and "P1c" not in missing:
             safe += "; P1c is assumed, not proved: not all of its times are declared"
         words = " ".join(confirmed)
         lines = [f"{name}: {words} of `{there}`, certificate {seal[:12]}, checked again{safe}"]
-    covered = entry["covered"]
-    assert isinstance(covered, list)
-    return [*lines, *(f"{name}: {line}" for line in covered)]
+    return [*lines, *(f"{name}: {line}" for line in entry["covered"])]
 
 
 # ---------------------------------------------------------------- whether it fits
 
 
-def _fits(folder: Path, report: Report, there: System) -> str:
+def _seal_of_same_program(folder: Path, report: Report, there: System) -> str:
     """The seal of a certificate if it is accepted and about this program; `SoterError` D020."""
     if not report.accepted:
         said = "is rejected" if report.verdict == REJECTED else "was not re-checked"
-        raise _other(folder, f"it {said}: {report.reason}")
+        raise _other_certificate(folder, f"it {said}: {report.reason}")
     raw = read_bytes(folder / "manifest.json", MANIFEST_MAX)
     if hashlib.sha256(raw).hexdigest() != report.seal:
-        raise _other(folder, "it was changed while it was checked")
+        raise _other_certificate(folder, "it was changed while it was checked")
     manifest = json.loads(raw)
-    prefix = _prefix(there)
-    home = _home(there, prefix)
+    home = _declaring_file(there)
     main = Path(str(manifest["main"]))
     for name, digest in manifest["files"].items():
         if not name.startswith("program/"):
@@ -412,25 +387,22 @@ def _fits(folder: Path, report: Report, there: System) -> str:
         except OSError:
             same = False
         if not same:
-            raise _other(folder, f"its `{own}` is not the one that is built")
+            raise _other_certificate(folder, f"its `{own}` is not the one that is built")
     return report.seal
 
 
-def _prefix(there: System) -> str:
-    """The prefix of names from the file that declares the proved system, such as `cart.`."""
-    return _prefix_of(there.name)
-
-
 def _prefix_of(name: str) -> str:
+    """The prefix of a name from the file that declares it, such as `cart.`."""
     return name[: len(name) - len(name.rpartition(".")[2])]
 
 
-def _home(there: System, prefix: str) -> Path:
+def _declaring_file(there: System) -> Path:
     """The path of the file that declares the proved system."""
-    return next(f.path for f in _files(there.program.path) if f.prefix == prefix).resolve()
+    prefix = _prefix_of(there.name)
+    return next(f.path for f in _program_files(there.program.path) if f.prefix == prefix).resolve()
 
 
-def _files(path: str) -> list[LoadedFile]:
+def _program_files(path: str) -> list[LoadedFile]:
     diagnostics = Diagnostics()
     loaded = load(path, diagnostics)
     if loaded is None:
@@ -438,14 +410,14 @@ def _files(path: str) -> list[LoadedFile]:
     return loaded.files
 
 
-def _renamed(there: System, home: Path) -> dict[str, str]:
+def _local_names(there: System, home: Path) -> dict[str, str]:
     """Full name of a parameter in the certificate -> its full name in this program.
 
     An imported file is called by the first name that an import gives it, which differs if the
     proved system's own file is the main one.
     """
-    here = {f.path.resolve(): f.prefix for f in _files(there.program.path)}
-    alone = {here[f.path.resolve()]: f.prefix for f in _files(str(home))}
+    here = {f.path.resolve(): f.prefix for f in _program_files(there.program.path)}
+    alone = {here[f.path.resolve()]: f.prefix for f in _program_files(str(home))}
     return {
         alone[_prefix_of(name)] + name.rpartition(".")[2]: name
         for name in there.program.params
@@ -453,43 +425,41 @@ def _renamed(there: System, home: Path) -> dict[str, str]:
     }
 
 
-def _confirmed(report: Report, there: System) -> dict[str, list[RecheckedModule]]:
+def _confirmed_modules(report: Report, there: System) -> dict[str, list[RecheckedModule]]:
     """Module -> what was confirmed of it in the proved system, one for each view; D020."""
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - an extra
 
-    prefix = _prefix(there)
-    short = there.name.removeprefix(prefix)
-    names = _renamed(there, _home(there, prefix))
+    short = there.name.removeprefix(_prefix_of(there.name))
+    names = _local_names(there, _declaring_file(there))
     ours = set(names.values())
-    values = {n: v for n, v in parameters_of(there).items() if _declared(there, n) in ours}
+    values = {n: v for n, v in parameters_of(there).items() if _declared_name(there, n) in ours}
     reports_by_module: dict[str, list[RecheckedModule]] = {}
     for m in report.modules:
         if m.system != short:
             continue
-        given = {_here(n, names): v for n, v in m.parameters.items()}
+        given = {_local_name(n, names): v for n, v in m.parameters.items()}
         if given != values:
             differ = sorted(set(given.items()) ^ set(values.items()))
             listed = ", ".join(dict.fromkeys(f"`{n}`" for n, _ in differ))
-            raise _other(None, f"it is about other values of {listed}")
+            raise _other_certificate(None, f"it is about other values of {listed}")
         reports_by_module.setdefault(m.name.partition(" as ")[0], []).append(m)
     return reports_by_module
 
 
-def _here(name: str, names: dict[str, str]) -> str:
+def _local_name(name: str, names: dict[str, str]) -> str:
     """The name in this program of a parameter of the certificate, perhaps an instance's."""
     declared = name
     while declared not in names and "." in declared:
         declared = declared.partition(".")[2]
-    instance = name[: len(name) - len(declared)]
-    return instance + names.get(declared, declared)
+    return name[: len(name) - len(declared)] + names.get(declared, declared)
 
 
-def _declared(there: System, name: str) -> str:
+def _declared_name(there: System, name: str) -> str:
     param = there.program.param(name)
     return name if param is None else param.name
 
 
-def _other(folder: Path | None, why: str) -> SoterError:
+def _other_certificate(folder: Path | None, why: str) -> SoterError:
     what = f"the certificate `{folder}`" if folder is not None else "the certificate"
     hint = "`soter verify FILE --system NAME --cert DIR` of the file that declares what is deployed"
     return mistake("D020", f"{what} is not about what is deployed: {why}", hint)

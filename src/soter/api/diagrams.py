@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.api.arguments import may_replace
 from soter.diagnostics.diagnostic import mistake
 
 if TYPE_CHECKING:
@@ -31,18 +32,17 @@ class Diagram:
 
     def write(self, path: str | Path) -> Path:
         """Writes the SVG; `SoterError` D006 if that fails or would replace another file."""
-        from soter.report.atomic_write import ReportError  # noqa: PLC0415 - see `soter.api`
-        from soter.report.html import write_text  # noqa: PLC0415 - the same
+        from soter.report.html import write_text  # noqa: PLC0415 - see `soter.api`
 
         target = Path(path)
         try:
-            lost = target.is_file() and not _picture(target)
-            if not lost:
-                return write_text(self.svg, target)
-        except (OSError, ReportError) as error:
+            lost = target.is_file() and not may_replace(target, b"<svg")
+        except OSError as error:
             raise mistake("D006", str(error)) from error
-        problem = f"cannot write `{path}`: it holds something else, which would be lost"
-        raise mistake("D006", problem)
+        if lost:
+            problem = f"cannot write `{path}`: it holds something else, which would be lost"
+            raise mistake("D006", problem)
+        return write_text(self.svg, target)
 
     def write_replay(self, log: str | Path, path: str | Path) -> Path:
         """Writes a page that replays a log of `soter run --log` on the diagram.
@@ -60,10 +60,3 @@ def diagram_of(system: System) -> Diagram:
     from soter.diagram.svg import picture  # noqa: PLC0415 - see `soter.api`
 
     return Diagram(system.name, picture(system), system)
-
-
-def _picture(path: Path) -> bool:
-    """Whether a file is empty or a diagram, so that it may be replaced."""
-    with path.open("rb") as stream:
-        start = stream.read(64).lstrip()
-    return not start or start.startswith(b"<svg")

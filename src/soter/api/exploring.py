@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.api.arguments import complete, params_as_json, time_ns, values_of, write_test_page
 from soter.diagnostics.command_records import made
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError, mistake
 from soter.explore.assumptions import replaced_in
 from soter.explore.checkpoints import (
     Checkpoint,
@@ -30,24 +30,20 @@ from soter.explore.checkpoints import (
 )
 from soter.explore.command import TraceHeader, explore_test, save
 from soter.explore.judge import plan_of
-from soter.explore.results import ExploreReport
+from soter.explore.results import ExploreReport, TestResult
 from soter.explore.search_options import CHECKPOINT_SECONDS, SAMPLING, SearchOptions
 from soter.explore.trace import TIME_MAX
 from soter.language.elaborate.derived_systems import with_test
 from soter.language.elaborate.tested_system import MAX_STEPS
-from soter.language.front_end import system_of_test
-from soter.language.model.types import show_ns
+from soter.language.front_end import CheckResult, system_of_test
+from soter.language.model.types import Value, show_ns
 from soter.simulate.interrupt import listening, stop_request
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.diagnostics.codes import Code
-    from soter.explore.results import TestResult
-    from soter.language.front_end import CheckResult
     from soter.language.model.system import System
     from soter.language.model.typed import TestSymbol
-    from soter.language.model.types import Value
 
 
 @dataclass(frozen=True)
@@ -64,7 +60,7 @@ def asked(options: SearchOptions) -> CheckpointOptions | None:
     checkpoint, resume, every = options.checkpoint, options.resume, options.checkpoint_every
     if (checkpoint, resume, every) == (None, None, None):
         return None
-    problems = [Diagnostic("U001", m, helps=(help_,)) for m, help_ in _problems(options)]
+    problems = [Diagnostic("U001", m, helps=(help_,)) for m, help_ in _option_mistakes(options)]
     if problems:
         raise SoterError(tuple(problems))
     folder = checkpoint if resume is None else resume
@@ -72,13 +68,12 @@ def asked(options: SearchOptions) -> CheckpointOptions | None:
     if Path(folder).exists() and not Path(folder).is_dir():
         message = f"checkpoints stand in a folder, and `{folder}` is a file"
         help_ = "name a folder: every test has a file of its own in it"
-        code: Code = "D006" if resume is None else "D012"
-        raise SoterError((Diagnostic(code, message, helps=(help_,)),))
+        raise mistake("D006" if resume is None else "D012", message, help_)
     every = CHECKPOINT_SECONDS if every is None else every
     return CheckpointOptions(Path(folder), every, resume is not None)
 
 
-def _problems(options: SearchOptions) -> Iterator[tuple[str, str]]:
+def _option_mistakes(options: SearchOptions) -> Iterator[tuple[str, str]]:
     """The mistakes in the options, each with a help."""
     checkpoint, resume = options.checkpoint, options.resume
     if checkpoint is None and resume is None:
@@ -105,11 +100,11 @@ def checkpoints(
         return [None for _ in systems]
     paths = [path_of(wanted.folder, plan_of(s).name) for s in systems]
     if wanted.resume and not any(p.exists() for p in paths):
-        raise _nothing_there(wanted.folder, paths[0])
+        raise _no_checkpoint_there(wanted.folder, paths[0])
     diagnostics, made = Diagnostics(), []
     for system, path in zip(systems, paths, strict=True):
         try:
-            made.append(_one(wanted, path, about(system, options, params)))
+            made.append(_checkpoint_of_test(wanted, path, about(system, options, params)))
         except SoterError as error:
             for d in error.diagnostics:
                 diagnostics.add(d)
@@ -117,7 +112,7 @@ def checkpoints(
     return list(made)
 
 
-def _nothing_there(folder: Path, path: Path) -> SoterError:
+def _no_checkpoint_there(folder: Path, path: Path) -> SoterError:
     others = sorted(p.stem for p in folder.glob(f"*{path.suffix}"))
     if not folder.is_dir():
         return no_checkpoint(path, "there is no such folder")
@@ -145,17 +140,17 @@ def about(
     }
 
 
-def _one(wanted: CheckpointOptions, path: Path, facts: Mapping[str, object]) -> Checkpoint:
-    if not path.exists():
-        made = Checkpoint(path, wanted.every_s, facts)
-        made.try_out()
-        return made
-    if not wanted.resume:
-        message = f"there is a checkpoint already: `{path}`"
-        hints = (f"go on from it: --resume {wanted.folder}", "or delete it, or take another folder")
-        raise SoterError((Diagnostic("D014", message, helps=hints),))
-    saved = read(path)
-    require_same(saved, facts)
+def _checkpoint_of_test(
+    wanted: CheckpointOptions, path: Path, facts: Mapping[str, object]
+) -> Checkpoint:
+    saved = None
+    if path.exists():
+        if not wanted.resume:
+            again = f"go on from it: --resume {wanted.folder}"
+            message = f"there is a checkpoint already: `{path}`"
+            raise mistake("D014", message, again, "or delete it, or take another folder")
+        saved = read(path)
+        require_same(saved, facts)
     made = Checkpoint(path, wanted.every_s, facts, saved)
     made.try_out()
     return made
@@ -171,12 +166,9 @@ def chosen(
         return [t for n, t in tests.items() if wanted is None or n in wanted]
     if not unknown:
         help_ = "write one: `test Name { system S; horizon 1s; always ...; }`"
-        problem = Diagnostic("U010", f"`{path}` has no `test`", helps=(help_,))
-    else:
-        there = ", ".join(f"`{n}`" for n in tests) or "none"
-        message = f"there is no test `{unknown[0]}`"
-        problem = Diagnostic("U010", message, notes=(f"there are: {there}",))
-    raise SoterError((problem,))
+        raise mistake("U010", f"`{path}` has no `test`", help_)
+    there = ", ".join(f"`{n}`" for n in tests) or "none"
+    raise mistake("U010", f"there is no test `{unknown[0]}`", notes=(f"there are: {there}",))
 
 
 def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
@@ -184,7 +176,7 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
     plan = plan_of(system)
     for what, given, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
         if given is not None and not least <= given <= TIME_MAX:
-            raise SoterError((Diagnostic("U001", f"the {what} cannot be {show_ns(given)}"),))
+            raise mistake("U001", f"the {what} cannot be {show_ns(given)}")
     skew = plan.skew_ns if skew_ns is None else skew_ns
     horizon = plan.horizon_ns if horizon_ns is None else horizon_ns
     _require_few_steps(system, horizon)
@@ -193,11 +185,11 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
         if t.kind != "invariant" and reach > horizon:
             message = f"with a horizon of {show_ns(horizon)} `{t.text}` is not judged"
             note = f"its deadline of {show_ns(t.within_ns)} has to lie before the end"
-            raise SoterError((Diagnostic("E013", message, notes=(note,)),))
+            raise mistake("E013", message, notes=(note,))
     if plan.ordered and skew:
         message = f"test {plan.name} declares the deployed order: no step of it may be late"
         note = f"with a skew of {show_ns(skew)} steps of one instant happen at different times"
-        raise SoterError((Diagnostic("E017", message, notes=(note,)),))
+        raise mistake("E017", message, notes=(note,))
     return with_test(system, replace(plan, skew_ns=skew, horizon_ns=horizon))
 
 
@@ -208,7 +200,7 @@ def _require_few_steps(system: System, horizon: int) -> None:
     if steps > MAX_STEPS:
         message = f"a horizon of {show_ns(horizon)} can never be exhausted"
         note = f"{steps} steps lie before it, in each execution; at most {MAX_STEPS} are possible"
-        raise SoterError((Diagnostic("E008", message, notes=(note,)),))
+        raise mistake("E008", message, notes=(note,))
 
 
 def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> ExploreReport:
@@ -222,7 +214,7 @@ def explore(checked: CheckResult, path: str, given: Mapping[str, Any]) -> Explor
     assert program is not None
     tests = chosen(checked.tests, path, options.test)
     values = values_of(program, options.params)
-    systems = _tests(checked, [t.name for t in tests], values, options)
+    systems = _flat_tests(checked, [t.name for t in tests], values, options)
     told = params_as_json(program, values)
     kept = checkpoints(wanted, systems, options, told)
     results: list[TestResult] = []
@@ -255,7 +247,7 @@ def _keeping_results(results: Sequence[object], tests: Sequence[object]) -> Iter
             raise
 
 
-def _tests(
+def _flat_tests(
     checked: CheckResult,
     names: Sequence[str],
     values: Mapping[str, Value],

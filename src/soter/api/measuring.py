@@ -75,13 +75,10 @@ def measure(
     _require_margin(margin)
     run = program.simulate(system, until, seed, params=params, sha256=False, apart=True)
     assert run.trace is not None
-    size = run.layout.size
-    trace = run.trace.view("u1").reshape(len(run.trace), size)
+    trace = run.trace.view("u1").reshape(len(run.trace), run.layout.size)
     made = TimedUnit(run.system, bind(run.system, program.bound).core)
     steps = timed(made, trace, samples=samples, margin=margin, seed=seed, progress=progress)
-    sha256 = program.sha256
-    assert sha256 is not None
-    return Measured(run.system.name, sha256, machine(), margin, steps)
+    return Measured(run.system.name, run.system.program.sha256, machine(), margin, steps)
 
 
 def measure_on_board(
@@ -124,9 +121,8 @@ def measure_on_board(
     assumed = (
         f"an instruction takes {instruction_ns} ns at most on {place.name}: stated, not measured"
     )
-    sha256 = program.sha256
-    assert sha256 is not None
-    return Measured(flat.name, sha256, f"{place.name} in QEMU", margin, tuple(steps), assumed)
+    sha256, where = flat.program.sha256, f"{place.name} in QEMU"
+    return Measured(flat.name, sha256, where, margin, tuple(steps), assumed)
 
 
 def _require_margin(margin: float) -> None:

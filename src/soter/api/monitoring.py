@@ -17,7 +17,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.mapping.read_mapping import mapping_of, read_mapping, system_named
 from soter.monitor.decidable_modules import decidable, doubts
 from soter.monitor.log_files.read_columns import read_columns
-from soter.monitor.log_judgement import units_taken
+from soter.monitor.log_judgement import LogJudgement, units_taken
 from soter.monitor.log_replay import replay
 from soter.monitor.model_membership import Judgement, judge, needed_topics
 from soter.monitor.typed_samples import recorded as of_samples
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from soter.language.model.system import Module, System
     from soter.mapping.topic_mapping import LogMap
-    from soter.monitor.log_judgement import LogJudgement
     from soter.simulate.result import Run
     from soter.verify.problem.problem import Problem
 
@@ -68,14 +67,11 @@ def log_judged(
     the mapping's own; `partial`: judge a damaged log up to the damage, which gives no verdict.
     SoterError D015, D016, U001, U003; D017 if no module can be decided.
     """
-    paths = _paths(log)
-    require_utf8(*paths, mapping)
-    flat, declared = _declared(flat_of, mapping, system, params, where)
+    paths, flat, declared = _declared(flat_of, log, mapping, system, params, where)
     chosen = [m.index for m in chosen_modules(flat, module)]
     plan = decidable(flat, [t.topic.index for t in declared.topics])
     if not set(plan.modules) & set(chosen):
-        missing = {m: tuple(map(str, plan.missing[m])) for m in chosen}
-        raise SoterError(tuple(lost(flat.modules[m].name, missing[m]) for m in chosen))
+        raise SoterError(tuple(lost(flat.modules[m].name, plan.missing[m]) for m in chosen))
     columns = read_columns(paths, declared, partial=partial)
     samples = samples_of(paths[0], declared, columns)
     judgement = replay(flat, samples, plan, ", ".join(map(str, paths)), progress)
@@ -97,8 +93,7 @@ OWN_TOPIC = (
 def _require_given(flat: System, problems: list[tuple[Module, Problem]], given: set[str]) -> None:
     wrong = []
     for m, problem in problems:
-        missing = [n for n in needed_topics(flat, m, problem) if n not in given]
-        if missing:
+        if missing := [n for n in needed_topics(flat, m, problem) if n not in given]:
             notes = tuple(f"missing: {name}" for name in missing)
             text = f"the log does not say whether the plants of `{m.name}` explain it"
             wrong.append(Diagnostic("D017", text, notes=notes, helps=(OWN_TOPIC,)))
@@ -122,9 +117,7 @@ def log_explained(
     Arguments and errors as in `log_judged`; all driven topics and commands of a module have to be
     mapped (D017), and its program has to determine a proof (R...).
     """
-    paths = _paths(log)
-    require_utf8(*paths, mapping)
-    flat, declared = _declared(flat_of, mapping, system, params, where)
+    paths, flat, declared = _declared(flat_of, log, mapping, system, params, where)
     given = {t.topic.name for t in declared.topics}
     problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
     _require_given(flat, problems, given)
@@ -139,27 +132,24 @@ def log_explained(
     return [replace(j, length_ns=end - begin, notes=tuple(told), damage=damage) for j in made]
 
 
-def _paths(log: str | Path | Sequence[str | Path]) -> list[Path]:
-    """The files of a log."""
-    return [Path(log)] if isinstance(log, (str, Path)) else [Path(one) for one in log]
-
-
 def _declared(
     flat_of: Callable[[str | None, Mapping[str, object] | None], System],
+    log: str | Path | Sequence[str | Path],
     mapping: str | Path | Mapping[str, Any],
     system: str | None,
     params: Mapping[str, object] | None,
     where: Mapping[str, str] | None,
-) -> tuple[System, LogMap]:
-    """The system that a mapping is for, and the mapping."""
+) -> tuple[list[Path], System, LogMap]:
+    """The files of a log, the system that a mapping is for, and the mapping."""
+    paths = [Path(log)] if isinstance(log, (str, Path)) else [Path(one) for one in log]
+    require_utf8(*paths, mapping)
+    file = Path(mapping) if isinstance(mapping, (str, Path)) else None
     given = mapping if not isinstance(mapping, (str, Path)) else read_mapping(Path(mapping))
     flat = flat_of(system or system_named(given), params)
-    file = Path(mapping) if isinstance(mapping, (str, Path)) else None
-    return flat, mapping_of(given, flat, where, None if file is None else file.parent, file)
+    return paths, flat, mapping_of(given, flat, where, file)
 
 
-def lost(module: str, missing: Sequence[str]) -> Diagnostic:
+def lost(module: str, missing: Sequence[object]) -> Diagnostic:
     """The error D017 for a module whose topics a log does not have."""
     notes = tuple(f"missing: {m}" for m in missing)
-    message = f"the log does not decide module `{module}`"
-    return Diagnostic("D017", message, notes=notes)
+    return Diagnostic("D017", f"the log does not decide module `{module}`", notes=notes)

@@ -262,8 +262,8 @@ class Program:
         require_utf8(output, cert, mapping, board)
         fresh = self.declared(system, params)
         completed = partial(self._completed, system, params)
-        how: dict[str, Any] = {"cert": cert, "mapping": mapping, "board": board}
         with telling_shares(progress):
+            how: dict[str, Any] = {"cert": cert, "mapping": mapping, "board": board}
             return build(target, Path(output), fresh, completed, self._bindings, **how)
 
     def monitor(
@@ -315,9 +315,9 @@ class Program:
         require_utf8(path)
         flat = self.declared(system, params)
         chosen = chosen_modules(flat, module)[0]
-        how: dict[str, Any] = {"alarm": alarm, "params": params}
         write = by_name("soter.monitor.emitted_monitors").write_monitor
-        return cast("Path", write(flat, chosen, self.path, Path(path), **how))
+        made = write(flat, chosen, self.path, Path(path), alarm=alarm, params=params)
+        return cast("Path", made)
 
     def verify(
         self,
@@ -345,12 +345,10 @@ class Program:
 
         self._require_sound()
         require_utf8(cert, report)
-        if synthesize:
-            written = self.synthesize(module=module, system=system, params=params)
-            if written:
-                how: dict[str, Any] = {"refute": refute, "explain": explain, "report": report}
-                how["progress"] = progress
-                return load(written[0]).verify(module, cert, system=system, params=params, **how)
+        if synthesize and (written := self.synthesize(module=module, system=system, params=params)):
+            how: dict[str, Any] = {"refute": refute, "explain": explain, "report": report}
+            how |= {"system": system, "params": params, "progress": progress}
+            return load(written[0]).verify(module, cert, **how)
         require_writers(None, report)
         if report is not None and cert is not None:
             require_no_certificate(Path(report), Path(cert))

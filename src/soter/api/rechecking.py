@@ -78,8 +78,8 @@ def require_flint() -> None:
 
 def no_certificate(error: Exception) -> SoterError:
     """The error D009 for a folder that has no certificate."""
-    hint = "`soter verify --cert DIR` makes one"
-    return mistake("D009", f"this is no certificate: {error}", hint)
+    what = f"this is no certificate: {error}"
+    return mistake("D009", what, "`soter verify --cert DIR` makes one")
 
 
 TIME = "time (s)"
@@ -141,7 +141,7 @@ class ReplayReport:
 
 def table_of(run: CounterexampleRun) -> tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]:
     """What is the same in a run's last instants; the head of a table of them, and its rows."""
-    rows = _instants(run)
+    rows = _instant_rows(run)
     columns = {
         n: tuple(r.get(n, "") for r in rows) for n in dict.fromkeys(n for r in rows for n in r)
     }
@@ -151,7 +151,7 @@ def table_of(run: CounterexampleRun) -> tuple[str, tuple[str, ...], tuple[tuple[
     return f"always: {', '.join(same)}" if same else "", tuple(told), table
 
 
-def _instants(run: CounterexampleRun) -> list[dict[str, str]]:
+def _instant_rows(run: CounterexampleRun) -> list[dict[str, str]]:
     """What each instant shows, by name."""
     from soter.explore.trace_view import shown  # noqa: PLC0415 - see `soter.api`
 
@@ -161,17 +161,17 @@ def _instants(run: CounterexampleRun) -> list[dict[str, str]]:
         parts = {f"{plant}.truth": states for plant, states in step["truth"].items()}
         parts |= {n: v for n, v in topics.items() if n.rpartition("_")[0] not in topics}
         parts |= {f"chosen {stream}": value for stream, value in step["chosen"].items()}
-        rows.append(row | {name: shown(leaf) for name, leaf in _leaves("", parts)})
+        rows.append(row | {name: shown(leaf) for name, leaf in _named_values("", parts)})
     return rows
 
 
-def _leaves(name: str, value: object) -> Iterator[tuple[str, object]]:
+def _named_values(name: str, value: object) -> Iterator[tuple[str, object]]:
     """Yields (name, value) for each part of a JSON value that is no record."""
     if not isinstance(value, dict):
         yield name, value
         return
     for part, inner in value.items():
-        yield from _leaves(f"{name}.{part}" if name else part, inner)
+        yield from _named_values(f"{name}.{part}" if name else part, inner)
 
 
 def replay(path: str | Path) -> ReplayReport:
@@ -230,8 +230,7 @@ def _replay_counterexample(file: Path, document: Mapping[str, Any]) -> ReplayRep
     try:
         run = replay_file(file)
     except AnotherVersionError as error:
-        hint = "verify again: `soter verify`"
-        raise mistake("D011", str(error), hint) from error
+        raise mistake("D011", str(error), "verify again: `soter verify`") from error
     except ValueError as error:
         raise no_trace(file, str(error)) from error
     except SoterError as error:

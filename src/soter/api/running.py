@@ -21,10 +21,11 @@ from soter.addons import by_name
 from soter.api.arguments import complete
 from soter.core.layout import state_layout
 from soter.diagnostics.current_phase import phase
-from soter.language.front_end import system_of
+from soter.language.front_end import CheckResult, system_of
 from soter.report.wording import changed_parameters
 from soter.semantics.externs import Stop
 from soter.simulate.externs.bindings import (
+    Bindings,
     assumptions,
     bind_again,
     callables,
@@ -34,26 +35,22 @@ from soter.simulate.externs.bindings import (
 from soter.simulate.interrupt import (
     ANY_END,
     INTERRUPT,
+    StopRequest,
     raise_again,
     stop_request,
     stoppable,
     stopped_by,
 )
-from soter.simulate.run import Pacer, run_interpreted
+from soter.simulate.run import NativeProgram, Pacer, run_interpreted
 from soter.verify.proof_cache import stored_verdicts
 from soter.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Mapping
 
-    from soter.language.front_end import CheckResult
     from soter.language.model.system import System
     from soter.language.model.types import Value
-    from soter.simulate.externs.bindings import Bindings
-    from soter.simulate.interrupt import StopRequest
-    from soter.simulate.real_time import FlightRecording
     from soter.simulate.result import Run
-    from soter.simulate.run import NativeProgram
     from soter.simulate.run_log import RunLog
     from soter.simulate.run_options import RunOptions
 
@@ -163,10 +160,14 @@ def simulate(
     `KeyboardInterrupt` if it is stopped, unless `partial`.
     """
     stop, bindings = stop_request(), bind_again(prepared.bindings, given)
-    paced = _why_paced(bindings, options.engine) if options.real_time else ""
+    paced = ""
+    if options.real_time:
+        from soter.simulate.real_time import why_not  # noqa: PLC0415 - only then
+
+        paced = why_not(bindings, options.engine)
     bound: dict[str, object] = {}
     if options.recorded is not None or (options.real_time and not paced):
-        seed, engine, go = _already_bound(bindings, options)
+        seed, engine, go = _bound_engine(bindings, options)
     else:
         seed, engine, apart = options.seed, options.engine, options.apart and hasattr(os, "fork")
         bound = callables(bindings, engine, stop, apart=apart)
@@ -197,7 +198,7 @@ def simulate(
         close(bound)
     run.externs, run.extern_files = bindings.texts(), answered
     run.paced = paced
-    run.page = _page
+    run.page = _inline_page
     run.computed = [*prepared.computed, *assumptions(bound)]
     run.proofs = stored_verdicts(prepared.system) if prepared.arm is None else {}
     _end_log(writer, run, stop)
@@ -206,16 +207,25 @@ def simulate(
     return run
 
 
-def _already_bound(bindings: Bindings, options: RunOptions) -> tuple[int, str, Callable[..., Run]]:
+def _bound_engine(bindings: Bindings, options: RunOptions) -> tuple[int, str, Callable[..., Run]]:
     """Seed, name and function of the engine for a recorded flight or for real time."""
+    from soter.simulate.real_time import FlightRecording, run_real_time, run_recorded  # noqa: PLC0415 - only here
+
+    def in_real_time(until_ns: int, seed: int, _bound: object, **how: Any) -> Run:  # noqa: ANN401
+        """The engine for real time, which needs no pacer and shows its own progress."""
+        wanted = {k: how[k] for k in ("keep_trace", "hash_trace", "stop", "also")}
+        return run_real_time(bindings, until_ns, seed, quiet=not options.apart, **wanted)
+
     if options.recorded is None:
         require_runnable(bindings, options.engine)
-        in_time = partial_(_in_real_time, bindings, not options.apart)
-        return options.seed, options.engine, in_time
-    from soter.simulate.real_time import FlightRecording  # noqa: PLC0415 - only here
-
+        return options.seed, options.engine, in_real_time
     recording = FlightRecording(Path(options.recorded), bindings.system)
-    return recording.seed, "recorded", partial_(_recorded, recording)
+
+    def recorded(_until_ns: int, _seed: int, _bound: object, **how: Any) -> Run:  # noqa: ANN401
+        """The engine for a recorded flight."""
+        return run_recorded(recording, **{k: how[k] for k in ("keep_trace", "hash_trace", "also")})
+
+    return recording.seed, "recorded", recorded
 
 
 def _begin_log(
@@ -227,7 +237,7 @@ def _begin_log(
 ) -> None:
     if writer is None:
         return
-    hashes = {f"{n} sha256 {f}": h for n, f, h in _each(answered)}
+    hashes = {f"{n} sha256 {f}": h for n, files in answered.items() for f, h in files.items()}
     layout = state_layout(bindings.system)
     writer.begin(bindings.system, layout, seed, engine, {**bindings.texts(), **hashes})
 
@@ -235,48 +245,6 @@ def _begin_log(
 def _end_log(writer: RunLog | None, run: Run, stop: StopRequest) -> None:
     if writer is not None:
         writer.end(run, stopped_by(stop) if run.interrupted else run.cut)
-
-
-def _each(answered: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, str, str]]:
-    """Yields (extern, file, SHA-256 of the file)."""
-    for name, files in answered.items():
-        for file, sha256 in files.items():
-            yield name, file, sha256
-
-
-def _why_paced(bindings: Bindings, engine: str) -> str:
-    """Why a run paces virtual time instead of running in real time; "" if it does not."""
-    from soter.simulate.real_time import why_not  # noqa: PLC0415 - with --real-time only
-
-    return why_not(bindings, engine)
-
-
-def _in_real_time(
-    bindings: Bindings,
-    quiet: bool,
-    until_ns: int,
-    seed: int,
-    _bound: Mapping[str, object],
-    **how: Any,  # noqa: ANN401 - as the engines take it
-) -> Run:
-    """The engine for real time, which needs no pacer and shows its own progress."""
-    from soter.simulate.real_time import run_real_time  # noqa: PLC0415 - as above
-
-    wanted = {k: how[k] for k in ("keep_trace", "hash_trace", "stop", "also")}
-    return run_real_time(bindings, until_ns, seed, quiet=quiet, **wanted)
-
-
-def _recorded(
-    recording: FlightRecording,
-    _until_ns: int,
-    _seed: int,
-    _bound: Mapping[str, object],
-    **how: Any,  # noqa: ANN401 - as the engines take it
-) -> Run:
-    """The engine for a recorded flight."""
-    from soter.simulate.real_time import run_recorded  # noqa: PLC0415 - as above
-
-    return run_recorded(recording, **{k: how[k] for k in ("keep_trace", "hash_trace", "also")})
 
 
 def _engine(
@@ -288,17 +256,17 @@ def _engine(
     return partial_(preparations.native(prepared).run, observed=True)
 
 
-def _page(run: Run) -> str:
+def _inline_page(run: Run) -> str:
     """The report of a run as HTML in one text; "" without a whole trace or the extra `report`."""
     from soter.simulate.run_report import inline_report  # noqa: PLC0415 - an extra
 
     if run.trace is None or run.recorded is not None:
         return ""
     program = run.system.program.path
-    return inline_report(run, Path(program).name, _facts(run, program))
+    return inline_report(run, Path(program).name, _report_facts(run, program))
 
 
-def _facts(run: Run, program: str) -> dict[str, str]:
+def _report_facts(run: Run, program: str) -> dict[str, str]:
     """The facts about a run that its report shows: name -> text."""
     return {
         "program": program,
@@ -317,4 +285,4 @@ def write_report(run: Run, path: str | Path, program: str, *, self_contained: bo
     from soter.simulate.run_report import write_report as write  # noqa: PLC0415 - an extra
 
     name = Path(program).name
-    return write(run, path, name, _facts(run, program), self_contained=self_contained)
+    return write(run, path, name, _report_facts(run, program), self_contained=self_contained)

@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING
 from soter.campaign import tables
 from soter.campaign.statistics import FLIGHTS
 from soter.campaign.tables import an_hour, faults_explain, interval, listed, verdict
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.report.atomic_write import ReportError
 from soter.report.html import write_document
 from soter.report.templates import PageSection, filled
 from soter.report.wording import quantity
@@ -162,10 +160,7 @@ RESTS_ON = (
 def write_page(campaign: CampaignLike, program: str, path: Path) -> Path:
     """Write the page; SoterError D006 where it cannot be written."""
     made = page_of(campaign, program)
-    try:
-        return write_document(made.title, campaign_main(made), path)
-    except ReportError as error:
-        raise SoterError((Diagnostic("D006", str(error)),)) from error
+    return write_document(made.title, campaign_main(made), path)
 
 
 def page_of(campaign: CampaignLike, program: str) -> CampaignPage:

@@ -15,11 +15,12 @@ from soter.cli.terminal.command_line import (
     MODULE,
     SET,
     CommandOutcome,
+    Pairs,
     UsageError,
     file_option,
     loaded,
 )
-from soter.cli.terminal.console import ProgressBar
+from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.command_records import SWITCH, JsonObject, option
 from soter.language.model.types import show_ns
 
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
     import argparse
 
     from soter.api.program import Program
-    from soter.cli.terminal.command_line import Pairs
-    from soter.cli.terminal.console import Console
     from soter.report.tables import Entry, Tone
     from soter.verify.advice import Advice, DelayAdvice
 
@@ -115,9 +114,7 @@ def _delays(args: argparse.Namespace, console: Console, program: Program) -> Com
             args.module, system=args.system, params=dict(args.params), progress=progress
         )
     for delay in delays:
-        console.say()
-        console.say(console.paint("bold", delay.module))
-        console.say(f"  {delay.summary}")
+        console.say(f"\n{console.paint('bold', delay.module)}\n  {delay.summary}")
         tried = ", ".join(show_ns(ns) for ns in delay.why_not)
         console.say(console.paint("muted", f"  tried, each by a proof: {tried}"))
     fields: dict[str, object] = {
@@ -132,11 +129,10 @@ def _numbers(text: str, option: str, least: float) -> list[float]:
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
-        message = f"{option} takes numbers with commas between, not `{text}`"
-        raise UsageError(message) from None
+        what = f"{option} takes numbers with commas between, not `{text}`"
+        raise UsageError(what) from None
     if not all(least <= x <= LARGEST for x in numbers):
-        message = f"{option} takes numbers from {least:g} to {LARGEST:g}, not `{text}`"
-        raise UsageError(message)
+        raise UsageError(f"{option} takes numbers from {least:g} to {LARGEST:g}, not `{text}`")
     return numbers
 
 
@@ -151,19 +147,15 @@ def _say(advice: Advice, console: Console) -> None:
         said = LONGEST if verifies and row.delta_ns == best else cells[mark]
         tone: Tone = "good" if verifies else "muted"
         rows.append([Styled(said if k == mark else t, tone) for k, t in enumerate(cells)])
-    console.say()
-    console.say(console.paint("bold", advice.module))
-    console.say()
+    console.say(f"\n{console.paint('bold', advice.module)}\n")
     console.say(console.table(head, rows))
     console.say(console.paint("muted", "* as the program says"))
     console.say(console.paint("muted", advice.legend))
-    console.say()
-    console.say(advice.summary)
+    console.say(f"\n{advice.summary}")
 
 
 def _rows(advice: Advice) -> list[dict[str, object]]:
-    levels = advice.levels
-    return [ROW.of(r) | {"verifies": r.verifies(levels), "why": r.why} for r in advice.rows]
+    return [ROW.of(r) | {"verifies": r.verifies(advice.levels), "why": r.why} for r in advice.rows]
 
 
 def _tried(delay: DelayAdvice) -> list[dict[str, object]]:

@@ -20,11 +20,12 @@ from soter.cli.terminal.command_line import (
     UNDECIDED,
     VIOLATED,
     CommandOutcome,
+    Pairs,
     file_option,
     given,
     loaded,
 )
-from soter.cli.terminal.console import ProgressBar
+from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.command_records import SWITCH, Kind, option
 from soter.report.wording import visible
 
@@ -32,8 +33,6 @@ if TYPE_CHECKING:
     import argparse
 
     from soter.api.assurance.safety_case import Assurance
-    from soter.cli.terminal.command_line import Pairs
-    from soter.cli.terminal.console import Console
 
 EXAMPLES = f"""\
   soter verify cart.soter --cert proof/

@@ -16,23 +16,20 @@ from soter.cli.terminal.command_line import (
     SET,
     SYSTEM,
     CommandOutcome,
+    Pairs,
     file_option,
     loaded,
     warned_of_files,
 )
-from soter.cli.terminal.console import ProgressBar
+from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.command_records import option
-from soter.native.stack_bound import OPTIMISE
-from soter.targets.package import TARGETS
+from soter.native.stack_bound import OPTIMISE, StackBound
+from soter.targets.package import TARGETS, Package
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.cli.terminal.command_line import Pairs
-    from soter.cli.terminal.console import Console
-    from soter.native.stack_bound import StackBound
     from soter.targets.cortex_m_package import Image
-    from soter.targets.package import Package
 
 PAGES = ", ".join(dict.fromkeys(t.page for t in TARGETS.values() if t.page))
 EXAMPLES = f"""\

@@ -19,11 +19,12 @@ from soter.cli.terminal.command_line import (
     SYSTEM,
     VIOLATED,
     CommandOutcome,
+    Pairs,
     at_least_one,
     file_option,
     loaded,
 )
-from soter.cli.terminal.console import ProgressBar
+from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.command_records import (
     SWITCH,
     JsonObject,
@@ -41,8 +42,6 @@ if TYPE_CHECKING:
     from soter.api.campaigning import Campaign, FlownArm
     from soter.campaign.result import FaultAttribution, MetricResult, ModuleStatistics
     from soter.campaign.store import FlightOutcome
-    from soter.cli.terminal.command_line import Pairs
-    from soter.cli.terminal.console import Console
 
 Flown: TypeAlias = "Campaign | FlownArm"
 
@@ -137,10 +136,9 @@ def _say(campaign: Campaign, console: Console) -> None:
 
     r = campaign.result
     _say_flown(campaign, console)
-    console.say()
     colour = "bad" if r.violations else "good" if r.properties else ""
     painted, limits = console.paint(colour, tables.verdict(r)), tables.bound(r)
-    console.say(painted + (f"; with 95 % confidence {limits}" if limits else ""))
+    console.say("\n" + painted + (f"; with 95 % confidence {limits}" if limits else ""))
     if r.violations and campaign.faults:
         console.say(tables.faults_explain(r))
     for what, count in r.broken:
@@ -154,8 +152,7 @@ def _say(campaign: Campaign, console: Console) -> None:
         tables.faults(campaign),
     ):
         if rows:
-            console.say()
-            console.say(console.table(heads, rows))
+            console.say("\n" + console.table(heads, rows))
     if len(r.modules) > 1:
         console.say(f"\nall modules in AC at once: {r.ac_share:.2%} of the time")
     if campaign.lateness:
@@ -174,10 +171,10 @@ def _say_flown(campaign: Campaign, console: Console) -> None:
         f"{campaign.system}: {r.hours:,.2f} h in {r.flights:,} flights of {campaign.until_s:g} s, "
         f"seeds {campaign.first_seed} to {campaign.first_seed + r.flights - 1}"
     )
-    aloft = [f"{r.hours_aloft:,.2f} h aloft"] if r.hours_aloft is not None else []
-    way = [f"{r.km:,.1f} km"] if r.km is not None else []
-    if aloft or way:
-        console.say(", ".join([*aloft, *way]))
+    way = [f"{r.hours_aloft:,.2f} h aloft"] if r.hours_aloft is not None else []
+    way += [f"{r.km:,.1f} km"] if r.km is not None else []
+    if way:
+        console.say(", ".join(way))
 
 
 # ---------------------------------------------------------------- for programs

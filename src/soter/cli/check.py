@@ -19,13 +19,15 @@ from soter.cli.terminal.command_line import (
     SET,
     STDIN,
     CommandOutcome,
+    Pairs,
     UsageError,
+    bound,
     exit_of,
     failed,
     file_option,
     standard_input,
 )
-from soter.cli.terminal.console import LineOfProgress
+from soter.cli.terminal.console import Console, LineOfProgress
 from soter.diagnostics.command_records import JsonObject, one_of, option
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.model.types import show_ns
@@ -34,17 +36,13 @@ from soter.report.wording import visible
 if TYPE_CHECKING:
     import argparse
 
-    from soter.cli.terminal.command_line import Pairs
-    from soter.cli.terminal.console import Console
-
 
 HEAD = ("thread", "every", "wcet", "jitter", "starts by", "ends by", "slack")
 
 
 def say_timing(report: TimingReport, console: Console) -> None:
     """Tells the steps of the trusted thread as a table, its load, and P1c of every module."""
-    console.say("")
-    console.say(console.table(HEAD, [_row(r) for r in report.rows]))
+    console.say("\n" + console.table(HEAD, [_row(r) for r in report.rows]))
     share = 100 * report.busy_ns / report.hyperperiod_ns
     bound = "" if report.exact else ", bounds only"
     lines = [f"the thread of `{report.system}` {_WORDS[report.verdict]}: {share:.1f}% busy{bound}"]
@@ -55,8 +53,7 @@ def say_timing(report: TimingReport, console: Console) -> None:
     lines += [f"{s.module}: {s.text}" for s in report.switches]
     if report.assumed:
         lines.append(f"assumed: {report.assumed}")
-    for line in lines:
-        console.say(f"    {line}")
+    console.say("\n".join(f"    {line}" for line in lines))
 
 
 _WORDS = {
@@ -120,11 +117,11 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     if args.files.count("-") > 1:
         raise UsageError("standard input can be read once")
     if len(args.files) == 1:
-        return _checked(args.files[0], args, console)
+        return _check_file(args.files[0], args, console)
     outcomes = []
     for name in args.files:
         try:
-            outcomes.append(_checked(name, args, console))
+            outcomes.append(_check_file(name, args, console))
         except SoterError as error:
             outcomes.append(failed(error))
             outcomes[-1].fields["file"] = name
@@ -136,13 +133,12 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     )
 
 
-def _checked(file: str, args: argparse.Namespace, console: Console) -> CommandOutcome:
+def _check_file(file: str, args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Checks one file; SoterError where it cannot be read."""
     text = standard_input() if file == "-" else None
     with LineOfProgress(console) as line:
         program = load(file, line) if text is None else load(STDIN, line, text)
-    for name, target in args.bindings:
-        program.bind(name, target)
+    bound(program, args)
     if not program.ok:
         fields: dict[str, object] = {"file": program.path, "program_sha256": program.sha256}
         return CommandOutcome(exit_of(program.diagnostics), program.diagnostics, fields)
@@ -153,16 +149,16 @@ def _checked(file: str, args: argparse.Namespace, console: Console) -> CommandOu
 
 
 def _say(report: CheckReport, console: Console) -> None:
-    modules = {m.name: m for s in report.systems for m in s.modules}
-    wrong = exit_of(report.untimely)
-    ok = console.paint("red", "late") if wrong else console.paint("green", "ok")
+    modules = _modules(report)
+    ok = console.paint(*(("red", "late") if exit_of(report.untimely) else ("green", "ok")))
     counted = f"{_count(len(report.systems), 'system')}, {_count(len(modules), 'module')}"
     proved = ""
     if modules:
         names = [p for p, v in next(iter(modules.values())).verdicts.items() if v == "proved"]
         proved = f": {' '.join(names)} hold"
     console.say(f"{ok}  {visible(report.path)}  {counted}{proved}  {report.program_sha256[:12]}")
-    for line in (*_assumptions(report.systems), *_steps(report)):
+    unproved = dict.fromkeys(line for s in report.systems for line in s.unproved)
+    for line in (*unproved, *_steps(report)):
         console.say(console.paint("muted", f"    {line}"))
     for timing in report.timings:
         say_timing(timing, console)
@@ -180,11 +176,6 @@ def _steps(report: CheckReport) -> list[str]:
     if len(ordered) > STEPS_SHOWN:
         lines.append(f"and {len(ordered) - STEPS_SHOWN} cheaper ones: `--json` has them all")
     return lines
-
-
-def _assumptions(systems: tuple[SystemReport, ...]) -> list[str]:
-    """What was not checked (`SystemReport.unproved`), each line once for all systems."""
-    return list(dict.fromkeys(line for s in systems for line in s.unproved))
 
 
 def _count(n: int, noun: str) -> str:

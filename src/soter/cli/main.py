@@ -23,6 +23,7 @@ from soter.cli.terminal.command_line import (
     INTERNAL,
     INTERRUPTED,
     USAGE,
+    Command,
     CommandOutcome,
     CommandParser,
     HelpWantedError,
@@ -35,8 +36,6 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason, utf8_te
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from soter.cli.terminal.command_line import Command
 
 
 COMMANDS = {
@@ -100,11 +99,13 @@ def _run_and_print(
     if format_ is not None and name is not None and "help" not in outcome.fields:
         from soter.cli.terminal.ci_formats import written  # noqa: PLC0415 - only then
 
-        text = written(format_, name, outcome)
-        if text:
+        if text := written(format_, name, outcome):
             console.document(text)
     elif console.json:
-        _print_document(outcome, name, console)
+        import json  # noqa: PLC0415 - only with --json
+
+        document = outcome.document(name if name in COMMANDS else None)
+        console.document(json.dumps(document, indent=2, allow_nan=False))
     return outcome.exit
 
 
@@ -156,12 +157,12 @@ def _run(name: str | None, arguments: list[str], console: Console) -> CommandOut
     rest = list(arguments)
     rest.remove(name)
     if name == "help":
-        return _explained(rest, console)
+        return _help_for(rest, console)
     if "--json" in rest and format_of(name, rest) is not None:
         raise UsageError("`--format` or `--json`, not both", f"soter {name} ... --format FORMAT")
     if name in COMMANDS:
         return _done(name, rest, console)
-    raise _unknown(name)
+    raise _unknown_command(name)
 
 
 def _done(name: str, rest: list[str], console: Console) -> CommandOutcome:
@@ -191,7 +192,7 @@ def parser_of(name: str) -> CommandParser:
     return CommandParser(name, command_of(name))
 
 
-def _explained(rest: list[str], console: Console) -> CommandOutcome:
+def _help_for(rest: list[str], console: Console) -> CommandOutcome:
     """Answers `soter help [COMMAND]` as `--help` would; UsageError for anything else."""
     asked = [a for a in rest if a not in ("--json", "-h", "--help")]
     wrong = next((a for a in asked if a.startswith("-")), "") or "".join(asked[1:2])
@@ -200,11 +201,11 @@ def _explained(rest: list[str], console: Console) -> CommandOutcome:
     if not asked or asked[0] == "help":
         raise HelpWantedError(_help(console))
     if asked[0] not in COMMANDS:
-        raise _unknown(asked[0])
+        raise _unknown_command(asked[0])
     raise HelpWantedError(parser_of(asked[0]).format_help().rstrip())
 
 
-def _unknown(name: str) -> UsageError:
+def _unknown_command(name: str) -> UsageError:
     from soter.diagnostics.similar_names import closest  # noqa: PLC0415 - only then
 
     near = closest(name, list(COMMANDS))
@@ -218,8 +219,7 @@ def _without_command(arguments: list[str], console: Console) -> CommandOutcome:
         return CommandOutcome(fields={"version": __version__})
     if {"-h", "--help"} & set(arguments):
         raise HelpWantedError(_help(console))
-    unknown = [a for a in arguments if a != "--json"]
-    if unknown:
+    if unknown := [a for a in arguments if a != "--json"]:
         raise UsageError(f"there is no option `{unknown[0]}`", "soter COMMAND ...; soter --help")
     if not console.json:
         console.note(_help(console))
@@ -250,27 +250,18 @@ def _help(console: Console) -> str:
     )
 
 
-def _print_document(outcome: CommandOutcome, name: str | None, console: Console) -> None:
-    import json  # noqa: PLC0415 - only with --json
-
-    command = name if name in COMMANDS else None
-    console.document(json.dumps(outcome.document(command), indent=2, allow_nan=False))
-
-
 def _after_output(exit_code: int, console: Console) -> int:
     """The exit code, or 1 where standard output could not take the result."""
     error = console.output_error
     if error is None or isinstance(error, BrokenPipeError):
         return exit_code
-    why = reason(error)
-    console.note(f"soter: cannot write to standard output: {why}")
+    console.note(f"soter: cannot write to standard output: {reason(error)}")
     return exit_code if exit_code != FINE else DIAGNOSTICS
 
 
 def _os_problem(error: OSError) -> Diagnostic:
-    why = reason(error)
     where = f" `{error.filename}`" if error.filename else ""
-    return Diagnostic("D006", f"the system refused{where}: {why}")
+    return Diagnostic("D006", f"the system refused{where}: {reason(error)}")
 
 
 def apologise(error: Exception, arguments: list[str]) -> Diagnostic:

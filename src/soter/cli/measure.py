@@ -16,19 +16,18 @@ from soter.cli.terminal.command_line import (
     SET,
     SYSTEM,
     CommandOutcome,
+    Pairs,
     UsageError,
     file_option,
     loaded,
 )
-from soter.cli.terminal.console import ProgressBar
+from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.command_records import Kind, option, read_by
 from soter.language.model.types import show_ns
 from soter.measure import MARGIN, SAMPLES
 
 if TYPE_CHECKING:
     from soter.api.measuring import Measured
-    from soter.cli.terminal.command_line import Pairs
-    from soter.cli.terminal.console import Console
 
 EXAMPLES = """\
   soter measure cart.soter                 writes .soter/cart-times.json
@@ -113,14 +112,12 @@ def _say(measurement: Measured, path: Path, console: Console) -> None:
         [s.name, *(show_ns(ns) for _, ns in s.percentiles), show_ns(s.longest_ns), f"{s.samples}"]
         for s in measurement.steps
     ]
-    console.say(console.table(("step", *shares, "longest", "steps"), rows))
-    console.say()
+    console.say(console.table(("step", *shares, "longest", "steps"), rows) + "\n")
     for s in measurement.steps:
         where = f"rta {s.declared}" if s.role == "dm" else f"node {s.declared}"
         faulted = f", {s.faulted} of the steps faulted" if s.faulted else ""
         console.say(f"  {s.line:<14} // {where}: {measurement.margin:g} x the longest{faulted}")
-    console.say()
-    console.say(f"times   {path}")
+    console.say(f"\ntimes   {path}")
     if measurement.assumed:
         console.say(f"assumed: {measurement.assumed}")
     console.say(f"{COUNTS if measurement.assumed else NO_BOUND} ({measurement.machine})")

@@ -27,6 +27,8 @@ from soter.cli.terminal.command_line import (
     VIOLATED,
     CiFinding,
     CommandOutcome,
+    Kind,
+    Pairs,
     bound,
     exit_of_kinds,
     file_option,
@@ -36,7 +38,7 @@ from soter.cli.terminal.command_line import (
     report_path,
     seed,
 )
-from soter.cli.terminal.console import ProgressBar
+from soter.cli.terminal.console import Console, ProgressBar
 from soter.cli.terminal.log_judgement import (
     DAMAGE,
     FOREIGN_LOG,
@@ -58,8 +60,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.api import Program
-    from soter.cli.terminal.command_line import Kind, Pairs
-    from soter.cli.terminal.console import Console
     from soter.monitor.log_files.log_columns import Damage
     from soter.monitor.log_judgement import LogJudgement
     from soter.monitor.model_membership import Judgement
@@ -94,12 +94,11 @@ def of_log(judged: LogJudgement) -> tuple[CiFinding, ...]:
     """A finding for each module: whether a read lay outside `safe`, with what is assumed."""
     findings = []
     for m in judged.modules:
+        text = f"{m.module}: {verdict_of(m)}"
         if not m.decided:
             missing = tuple(f"missing: {name}" for name in m.missing)
-            told = f"{m.module}: {verdict_of(m)}"
-            findings.append(CiFinding("open", RULE, m.module, told, m.span, missing))
+            findings.append(CiFinding("open", RULE, m.module, text, m.span, missing))
             continue
-        text = f"{m.module}: {verdict_of(m)}"
         lost = (t.strip() for t in lost_of(judged))
         details = (*unheard(m), *lost, *(f"assumed: {a}" for a in judged.assumptions))
         kind: Kind = "fail" if m.violated else "pass" if m.judged else "open"
@@ -196,7 +195,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Judges, or writes the node; SoterError U001 for options that do not go together."""
     logs, args.log = [*args.log], ", ".join(args.log) or None
     if args.map is not None or args.where or args.partial or len(logs) > 1:
-        return _foreign(args, logs, console)
+        return _judge_foreign_log(args, logs, console)
     if args.emit is not None and args.report is not None:
         raise mistake("U001", "`--report` shows a judgement, and `--emit` makes none")
     program = opened(args, console)
@@ -213,7 +212,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     by_seed = [program.monitor(args.log, args.module, seed=one, **what) for one in seeds]
     if len(seeds) > 1:
         return _say_runs(seeds, by_seed, args, console, program)
-    return _judged(by_seed[0], args, console, program)
+    return _tell_judgements(by_seed[0], args, console, program)
 
 
 def _say_runs(
@@ -225,12 +224,12 @@ def _say_runs(
 ) -> CommandOutcome:
     """Tells a line for each run and module, and one for each module over all runs."""
     rows = [(str(s), *_row(j)) for s, judged in zip(seeds, by_seed, strict=True) for j in judged]
-    together = [_combined(of) for of in zip(*by_seed, strict=True)]
+    together = [_combine_runs(of) for of in zip(*by_seed, strict=True)]
     rows += [("all", *_row(j)) for j in together]
     return _outcome(together, (("seed", *HEAD), rows), args, console, program)
 
 
-def _combined(of: Sequence[Judgement]) -> Judgement:
+def _combine_runs(of: Sequence[Judgement]) -> Judgement:
     """One judgement for a module in several runs: sums, first alarm, step with largest share."""
     states = Counter[str]()
     for j in of:
@@ -249,7 +248,7 @@ def _combined(of: Sequence[Judgement]) -> Judgement:
     )
 
 
-def _judged(
+def _tell_judgements(
     judged: list[Judgement],
     args: argparse.Namespace,
     console: Console,
@@ -305,10 +304,11 @@ def _headline(code: int, part: float, damage: Damage | None, alarms: int) -> str
     return said.get(code, f"the model explains every step{of_the_log(part)}")
 
 
-def _foreign(args: argparse.Namespace, logs: list[str], console: Console) -> CommandOutcome:
+def _judge_foreign_log(
+    args: argparse.Namespace, logs: list[str], console: Console
+) -> CommandOutcome:
     """Judges a log that `--map` describes; SoterError U001 for options that do not fit."""
-    problem = _option_conflict(args)
-    if problem:
+    if problem := _option_conflict(args):
         raise mistake("U001", problem)
     program = loaded(args, console)
     what = {"module": args.module, "system": args.system, "params": dict(args.params)}
@@ -317,11 +317,10 @@ def _foreign(args: argparse.Namespace, logs: list[str], console: Console) -> Com
         from soter.api.monitoring import log_explained  # noqa: PLC0415 - needs NumPy
 
         explained = log_explained(program.flat, logs, args.map, **what)
-        return _judged(explained, args, console, program)
+        return _tell_judgements(explained, args, console, program)
     with ProgressBar(console) as progress:
         judged = program.judge_log(logs, args.map, progress=progress, **what)
-    for text in lines(judged, console):
-        console.say(text)
+    console.say("\n".join(lines(judged, console)))
     items = tuple(undecided(m) for m in judged.modules if not m.decided)
     found = of_log(judged)
     code = exit_of_kinds(f.kind for f in found)

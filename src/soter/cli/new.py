@@ -67,12 +67,12 @@ class Options:
 def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Makes the folder and tells what to type next; SoterError where it cannot be made."""
     folder = Path(args.name)
-    name = _checked(folder, args.name)
+    name = _checked_name(folder, args.name)
     if args.logs:
         texts, commands = _files_of_log(name, args), _commands_of_log(folder, name, args.logs)
     else:
         names = {"name": name, "prefix": program_prefix(name)}
-        texts = {f.format(**names): _filled(t, names) for t, f in FILES.items()}
+        texts = {f.format(**names): _filled_template(t, names) for t, f in FILES.items()}
         commands = _commands(folder, name)
     _make(folder, texts)
     files = sorted(texts)
@@ -105,7 +105,7 @@ def _commands_of_log(folder: Path, name: str, logs: Sequence[str]) -> list[tuple
     ]
 
 
-def _checked(folder: Path, given: str) -> str:
+def _checked_name(folder: Path, given: str) -> str:
     """The robot's name, the last part of the path; SoterError U001, D008, D001."""
     name = folder.name
     if not NAME.fullmatch(name):
@@ -118,7 +118,7 @@ def _checked(folder: Path, given: str) -> str:
     return name
 
 
-def _filled(template: str, names: dict[str, str]) -> str:
+def _filled_template(template: str, names: dict[str, str]) -> str:
     text = (TEMPLATE / template).read_text(encoding="utf-8")
     for key, value in names.items():
         text = text.replace("{{" + key + "}}", value)

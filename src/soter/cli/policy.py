@@ -15,9 +15,11 @@ from decimal import ROUND_CEILING, Context, Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.api import format_text, load
 from soter.cli.terminal.command_line import CommandOutcome, UsageError, file_option
 from soter.diagnostics.command_records import option, read_by
 from soter.diagnostics.diagnostic import SoterError
+from soter.report.atomic_write import atomic_write
 
 if TYPE_CHECKING:
     from soter.cli.terminal.console import Console
@@ -157,15 +159,12 @@ def _bound_told(policy: Policy, box: tuple[Doubles, Doubles] | None, bound: floa
 
 
 def _write(path: Path, policy: Policy, file: str, told: dict[str, str]) -> None:
-    from soter.api import format_text  # noqa: PLC0415 - as above
     from soter.policy.policy_errors import content_of  # noqa: PLC0415 - as above
     from soter.policy.soter_source import soter_source  # noqa: PLC0415 - as above
-    from soter.report.atomic_write import atomic_write  # noqa: PLC0415 - as above
 
-    digest = hashlib.sha256(content_of(Path(policy.path))).hexdigest()
     notes = [
         f"{Path(file).name} as a function, written by `soter policy`: do not edit.",
-        f"sha256 {digest}",
+        f"sha256 {hashlib.sha256(content_of(Path(policy.path))).hexdigest()}",
         "",
         *(f"{name}: {text}" for name, text in told.items()),
         *(f"assumed: {text}" for text in policy.assumed),
@@ -178,11 +177,9 @@ def _write(path: Path, policy: Policy, file: str, told: dict[str, str]) -> None:
 
 def _write_c(path: Path, policy: Policy, node: str) -> str:
     """Writes the policy as C of an extern node, and returns its `--bind`; UsageError."""
-    from soter.api import load  # noqa: PLC0415 - as above
     from soter.codegen.unit import generate  # noqa: PLC0415 - as above
     from soter.policy.c_source import c_source  # noqa: PLC0415 - as above
     from soter.policy.policy_extern import by_name  # noqa: PLC0415 - as above
-    from soter.report.atomic_write import atomic_write  # noqa: PLC0415 - as above
 
     file, _, name = node.rpartition(":")
     program = load(file or node)

@@ -14,7 +14,16 @@ from typing import TYPE_CHECKING
 from soter.api import recheck
 from soter.api.arguments import write_sections
 from soter.certificate import report as errors
-from soter.certificate.report import ACCEPTED, CONTRADICTED, REJECTED, UNCONFIRMED, VERDICTS
+from soter.certificate.report import (
+    ACCEPTED,
+    CONTRADICTED,
+    REJECTED,
+    UNCONFIRMED,
+    VERDICTS,
+    FlightReport,
+    RecheckedModule,
+    Report,
+)
 from soter.cli.terminal.command_line import (
     CERTIFICATE_FOLDER,
     FINE,
@@ -27,7 +36,7 @@ from soter.cli.terminal.command_line import (
     report_option,
     report_path,
 )
-from soter.cli.terminal.console import ProgressBar
+from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.command_records import SEVERAL, JsonObject, one_of, option
 from soter.diagnostics.diagnostic import mistake
 from soter.report.templates import PageSection
@@ -38,8 +47,6 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator, Sequence
 
-    from soter.certificate.report import FlightReport, RecheckedModule, Report
-    from soter.cli.terminal.console import Console
 
 EXAMPLES = f"""\
   soter verify cart.soter --cert proof/
@@ -128,8 +135,8 @@ def _exit(report: Report) -> int:
     if said != {ACCEPTED}:
         return VIOLATED if REJECTED in said else NOT_RECHECKED
     returns = all(m.returns or m.stays or m.decided for m in report.modules)
-    complete = report.decided and returns and not report.contradicted
-    complete = complete and all(f.verdicts or f.others for f in report.flights)
+    asked = all(f.verdicts or f.others for f in report.flights)
+    complete = report.decided and returns and asked and not report.contradicted
     return FINE if complete else UNDECIDED
 
 
@@ -168,16 +175,15 @@ def _headline(report: Report, folder: str, console: Console) -> str:
 def _sections(report: Report) -> Iterator[PageSection]:
     """Yields the sections of the page: modules, program, flights, assumptions, gaps."""
     yield from (_module_section(m, report) for m in report.modules)
-    own = [f"Program {visible(report.program)}, SHA-256 {report.program_sha256}."]
-    own += [f"Rechecked by soter {VERSION} in {report.seconds:.1f} s."]
-    own += [visible(report.reason)] if report.reason else []
-    yield PageSection("What was checked", tuple(own))
+    program = f"Program {visible(report.program)}, SHA-256 {report.program_sha256}."
+    own = (program, f"Rechecked by soter {VERSION} in {report.seconds:.1f} s.")
+    reason = (visible(report.reason),) if report.reason else ()
+    yield PageSection("What was checked", own + reason)
     for flight in report.flights:
         yield PageSection(visible(f"Flight {flight.log}"), tuple(_flight_lines(flight)))
     texts = tuple(map(visible, report.assumptions))
     yield PageSection("Under these assumptions, derived from the program", texts)
-    uncovered = tuple(visible(said.text) for said in report.not_covered)
-    yield PageSection("Not covered", uncovered)
+    yield PageSection("Not covered", tuple(visible(said.text) for said in report.not_covered))
 
 
 def _module_section(m: RecheckedModule, report: Report) -> PageSection:
@@ -187,7 +193,7 @@ def _module_section(m: RecheckedModule, report: Report) -> PageSection:
         return PageSection(title, (visible(f"Not re-checked: {m.not_rechecked}."),))
     safe = report.verdict != REJECTED and not m.missing
     keeps = "Keeps" if safe else "Not shown: that it keeps"
-    values = ", ".join(_value(m, name) for name in m.parameters)
+    values = ", ".join(_parameter_text(m, name) for name in m.parameters)
     says = [f"{keeps} `{m.safe}`{m.whilst}."]
     says += [f"{IN_FLIGHT[0].upper()}{IN_FLIGHT[1:]}."] if m.in_flight else []
     says += [f"Confirmed: {' '.join(m.confirmed) or 'nothing'}."]
@@ -226,8 +232,7 @@ def _say_flights(report: Report, console: Console) -> None:
         colour = {ACCEPTED: "green", REJECTED: "red"}.get(flight.verdict, "yellow")
         word = {ACCEPTED: "CONFIRMED", REJECTED: "CONTRADICTED"}.get(flight.verdict)
         word = word or ("INTERRUPTED" if flight.interrupted else "NOT CONFIRMED")
-        said = console.paint(colour, word)
-        console.say(f"\n{said}  {visible(flight.log)}: {first}")
+        console.say(f"\n{console.paint(colour, word)}  {visible(flight.log)}: {first}")
         for line in others[:SHOWN]:
             console.say(f"  {line}")
         if len(others) > SHOWN:
@@ -253,8 +258,7 @@ def _say(report: Report, folder: str, console: Console) -> None:
     console.say(f"{_headline(report, folder, console)}  {hash_}  {report.seconds:.1f} s")
     for module in report.modules:
         where = f"{module.name} of system {module.system} in {report.program}{module.whilst}"
-        confirmed = f"{' '.join(module.confirmed)}, {_size(module)}"
-        console.say(f"  {visible(where)}: {confirmed}")
+        console.say(f"  {visible(where)}: {' '.join(module.confirmed)}, {_size_of_sets(module)}")
         for colour, text in _remarks(module):
             console.say(console.paint(colour, f"    {visible(text)}"))
     console.say("\nunder these assumptions, derived from the program")
@@ -265,7 +269,7 @@ def _say(report: Report, folder: str, console: Console) -> None:
         console.say(console.paint("muted", f"  {visible(said.text)}"))
 
 
-def _size(module: RecheckedModule) -> str:
+def _size_of_sets(module: RecheckedModule) -> str:
     """How many cells and half-spaces the checked sets of a module have."""
     if module.in_flight:
         return "no sets"
@@ -275,8 +279,7 @@ def _size(module: RecheckedModule) -> str:
 
 def _remarks(module: RecheckedModule) -> Iterator[tuple[str, str]]:
     """Yields (colour, line) for all that is to be said besides the confirmed claims."""
-    values = ", ".join(_value(module, name) for name in module.parameters)
-    if values:
+    if values := ", ".join(_parameter_text(module, name) for name in module.parameters):
         yield "muted", f"with {values}"
     if module.in_flight:
         yield "yellow", IN_FLIGHT
@@ -290,21 +293,21 @@ def _remarks(module: RecheckedModule) -> Iterator[tuple[str, str]]:
     yield from (("muted", f"confirmed: {said.text}") for said in module.shown)
 
 
-def _value(module: RecheckedModule, name: str) -> str:
+def _parameter_text(module: RecheckedModule, name: str) -> str:
     """A parameter with the value that was checked, and the program's own if they differ."""
     own = module.otherwise.get(name)
     said = "" if own is None else f" ({own} by the program)"
     return f"{name} = {module.parameters[name]}{said}"
 
 
-def _name(module: RecheckedModule, report: Report) -> str:
+def _module_name(module: RecheckedModule, report: Report) -> str:
     """The name of a module, with its system's in front if other modules have the same name."""
     several = sum(m.name == module.name for m in report.modules) > 1
     return f"{module.system}.{module.name}" if several else module.name
 
 
 def _modules(report: Report) -> dict[str, RecheckedModule]:
-    return {_name(m, report): m for m in report.modules}
+    return {_module_name(m, report): m for m in report.modules}
 
 
 ASSUMPTION = JsonObject("soter.certificate.report.RecheckAssumption", "key text")

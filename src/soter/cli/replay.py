@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.api import replay
+from soter.api import ReplayReport, replay
 from soter.api.rechecking import table_of
 from soter.cli.terminal.command_line import (
     FINE,
@@ -22,14 +22,12 @@ from soter.cli.terminal.command_line import (
     report_path,
 )
 from soter.diagnostics.command_records import JsonObject, one_of, option
-from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.api import ReplayReport
     from soter.cli.terminal.console import Console
-    from soter.diagnostics.diagnostic import Diagnostic
 
 EXAMPLES = """\
   soter replay .soter/late_sc-Late.trace.json               every step, and whether it reproduces
@@ -99,9 +97,7 @@ def _say(report: ReplayReport, console: Console) -> None:
     console.say(console.paint("muted", visible(what)))
     word = ("green", "REPRODUCED") if report.reproduced else ("red", "NOT REPRODUCED")
     console.say(f"{console.paint(*word)}  {visible(report.outcome)}")
-    console.say()
-    for line in _steps(report, console):
-        console.say(line)
+    console.say("\n".join(("", *_steps(report, console))))
 
 
 def _steps(report: ReplayReport, console: Console) -> list[str]:

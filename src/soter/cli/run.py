@@ -33,14 +33,13 @@ from soter.cli.terminal.command_line import (
     given,
     opened,
 )
-from soter.cli.terminal.console import ProgressBar
+from soter.cli.terminal.console import Console, ProgressBar
 from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
 from soter.simulate.run_options import RunOptions
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.cli.terminal.console import Console
     from soter.language.model.system import System
     from soter.simulate.result import Run
     from soter.simulate.run_log import RunLog
@@ -132,10 +131,7 @@ def _finish(
     console.say("\n" + "\n".join(lines))
     violated = result.violations or (result.timing or {}).get("violations", 0)  # after a gap, too
     code = VIOLATED if violated else UNDECIDED if result.late or result.cut else FINE
-    if problems:
-        code = DIAGNOSTICS
-    if result.interrupted:
-        code = INTERRUPTED
+    code = INTERRUPTED if result.interrupted else DIAGNOSTICS if problems else code
     return CommandOutcome(code, problems, {**DOCUMENT.of(result), **written})
 
 
@@ -160,8 +156,7 @@ def _own_name(args: argparse.Namespace, system: System) -> str:
     parts += [f"{name}={value}" for name, value in args.params]
     name = "-".join(re.sub(r"[^A-Za-z0-9_.=+-]", "_", part) for part in parts)
     if len(name) > NAME_MAX:
-        digest = hashlib.sha256(name.encode()).hexdigest()[:12]
-        return f"{name[:NAME_MAX]}-{digest}"
+        return f"{name[:NAME_MAX]}-{hashlib.sha256(name.encode()).hexdigest()[:12]}"
     return name
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.ci_formats import document_of_tests
+from soter.cli.terminal.ci_formats import document_of_problems, document_of_tests
 from soter.cli.terminal.command_line import (
     FORMAT,
     INTERRUPTED,
@@ -25,9 +25,9 @@ from soter.cli.terminal.command_line import (
     given,
     loaded,
 )
-from soter.cli.terminal.console import LineOfProgress, rounded, size
+from soter.cli.terminal.console import Console, LineOfProgress, rounded, size
 from soter.diagnostics.command_records import JsonObject, one_of, option, options_of
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, mistake
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.explore.engine.coverage import Coverage, CoverageKind
 from soter.explore.results import (
     BOUND,
@@ -40,15 +40,15 @@ from soter.explore.results import (
     ExploreReport,
     Robustness,
     TestResult,
+    bound_text,
     wholes,
 )
 from soter.explore.search_options import REDUCTIONS, SAMPLING, STORAGES, STRATEGIES, SearchOptions
 from soter.language.model.types import show_ns
+from soter.report.html import write_text
 
 if TYPE_CHECKING:
     import argparse
-
-    from soter.cli.terminal.console import Console
 
 
 CI_KINDS: dict[str, Kind] = {"exhausted": "pass", "violated": "fail", "bound": "open"}
@@ -76,30 +76,14 @@ def of_tests(report: ExploreReport) -> tuple[CiFinding, ...]:
     return tuple(findings)
 
 
-def report_as_junit(report: ExploreReport, path: str, console: Console) -> None:
-    """Writes the verdicts as JUnit's XML; `SoterError` D006 if they cannot be written."""
-    from soter.cli.terminal.ci_formats import write  # noqa: PLC0415 - only then
-    from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
-
-    try:
-        written = write(report, path)
-    except ReportError as error:
-        raise mistake("D006", str(error)) from error
-    console.say()
-    console.say(f"junit  {written}")
-
-
 def problems_as_junit(
     file: str, why: SoterError, path: str, warnings: tuple[Diagnostic, ...]
 ) -> None:
     """Writes as JUnit's XML why no test was explored; `SoterError` with D006 if it cannot."""
-    from soter.cli.terminal.ci_formats import write_problems  # noqa: PLC0415 - only then
-    from soter.report.atomic_write import ReportError  # noqa: PLC0415 - the same
-
     try:
-        write_problems(file, (*warnings, *why.diagnostics), path)
-    except ReportError as error:
-        raise SoterError((*why.diagnostics, Diagnostic("D006", str(error)))) from error
+        write_text(document_of_problems(file, (*warnings, *why.diagnostics)), path)
+    except SoterError as error:
+        raise SoterError((*why.diagnostics, *error.diagnostics)) from error
 
 
 EXAMPLES = """\
@@ -149,7 +133,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         raise
     _say(report, console)
     if args.junit is not None:
-        report_as_junit(report, args.junit, console)
+        console.say(f"\njunit  {write_text(document_of_tests(report), args.junit)}")
     found = of_tests(report)
     code = INTERRUPTED if report.interrupted else exit_of_kinds(f.kind for f in found)
     junit = document_of_tests(report) if args.format == "junit" else ""
@@ -181,22 +165,16 @@ def progress_text(looked: object) -> str:
 
 
 def _say(report: ExploreReport, console: Console) -> None:
-    head = f"{report.path}  {report.program_sha256[:12]}"
-    console.say(console.paint("muted", head))
+    console.say(console.paint("muted", f"{report.path}  {report.program_sha256[:12]}"))
     for test in report.tests:
-        console.say()
-        for line in _lines(test, console):
-            console.say(line)
+        console.say("\n".join(("", *_lines(test, console))))
     if len(report.tests) + len(report.not_started) > 1:
-        console.say()
-        for line in _summary(report, console):
-            console.say(line)
+        console.say("\n".join(("", *_summary(report, console))))
 
 
 def _summary(report: ExploreReport, console: Console) -> list[str]:
     """A line for each test, then what holds for all of them."""
-    names = [*(test.name for test in report.tests), *report.not_started]
-    width = max(map(len, names))
+    width = max(map(len, (*(test.name for test in report.tests), *report.not_started)))
     lines = ["all tests"]
     for test in report.tests:
         word, colour, more = _verdict(test)
@@ -303,8 +281,7 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
     from soter.report.wording import visible  # noqa: PLC0415 - needs NumPy
 
     parts = [(name, part) for name, part in test.coverage.parts() if part.total]
-    said = "  ".join(f"{name} {part.reached}/{part.total}" for name, part in parts)
-    lines = [f"reached  {said}"]
+    lines = ["reached  " + "  ".join(f"{name} {p.reached}/{p.total}" for name, p in parts)]
     for name, part in parts:
         shown = part.unreached[:UNREACHED_SHOWN]
         lines += [console.paint("yellow", f"  never  {visible(one)}") for one in shown]
@@ -335,8 +312,6 @@ def _other_violation(test: TestResult, console: Console) -> list[str]:
 
 def _rest(test: TestResult) -> str:
     """A line for what the search for violations of other properties came to."""
-    from soter.explore.results import bound_text  # noqa: PLC0415 - loaded above, too
-
     count = 1 + len(test.others)
     head = f"{count} {'property' if count == 1 else 'properties'} violated"
     if test.others_bound is None:

@@ -7,6 +7,7 @@ Non-goals: the proofs (`verify/`), checking certificates (`soter recheck`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api import load
@@ -17,6 +18,8 @@ from soter.cli.terminal.command_line import (
     SET,
     CiFinding,
     CommandOutcome,
+    Kind,
+    Pairs,
     exit_of_kinds,
     file_option,
     loaded,
@@ -24,17 +27,14 @@ from soter.cli.terminal.command_line import (
     report_path,
     warned_of_files,
 )
-from soter.cli.terminal.console import ProgressBar
+from soter.cli.terminal.console import Console, ProgressBar
 from soter.cli.terminal.stored_outcome import Printout, StoredOutcome, store_outcome, stored_outcome
 from soter.diagnostics.command_records import SWITCH, JsonObject, one_of, option
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
-    from pathlib import Path
 
-    from soter.cli.terminal.command_line import Kind, Pairs
-    from soter.cli.terminal.console import Console
     from soter.verify.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
     from soter.verify.scope import ComposedAssumption
 
@@ -88,14 +88,13 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     """Proves the modules and tells the verdicts, or tells those of the cache again."""
     console.listen()
     words = _cache_key(args, console)
-    told = _told_again(args, words, console)
-    if told is not None:
+    if (told := _tell_stored(args, words, console)) is not None:
         return told
     if args.report is not None:
         args.report = str(report_path(args.report, args.file, ENDING))
-    report, written = _proved(args, console)
+    report, written = _prove(args, console)
     _save_runs(report)
-    printed, fields = _said(report), DOCUMENT.of(report)
+    printed, fields = _printout(report), DOCUMENT.of(report)
     printed.show(console)
     _say_files(report, args, console)
     exit_ = exit_of_kinds(KINDS[f.verdict] for m in report.modules for f in m.findings.values())
@@ -108,14 +107,13 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         console.say("\nwritten " + " ".join(str(p) for p in written))
         fields["written"] = [str(p) for p in written]
     fields.update({k: getattr(args, k) for k in ("cert", "report") if getattr(args, k)})
-    return CommandOutcome(exit_, (), fields, tuple(_found(report)) if args.format else ())
+    return CommandOutcome(exit_, (), fields, tuple(_ci_findings(report)) if args.format else ())
 
 
-def _proved(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tuple[Path, ...]]:
+def _prove(args: argparse.Namespace, console: Console) -> tuple[VerifyReport, tuple[Path, ...]]:
     """Proves; returns the verdicts, and the files of controllers synthesized before."""
     program = warned_of_files(loaded(args, console), console)
-    what: dict[str, Any] = {"module": args.module, "system": args.system}
-    what["params"] = dict(args.params)
+    what: Any = {"module": args.module, "system": args.system, "params": dict(args.params)}
     written: tuple[Path, ...] = ()
     with ProgressBar(console, timed=False) as progress:
         if args.synthesize:
@@ -143,7 +141,7 @@ def _cache_key(args: argparse.Namespace, console: Console) -> tuple[str, ...]:
     return ("verify", *map(repr, (args.module, args.system, args.params, args.no_refute)))
 
 
-def _told_again(
+def _tell_stored(
     args: argparse.Namespace, words: tuple[str, ...], console: Console
 ) -> CommandOutcome | None:
     """Prints the stored outcome of exactly this and returns it; None if it has to be proved."""
@@ -166,7 +164,7 @@ KINDS: dict[str, Kind] = {
 }
 
 
-def _found(report: VerifyReport) -> Iterator[CiFinding]:
+def _ci_findings(report: VerifyReport) -> Iterator[CiFinding]:
     """Yields a finding for every verdict, at the declaration of its module."""
     for module in report.modules:
         span = module.problem.module.symbol.span
@@ -186,16 +184,13 @@ def _found(report: VerifyReport) -> Iterator[CiFinding]:
 # ---------------------------------------------------------------- for people
 
 
-def _said(report: VerifyReport) -> Printout:
+def _printout(report: VerifyReport) -> Printout:
     printed, hash_ = Printout(), report.program_sha256[:12]
     printed.say(printed.paint("muted", f"{report.path}  {report.system}  {hash_}"))
     for module in report.modules:
-        printed.say()
-        printed.say(_headline(module, printed))
-        printed.say()
+        printed.say(f"\n{_headline(module, printed)}\n")
         _table(module, printed)
-        for line in (*_details(module, printed), "", "under these assumptions"):
-            printed.say(line)
+        printed.say("\n".join((*_detail_lines(module, printed), "", "under these assumptions")))
         for text in (a.text for a in module.assumptions):
             printed.say(printed.paint("muted", f"  {text}"))
     if not report.modules:
@@ -227,9 +222,9 @@ def _coverage(report: VerifyReport) -> list[str]:
         values = ", ".join(f"{name} = {value}" for name, value in coverage.params)
         lines += ["", f"with these values of its parameters, and no other: {values}"]
     if coverage.also:
-        lines += ["", "the same problem, and so the same verdict", *_listed(coverage.also)]
+        lines += ["", "the same problem, and so the same verdict", *_indented(coverage.also)]
     if coverage.rest:
-        lines += ["", "not covered", *_listed(coverage.rest)]
+        lines += ["", "not covered", *_indented(coverage.rest)]
     return lines
 
 
@@ -246,13 +241,12 @@ def _print_joint_verdict(report: VerifyReport, printed: Printout) -> None:
     how_long = "at all times" if lawful else "for as long as the trusted part runs"
     says = ["", f"in every run that keeps what is assumed, {how_long}", *says]
     says = says if report.together in HOLDING else []
-    head = f"all of them together (Theorem 4.1)  {verdict}{_open(report, taken)}"
-    for line in ("", head, *says, ""):
-        printed.say(line)
+    head = f"all of them together (Theorem 4.1)  {verdict}{_open_clauses(report, taken)}"
+    printed.say("\n".join(("", head, *says, "")))
     printed.table(("module", "takes for granted", "because"), rows)
 
 
-def _open(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
+def _open_clauses(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
     """What the verdict on all modules together leaves open, in words; "" for nothing."""
     assumed = sum(t.open and not t.promised for t in taken)
     promised = sum(t.open and t.promised for t in taken)
@@ -268,7 +262,7 @@ def _open(report: VerifyReport, taken: list[ComposedAssumption]) -> str:
     return f", where {' and '.join(clauses)}" if clauses else ""
 
 
-def _listed(texts: tuple[str, ...]) -> list[str]:
+def _indented(texts: tuple[str, ...]) -> list[str]:
     return [f"  {text}" for text in texts]
 
 
@@ -296,9 +290,7 @@ def _certificate_lines(report: VerifyReport) -> list[str]:
 
 def _remember(report: VerifyReport) -> None:
     """Stores the verdicts for editors to show (`soter lsp`)."""
-    from pathlib import Path  # noqa: PLC0415 - only for new verdicts
-
-    from soter.verify.proof_cache import store_verdicts_of_file  # noqa: PLC0415 - as above
+    from soter.verify.proof_cache import store_verdicts_of_file  # noqa: PLC0415 - only for new verdicts
 
     kept: dict[str, dict[str, object]] = {}
     for m in report.modules:
@@ -356,7 +348,7 @@ def _table(module: ModuleResult, printed: Printout) -> None:
     printed.table(("property", "verdict", "time", "how"), rows)
 
 
-def _details(module: ModuleResult, printed: Printout) -> list[str]:
+def _detail_lines(module: ModuleResult, printed: Printout) -> list[str]:
     """Lines for shares of the grid, notes, and where and why something is not proved."""
     from soter.verify.claims.results import NO_CORE  # noqa: PLC0415 - what is stored needs none
 
@@ -374,11 +366,11 @@ def _details(module: ModuleResult, printed: Printout) -> list[str]:
         finding = module.findings[name]
         if not finding.holds and finding.text not in (NO_CORE, *told):
             told.append(finding.text)  # P3 fails like one of `ttf` and `safer`
-            lines += _failure(name, finding, printed)
+            lines += _failure_lines(name, finding, printed)
     return lines
 
 
-def _failure(name: str, finding: Finding, printed: Printout) -> list[str]:
+def _failure_lines(name: str, finding: Finding, printed: Printout) -> list[str]:
     lines = ["", f"{printed.paint(PAINTS[finding.verdict], name)}  {finding.text}"]
     lines += [f"  where  {region}" for region in finding.regions[:REGIONS_SHOWN]]
     rest = len(finding.regions) - REGIONS_SHOWN
@@ -422,8 +414,7 @@ def _run(finding: Finding) -> list[str]:
 
 
 def _times(run: LeavingRun) -> list[float]:
-    times: list[float] = run.time_s.tolist()
-    return times
+    return list(run.time_s.tolist())
 
 
 def _states(run: LeavingRun) -> dict[str, list[float]]:

@@ -72,10 +72,7 @@ def explain(code: str) -> str | None:
 def title(code: str) -> str | None:
     """The title of a code's page: what follows `# CODE:` on its first line."""
     page = explain(code)
-    if page is None:
-        return None
-    first = page.split("\n", 1)[0]
-    return first.partition(":")[2].strip()
+    return None if page is None else page.split("\n", 1)[0].partition(":")[2].strip()
 
 
 def suggestions(code: str) -> list[str]:

@@ -10,13 +10,12 @@ Non-goals: runs, searches and campaigns, whose options name who is told.
 
 from __future__ import annotations
 
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
-    from contextlib import AbstractContextManager
 
     Told = Callable[[float, str], None]
 
@@ -35,8 +34,7 @@ class CancelledError(Exception):
 
 def phase(name: str, *, anew: bool = False) -> None:
     """Say what begins; `anew`: the shares told from here on start from 0 again."""
-    listener = _listener.get()
-    if listener is not None:
+    if (listener := _listener.get()) is not None:
         _current.set(name)
         listener(name, anew)
 
@@ -64,8 +62,7 @@ def within_phase() -> Iterator[None]:
 
 def share_done(share: float, stage: str = "") -> None:
     """Tell the progress, 0 to 1, of the whole or of one stage. Whoever is told may raise."""
-    told = _told.get()
-    if told is not None:
+    if (told := _told.get()) is not None:
         told(share, stage)
 
 

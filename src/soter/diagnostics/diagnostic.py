@@ -11,6 +11,7 @@ explain pages (`pages/`); which fix a problem has, and which file it was, whoeve
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_right
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -35,12 +36,7 @@ class Source:
     _starts: list[int] = field(default_factory=list, repr=False)
 
     def __post_init__(self) -> None:
-        starts = [0]
-        position = self.text.find("\n")
-        while position >= 0:
-            starts.append(position + 1)
-            position = self.text.find("\n", position + 1)
-        self._starts = starts
+        self._starts = [0, *(m.end() for m in re.finditer("\n", self.text))]
 
     def line_of(self, offset: int) -> int:
         """Line number, from 1, of a character offset."""
@@ -247,8 +243,9 @@ def made(
     severity: Severity = Severity.ERROR,
 ) -> Diagnostic:
     """A diagnostic whose helps may be edits."""
-    fields = (code, message, primary, secondary, notes, texts(helps), severity, fixes(helps))
-    return Diagnostic(*fields)
+    return Diagnostic(
+        *(code, message, primary, secondary, notes, texts(helps), severity, fixes(helps))
+    )
 
 
 class Diagnostics:

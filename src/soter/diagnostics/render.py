@@ -16,12 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Severity
+from soter.diagnostics.diagnostic import Diagnostic, Label, Severity, SoterError, Source, Span
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-
-    from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError, Source, Span
 
 
 _LINE_MAX = 100  # characters of a source line that are shown
@@ -70,8 +68,7 @@ def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
             first, *rest = text.split("\n")
             sign = paint(_BLUE, " " * width + " =")
             lines.append(f"{sign} {paint(_BOLD, kind)}: {safe(first)}")
-            indent = " " * (width + 9)
-            lines += [indent + safe(more) for more in rest]
+            lines += [" " * (width + 9) + safe(more) for more in rest]
     return "\n".join(lines)
 
 
@@ -171,11 +168,9 @@ def _source_lines(
 ) -> list[str]:
     marks: dict[int, list[_Mark]] = {}
     for label, primary in labels:
-        span = label.span
-        number = span.line
-        start = span.column - 1
-        end = start + span.end - span.start
-        marks.setdefault(number, []).append(_Mark(start, end, safe(label.text), primary))
+        span, start = label.span, label.span.column - 1
+        mark = _Mark(start, start + span.end - span.start, safe(label.text), primary)
+        marks.setdefault(span.line, []).append(mark)
     lines: list[str] = []
     previous = 0
     for number in sorted(marks):
@@ -205,8 +200,7 @@ def _clusters(marks: list[_Mark], length: int) -> list[list[_Mark]]:
 def _marked_line(
     text: str, number: int, marks: list[_Mark], width: int, paint: _Paint
 ) -> list[str]:
-    low = 0
-    high = len(text)
+    low, high = 0, len(text)
     if high > _LINE_MAX:
         low = max(0, min(marks[0].start - _MARGIN, high - _LINE_MAX))
         high = min(high, low + _LINE_MAX)
@@ -242,15 +236,9 @@ def _display(text: str) -> tuple[str, list[int]]:
             fill = _TAB - at % _TAB
             parts.append(" " * fill)
             at += fill
-        elif char < "\x7f" and char >= " ":
-            parts.append(char)
-            at += 1
-        elif not char.isprintable():
-            parts.append(_REPLACEMENT)
-            at += 1
         else:
-            parts.append(char)
-            at += _char_width(char)
+            parts.append(safe(char))
+            at += _char_width(parts[-1])
     columns.append(at)
     return "".join(parts), columns
 

@@ -60,8 +60,7 @@ def did_you_mean(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
 def nearest_or_all(name: str, known: Iterable[str]) -> str:
     """A help line with the closest known name, or all of them, or nothing."""
     names = list(known)
-    near = closest(name, names)
-    if near:
+    if near := closest(name, names):
         return f"did you mean `{near[0]}`?"
     shown = ", ".join(f"`{n}`" for n in names[:8])
     return f"there are {shown}{' ...' if len(names) > 8 else ''}" if names else ""

@@ -239,7 +239,6 @@ def _share(spot: Spot, x: float) -> float:
 
 def _by_means(layout: GraphLayout, n: int, *, downwards: bool) -> None:
     other = _places(layout.layers[n - 1 if downwards else n + 1])
-    wish: dict[Spot, float] = {}
     met: dict[Spot, list[float]] = {}
     for p in layout.pieces:
         if downwards:
@@ -248,8 +247,7 @@ def _by_means(layout: GraphLayout, n: int, *, downwards: bool) -> None:
             mine, its, x = p.above, p.below, p.below_x
         if mine.layer == n:
             met.setdefault(mine, []).append(other[its] + _share(its, x))
-    for i, spot in enumerate(layout.layers[n]):
-        wish[spot] = sum(met[spot]) / len(met[spot]) if spot in met else float(i)
+    wish = _places(layout.layers[n]) | {spot: sum(xs) / len(xs) for spot, xs in met.items()}
     layout.layers[n].sort(key=lambda spot: wish[spot])
 
 
@@ -299,7 +297,7 @@ def _shift(layout: GraphLayout) -> None:
         joined.setdefault(p.below, []).append((p.below_x, p.above, p.above_x))
     for turn in range(SHIFTS):
         for layer in layout.layers if turn % 2 == 0 else reversed(layout.layers):
-            wishes = [_wish(spot, joined.get(spot, [])) for spot in layer]
+            wishes = [_wanted_x(spot, joined.get(spot, [])) for spot in layer]
             for spot, x in zip(layer, _isotonic(layer, wishes), strict=True):
                 spot.x = x
     least = min((spot.x for layer in layout.layers for spot in layer), default=0.0)
@@ -308,7 +306,7 @@ def _shift(layout: GraphLayout) -> None:
             spot.x -= least
 
 
-def _wish(spot: Spot, joined: Sequence[tuple[float, Spot, float]]) -> tuple[float, float]:
+def _wanted_x(spot: Spot, joined: Sequence[tuple[float, Spot, float]]) -> tuple[float, float]:
     """The x that a spot's neighbours want for it, and its weight."""
     total = weight = 0.0
     for own_x, other, other_x in joined:

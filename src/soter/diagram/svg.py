@@ -12,14 +12,12 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from soter.diagram.layered_layout import Link, lay_out
-from soter.diagram.system_graph import DiagramBox, ModuleFrame, graph_of
+from soter.diagram.layered_layout import GraphLayout, Link, Piece, Spot, lay_out
+from soter.diagram.system_graph import DiagramBox, DiagramGraph, ModuleFrame, Part, graph_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.diagram.layered_layout import GraphLayout, Piece, Spot
-    from soter.diagram.system_graph import DiagramGraph, Part
     from soter.language.model.system import System
 
 
@@ -89,8 +87,7 @@ def draw(graph: DiagramGraph) -> str:
         for a in graph.arrows
         if a.source in at and a.target in at
     ]
-    first = frozenset(at[key][0] for key in graph.first)
-    layout = lay_out(sizes, links, first)
+    layout = lay_out(sizes, links, frozenset(at[key][0] for key in graph.first))
     tops = _tops(layout)
     upwards = any(piece.up for piece in layout.pieces)
     ends = (s.x + s.width for layer in layout.layers for s in layer)
@@ -165,14 +162,9 @@ def _tops(layout: GraphLayout) -> list[float]:
 
 
 def _box(graph: DiagramGraph, spot: Spot, tops: Sequence[float]) -> Iterator[str]:
-    """A part in the middle of its layer."""
+    """A part, which hangs from the top of its layer."""
     if spot.box is not None:
-        yield from _part(graph.parts[spot.box], spot.x, _top(spot, tops))
-
-
-def _top(spot: Spot, tops: Sequence[float]) -> float:
-    """The upper edge of a spot; boxes hang from the top of their layer."""
-    return tops[spot.layer]
+        yield from _part(graph.parts[spot.box], spot.x, tops[spot.layer])
 
 
 def _part(part: Part, x: float, y: float) -> Iterator[str]:
@@ -202,8 +194,7 @@ def _cell(cell: DiagramBox, place: tuple[float, float, float, float]) -> str:
     middle, base, texts = x + width / 2, y + PAD_Y + 12.5, []
     for i, line in enumerate(cell.lines):
         texts.append(f'<text x="{middle:.1f}" y="{base:.1f}">{escape(line)}</text>')
-        last = i + 1 == len(cell.lines)
-        if cell.caption and last:
+        if cell.caption and i + 1 == len(cell.lines):
             base += CAPTION_PX + 1
             texts.append(_small("caption", middle, base, cell.caption))
         for row in cell.values[i] if cell.values else ():
@@ -287,9 +278,9 @@ def _passing(spot: Spot, layout: GraphLayout, tops: Sequence[float]) -> str:
 
 def _wire(p: Piece, tops: Sequence[float]) -> Iterator[str]:
     x0, x1 = p.above.x + p.above_x, p.below.x + p.below_x
-    y1 = _top(p.below, tops)
+    y1 = tops[p.below.layer]
     bottom = tops[p.below.layer] - BETWEEN_PX
-    y0 = _top(p.above, tops) + p.above.height if p.above.box is not None else bottom
+    y0 = tops[p.above.layer] + p.above.height if p.above.box is not None else bottom
     up = " up" * p.up
     head = 7.0 if p.ends else 0.0
     start, end = (y0 + head, y1) if p.up else (y0, y1 - head)

@@ -19,6 +19,7 @@ from soter.language.model.types import (
     FloatType,
     IntType,
     RecordType,
+    Type,
     show_ns,
 )
 
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from soter.language.model.system import Component, Module, System
-    from soter.language.model.types import Type
 
 
 ROWS_MAX = 6
@@ -57,8 +57,7 @@ class ValueRow:
         """The length of its longest text."""
         one = max((len(w) for w in self.words), default=LETTERS)
         many = len(self.paths) or min(len(self.words), 1)
-        parts = [len(self.label), (one + 2) * many, len(self.unit)]
-        return sum(parts)
+        return len(self.label) + (one + 2) * many + len(self.unit)
 
 
 def rows_of(name: str, t: Type) -> tuple[ValueRow, ...]:
@@ -172,13 +171,14 @@ def graph_of(system: System, *, live: bool = False) -> DiagramGraph:
     if live:
         rows = live_rows(system)
         frames = [_with_rows(frame, rows) for frame in frames]
-        alone, topics = [_roomy(c, rows) for c in alone], [_roomy(c, rows) for c in topics]
+        alone, topics = (
+            [_with_value_rows(c, rows) for c in alone],
+            [_with_value_rows(c, rows) for c in topics],
+        )
     arrows: dict[Edge, None] = {}
     for topic, box in boxes.items():
-        for key in writers[topic]:
-            arrows[Edge(key, box)] = None
-        for key in _met(frames, readers[topic]):
-            arrows[Edge(box, key)] = None
+        arrows |= dict.fromkeys(Edge(key, box) for key in writers[topic])
+        arrows |= dict.fromkeys(Edge(box, key) for key in _arrow_ends(frames, readers[topic]))
     plants = frozenset(_key(c) for c in system.components if c.plant is not None)
     return DiagramGraph(f"System {system.name}", (*alone, *frames, *topics), tuple(arrows), plants)
 
@@ -188,7 +188,7 @@ def graph_of(system: System, *, live: bool = False) -> DiagramGraph:
 
 def live_rows(system: System) -> dict[str, tuple[ValueRow, ...]]:
     """The rows that a box has room for, by `t:TOPIC` or `c:COMPONENT`, by full names."""
-    shown = (system.topics[i] for i in _shown(system))
+    shown = (system.topics[i] for i in _program_topics(system))
     rows_by_key = {f"t:{topic.name}": rows_of(topic.name, topic.type) for topic in shown}
     for c in system.components:
         if c.plant is not None:
@@ -207,14 +207,15 @@ def saw_key(module: str) -> str:
     return f"saw:{module}"
 
 
-def _roomy(cell: DiagramBox, rows: Mapping[str, tuple[ValueRow, ...]]) -> DiagramBox:
+def _with_value_rows(cell: DiagramBox, rows: Mapping[str, tuple[ValueRow, ...]]) -> DiagramBox:
     first = "t" if cell.kind in ("topic", "input") else "c"
     return replace(cell, values=tuple(rows.get(f"{first}:{name}", ()) for name in cell.names))
 
 
 def _with_rows(frame: ModuleFrame, rows: Mapping[str, tuple[ValueRow, ...]]) -> ModuleFrame:
     inside = tuple(
-        _with_rows(p, rows) if isinstance(p, ModuleFrame) else _roomy(p, rows) for p in frame.inside
+        _with_rows(p, rows) if isinstance(p, ModuleFrame) else _with_value_rows(p, rows)
+        for p in frame.inside
     )
     return replace(frame, inside=inside)
 
@@ -238,9 +239,9 @@ def _component(c: Component) -> DiagramBox:
         told.append("extern")
     if c.takes_ns is not None:
         told.append(f"takes {show_ns(c.takes_ns[1])}")
-    title = "DM" if c.role == "dm" else name
-    shown = told[1:] if c.role == "dm" else told
-    return DiagramBox(_key(c), c.role, (title,), " · ".join(shown), (c.name,))
+    if c.role == "dm":  # its title says so already
+        name, told = "DM", told[1:]
+    return DiagramBox(_key(c), c.role, (name,), " · ".join(told), (c.name,))
 
 
 def _short(name: str) -> str:
@@ -262,7 +263,7 @@ def _frame(system: System, m: Module) -> ModuleFrame:
     return ModuleFrame(f"m:{m.name}", f"{m.name}{held}", (ac, dm, sc))
 
 
-def _met(frames: Iterable[ModuleFrame], readers: frozenset[str]) -> list[str]:
+def _arrow_ends(frames: Iterable[ModuleFrame], readers: frozenset[str]) -> list[str]:
     """Where arrows to these readers end: at a frame where all inside it read."""
     left, ends = set(readers), []
     for frame in _all_frames(frames):
@@ -284,14 +285,14 @@ def _all_frames(frames: Iterable[Part]) -> Iterable[ModuleFrame]:
 # ---------------------------------------------------------------- topics
 
 
-def _shown(system: System) -> list[int]:
+def _program_topics(system: System) -> list[int]:
     """The topics of the program, without queues and what only holds values."""
     return [t.index for t in system.topics if t.queue_of is None and not t.held]
 
 
 def _writers(system: System) -> dict[int, frozenset[str]]:
     """Topic -> keys of what writes it; the outputs of a module come from its frame."""
-    writers_by_topic: dict[int, set[str]] = {i: set() for i in _shown(system)}
+    writers_by_topic: dict[int, set[str]] = {i: set() for i in _program_topics(system)}
     above = {m.over for m in system.modules if m.over is not None}
     gated = {i: f"m:{m.name}" for m in system.modules if m.index not in above for i in m.outputs}
     for c in system.components:
@@ -315,7 +316,7 @@ def _readers(system: System) -> dict[int, frozenset[str]]:
         for i in read:
             source = system.topics[i].queue_of
             readers_by_topic.setdefault(i if source is None else source, set()).add(_key(c))
-    return {i: frozenset(readers_by_topic.get(i, ())) for i in _shown(system)}
+    return {i: frozenset(readers_by_topic.get(i, ())) for i in _program_topics(system)}
 
 
 def _topics(
@@ -323,23 +324,22 @@ def _topics(
 ) -> tuple[list[DiagramBox], dict[int, str]]:
     """The boxes of topics, and for each topic the key of its box; unused topics are left out."""
     groups: dict[object, list[int]] = {}
-    for i in _shown(system):
+    for i in _program_topics(system):
         if writers[i] or readers[i]:
-            alike = (writers[i], readers[i], _outside(system, i))
-            groups.setdefault(alike, []).append(i)
+            groups.setdefault((writers[i], readers[i], _is_from_outside(system, i)), []).append(i)
     topic_cells: list[DiagramBox] = []
     boxes: dict[int, str] = {}
     for group in groups.values():
         for start in range(0, len(group), TOGETHER_MAX):
             part = group[start : start + TOGETHER_MAX]
             names = tuple(system.topics[i].name for i in part)
-            kind = "input" if _outside(system, part[0]) else "topic"
+            kind = "input" if _is_from_outside(system, part[0]) else "topic"
             topic_cells.append(DiagramBox(f"t:{names[0]}", kind, names, "", names))
             boxes |= dict.fromkeys(part, f"t:{names[0]}")
     return topic_cells, boxes
 
 
-def _outside(system: System, topic: int) -> bool:
+def _is_from_outside(system: System, topic: int) -> bool:
     """Whether the environment alone sets a topic."""
     drawn = {d.topic for d in system.inputs} | {e.topic for e in system.externals}
     driven = system.topics[topic].driver

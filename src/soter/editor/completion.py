@@ -16,7 +16,7 @@ from lsprotocol import types as lsp
 from soter.diagnostics.diagnostic import Source
 from soter.editor import hover
 from soter.editor.hover import head, shape_text
-from soter.editor.name_definitions import Shape
+from soter.editor.name_definitions import Definition, NameIndex, Shape
 from soter.editor.name_resolution import Members
 from soter.language.syntax import tree
 from soter.language.syntax.tokens import NAME, lex
@@ -24,7 +24,6 @@ from soter.language.syntax.tokens import NAME, lex
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.editor.name_definitions import Definition, NameIndex
     from soter.language.load.loader import LoadedFile
 
 
@@ -72,7 +71,7 @@ def cursor_at(text: str, offset: int) -> CursorContext:
         word, at = touched, tokens.starts[count]
     stack: list[tuple[str, list[str]]] = [("file", [])]
     for text_ in texts[:count]:
-        _step(stack, text_)
+        _enter_token(stack, text_)
     body, item = stack[-1]
     return CursorContext(body, tuple(stack[0][1]), tuple(item), _before_dots(item), word, at)
 
@@ -87,10 +86,10 @@ def _before_dots(item: list[str]) -> tuple[str, ...]:
     return tuple(dotted)
 
 
-def _step(stack: list[tuple[str, list[str]]], text: str) -> None:
+def _enter_token(stack: list[tuple[str, list[str]]], text: str) -> None:
     body, item = stack[-1]
     if text == "{":
-        stack.append((_inside(body, item), []))
+        stack.append((_body_kind(body, item), []))
         item.append(text)
     elif text == "}":
         if len(stack) > 1:
@@ -106,7 +105,7 @@ def _step(stack: list[tuple[str, list[str]]], text: str) -> None:
         item.append(text)
 
 
-def _inside(body: str, item: list[str]) -> str:
+def _body_kind(body: str, item: list[str]) -> str:
     """The kind of body in the braces that an item opens."""
     words = [w for w in item if w != "extern"]
     first = words[0] if words else ""
@@ -194,27 +193,22 @@ def _items(
     cursor: CursorContext, offset: int, file: LoadedFile, index: NameIndex, good: NameIndex | None
 ) -> Iterator[lsp.CompletionItem]:
     names = _names(cursor, offset, file, index, good)
-    if cursor.item and cursor.item[-1] == ".":
-        yield from _behind_dots(cursor, names, index)
-        return
+    wanted = _wanted(cursor) if cursor.item else None
     if not cursor.item:
         yield from (_word(w, cursor.body) for w in hover.PLACES.get(cursor.body, ()))
         kinds = {"variable", "state"} if cursor.body == "block" else set()
         yield from _of_kinds(names, kinds, "0")
-        return
-    wanted = _wanted(cursor)
-    if wanted == {"new"}:
-        return
-    if wanted == {"a type"}:
+    elif cursor.item[-1] == ".":
+        yield from _behind_dots(cursor, names, index)
+    elif wanted == {"a type"}:
         yield from (_word(w, "type") for w in hover.TYPES)
         yield from _of_kinds(names, {"type", "import"}, "1")
-        return
-    if wanted is not None:
+    elif wanted is None:
+        yield from (_named(d, _sort_key(d, file)) for d in names.values() if _is_value(d))
+        words = (*hover.BUILTINS, *hover.SPECIALS, *hover.VALUES)
+        yield from (_word(word, "value") for word in words)
+    elif wanted != {"new"}:
         yield from _of_kinds(names, {*wanted, "import"}, "0")
-        return
-    yield from (_named(d, _near(d, file)) for d in names.values() if _is_value(d))
-    for word in (*hover.BUILTINS, *hover.SPECIALS, *hover.VALUES):
-        yield _word(word, "value")
 
 
 def _of_kinds(
@@ -286,7 +280,7 @@ def _is_value(d: Definition) -> bool:
     return d.kind in VALUES or not isinstance(d.node, tree.Decl)
 
 
-def _near(d: Definition, file: LoadedFile) -> str:
+def _sort_key(d: Definition, file: LoadedFile) -> str:
     """The sort key: locals first, then this file, then imports and the prelude."""
     if not isinstance(d.node, tree.Decl):
         return "0"

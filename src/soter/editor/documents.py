@@ -19,18 +19,16 @@ from typing import TYPE_CHECKING
 
 from lsprotocol import types as lsp
 
-from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Source, Span
 from soter.editor.name_resolution import index_of
 from soter.editor.protocol_conversions import Lines, by_file, path_of, path_of_span, uri_of
 from soter.language.front_end import CheckResult, check_file
-from soter.language.load.loader import LoadedFile, SourceAccess, load
+from soter.language.load.loader import LoadedFile, LoadedProgram, SourceAccess, load
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
-    from soter.diagnostics.diagnostic import Diagnostic, Source, Span
     from soter.editor.name_definitions import NameIndex
-    from soter.language.load.loader import LoadedProgram
     from soter.language.model.types import Type, Value
     from soter.language.syntax import tree
 
@@ -49,9 +47,7 @@ class Overlay(SourceAccess):
 
     def __init__(self, open_text: Callable[[Path], str | None]) -> None:
         self._open_text = open_text
-        self._trees: OrderedDict[
-            tuple[str, str], tuple[Source, tree.File, tuple[Diagnostic, ...]]
-        ] = OrderedDict()
+        self._tree = lru_cache(KEPT_TREES)(self._parse)
         self._data: OrderedDict[tuple[object, ...], tuple[Value, bytes]] = OrderedDict()
         self._constants: OrderedDict[tuple[str, ...], dict[str, tuple[Value, int]]] = OrderedDict()
 
@@ -64,17 +60,15 @@ class Overlay(SourceAccess):
 
     def parsed(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
         """The tree of a text, kept with its diagnostics for the next time."""
-        known = self._trees.get((shown, text))
-        if known is None:
-            own_diagnostics = Diagnostics()
-            source, file = super().parsed(shown, text, own_diagnostics)
-            known = self._trees[shown, text] = source, file, own_diagnostics.items
-            if len(self._trees) > KEPT_TREES:
-                self._trees.popitem(last=False)
-        self._trees.move_to_end((shown, text))
-        for item in known[2]:
+        source, file, items = self._tree(shown, text)
+        for item in items:
             diagnostics.add(item)
-        return known[0], known[1]
+        return source, file
+
+    def _parse(self, shown: str, text: str) -> tuple[Source, tree.File, tuple[Diagnostic, ...]]:
+        own_diagnostics = Diagnostics()
+        source, file = super().parsed(shown, text, own_diagnostics)
+        return source, file, own_diagnostics.items
 
     def data(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
         """The value in a data file, which is read again after it was written."""
@@ -295,8 +289,7 @@ class Documents:
     def every_file(self) -> Iterator[LoadedFile]:
         """Yields every file of the workspace, parsed, open ones first."""
         for path in self.programs():
-            text = self.reading.text(path, str(path), Diagnostics())
-            if text is not None:
+            if (text := self.reading.text(path, str(path), Diagnostics())) is not None:
                 source, file = self.reading.parsed(str(path), text, Diagnostics())
                 yield LoadedFile(path, source, file, "", library=False)
 

@@ -26,7 +26,6 @@ from soter.language.syntax import tree
 
 if TYPE_CHECKING:
     Instances = dict[str, tuple[Definition, Definition | None]]
-    _Parts = tuple[tree.PlantState, ...] | tuple[tree.DisturbanceItem, ...]
 
 
 _Method = Callable[["Expressions", Any, "NameContext", "Shape | None"], "Shape | None"]
@@ -82,8 +81,7 @@ class Expressions:
         """The definition that stands at a name; the same one whenever it is asked for."""
         known = self._by_name.get(id(name))
         if known is None:
-            span = name.word
-            known = Definition(name.text, kind, span, node, file, shape, self.owner)
+            known = Definition(name.text, kind, name.word, node, file, shape, self.owner)
             self._by_name[id(name)] = known
         self.index.note(known.span, known)
         return known
@@ -168,19 +166,15 @@ class Expressions:
         definition: Definition | None = None
         if isinstance(of, LoadedFile):
             definition = self._of_import(of, name.text)
-        elif isinstance(of, tree.RecordTypeExpr):
-            definition = self._field(of, name.text, file)
-        elif isinstance(of, UndeclaredRecord):
-            definition = self._written_field(of, name.text, file)
-        elif isinstance(of, tree.TypeDecl):
-            definition = self._enum_member(of, name.text, file)
-        elif isinstance(of, PlantTruth):
-            definition = self._part(of.plant.states, "state", name.text, file)
+        elif isinstance(of, (tree.RecordTypeExpr, UndeclaredRecord, tree.TypeDecl, PlantTruth)):
+            kind, parts = _parts(of, file)
+            definition = self._part(parts, kind, name.text, file)
         elif isinstance(of, tree.PlantDecl):
             if name.text == "truth":
                 return Shape(PlantTruth(of), file)
             driven = [self.find(r, NameContext(file)) for r, _ in of.drives if r.text == name.text]
-            other = self._part(of.disturbances, "disturbance", name.text, file)
+            drawn = [(d.name, d, Shape(d.type, file)) for d in of.disturbances]
+            other = self._part(drawn, "disturbance", name.text, file)
             definition = (*driven, other)[0]
         elif isinstance(of, tree.RtaDecl):
             definition = self.controller(of, name.text, file)
@@ -214,31 +208,17 @@ class Expressions:
             shape = Shape(definition.node.type, definition.file)
         return shape
 
-    def _field(self, of: tree.RecordTypeExpr, name: str, file: LoadedFile) -> Definition | None:
-        for own, type_ in of.fields:
-            if own.text == name:
-                return self.definition(own, "field", (own, type_), file, Shape(type_, file))
-        return None
-
-    def _written_field(
-        self, of: UndeclaredRecord, name: str, file: LoadedFile
+    def _part(
+        self,
+        parts: Sequence[tuple[tree.Name, object, Shape | None]],
+        kind: str,
+        name: str,
+        file: LoadedFile,
     ) -> Definition | None:
-        for own, shape in of.fields:
+        """The part of that name; `parts`: name, the syntax that declares it, and its shape."""
+        for own, node, shape in parts:
             if own.text == name:
-                return self.definition(own, "field", own, file, shape)
-        return None
-
-    def _enum_member(self, of: tree.TypeDecl, name: str, file: LoadedFile) -> Definition | None:
-        if isinstance(of.type, tree.EnumTypeExpr):
-            for own in of.type.members:
-                if own.text == name:
-                    return self.definition(own, "member", of, file, Shape("enum", file))
-        return None
-
-    def _part(self, parts: _Parts, kind: str, name: str, file: LoadedFile) -> Definition | None:
-        for part in parts:
-            if part.name.text == name:
-                return self.definition(part.name, kind, part, file, Shape(part.type, file))
+                return self.definition(own, kind, node, file, shape)
         return None
 
     def controller(self, of: tree.RtaDecl, name: str, file: LoadedFile) -> Definition | None:
@@ -264,8 +244,7 @@ class Expressions:
 
     def _inside_system(self, of: tree.SystemDecl, name: str, file: LoadedFile) -> Definition | None:
         """An instance of a sub-system, or a topic that stands beside its instances."""
-        known = self.instances_of(of, file).get(name)
-        if known is not None:
+        if (known := self.instances_of(of, file).get(name)) is not None:
             return known[0]
         homes = [self.index.declared_in(file)]
         homes += [self.index.declared_in(f) for f in file.imports.values() if f is not None]
@@ -375,8 +354,7 @@ class Expressions:
         return self.name(expr.name, place)
 
     def _dot(self, expr: tree.FieldExpr, place: NameContext, _: Shape | None) -> Shape | None:
-        names = flat_names(expr)
-        if names is not None:
+        if (names := flat_names(expr)) is not None:
             return self.path(tree.DottedPath(tuple(names), expr.span), place)
         return self.member(self.expression(expr.target, place), expr.field)
 
@@ -439,8 +417,7 @@ class Expressions:
         if wanted is None:
             return self._undeclared_record(expr, place)
         for name, value in expr.fields:
-            shape = self.member(wanted, name)
-            self.expression(value, place, shape)
+            self.expression(value, place, self.member(wanted, name))
         return wanted
 
     def _undeclared_record(self, expr: tree.RecordExpr, place: NameContext) -> Shape:
@@ -484,6 +461,20 @@ class Expressions:
         tree.ListExpr: _list,
         tree.ChooseExpr: _choose,
     }
+
+
+def _parts(
+    of: tree.RecordTypeExpr | UndeclaredRecord | tree.TypeDecl | PlantTruth, file: LoadedFile
+) -> tuple[str, list[tuple[tree.Name, object, Shape | None]]]:
+    """The kind of the named parts of a thing, and for each its name, syntax and shape."""
+    if isinstance(of, tree.RecordTypeExpr):
+        return "field", [(own, (own, type_), Shape(type_, file)) for own, type_ in of.fields]
+    if isinstance(of, UndeclaredRecord):
+        return "field", [(own, own, shape) for own, shape in of.fields]
+    if isinstance(of, PlantTruth):
+        return "state", [(s.name, s, Shape(s.type, file)) for s in of.plant.states]
+    members = of.type.members if isinstance(of.type, tree.EnumTypeExpr) else ()
+    return "member", [(own, of, Shape("enum", file)) for own in members]
 
 
 _LITERALS: dict[type, str] = {

@@ -13,11 +13,17 @@ import json
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
-from soter.editor.name_definitions import PlantTruth, UndeclaredArray, UndeclaredRecord
+from soter.editor.name_definitions import (
+    Definition,
+    PlantTruth,
+    Shape,
+    UndeclaredArray,
+    UndeclaredRecord,
+)
 from soter.editor.protocol_conversions import path_of_span
 from soter.language.check.constants_and_types import Calculator
 from soter.language.load.loader import LoadedFile
-from soter.language.model.types import DurationType, write_ns
+from soter.language.model.types import DurationType, Type, Value, write_ns
 from soter.language.model.values import Table, to_json
 from soter.language.syntax import tree
 from soter.language.syntax.parsing.declarations import NODE_ITEMS, PLANT_ITEMS
@@ -28,10 +34,8 @@ from soter.language.syntax.parsing.systems import FAULT_ITEMS, SYSTEM_ITEMS, TES
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from soter.editor.name_definitions import Definition, Shape
     from soter.language.front_end import CheckResult
     from soter.language.model.typed import TopicSymbol, TypedExpr, TypedProgram
-    from soter.language.model.types import Type, Value
 
 
 LINES_MAX = 12
@@ -45,8 +49,7 @@ def described(d: Definition, checked: CheckResult | None) -> str:
     """Markdown about a definition; `checked` is the last good check of the program."""
     parts = [f"```soter\n{head(d)}\n```"]
     parts += facts(d, checked)
-    comment = comment_above(d)
-    if comment:
+    if comment := comment_above(d):
         parts.append(comment)
     return "\n\n".join(parts)
 
@@ -55,7 +58,7 @@ def head(d: Definition) -> str:
     """The declaration as it is written, without its body."""
     node = d.node
     if isinstance(node, (tree.NodeDecl, tree.PlantDecl, tree.RtaDecl)):
-        return _outside_of(node.span.text, _inner(node))
+        return _shown_lines(node.span.text, _shown_words(node))
     if isinstance(node, (tree.SystemDecl, tree.TestDecl)):
         return _first(node.span.text, "{").rstrip() + " { ... }"
     if isinstance(node, tree.FunDecl) and d.kind == "function":
@@ -79,7 +82,7 @@ def head(d: Definition) -> str:
 DECLARED = {"type", "constant", "parameter", "topic", "import"}
 
 
-def _inner(node: tree.NodeDecl | tree.PlantDecl | tree.RtaDecl) -> tuple[str, ...]:
+def _shown_words(node: tree.NodeDecl | tree.PlantDecl | tree.RtaDecl) -> tuple[str, ...]:
     """The words that begin the lines of a body which are shown."""
     if isinstance(node, tree.NodeDecl):
         return ("subscribes", "publishes", "takes", "wcet")
@@ -88,7 +91,7 @@ def _inner(node: tree.NodeDecl | tree.PlantDecl | tree.RtaDecl) -> tuple[str, ..
     return ("ac", "sc", "period", "safe", "safer", "ttf", "rest")
 
 
-def _outside_of(text: str, words: tuple[str, ...]) -> str:
+def _shown_lines(text: str, words: tuple[str, ...]) -> str:
     """The head of a body, and the lines in it that begin with one of the words."""
     lines = [line.rstrip() for line in text.splitlines()]
     kept = [line for line in lines[1:] if line.split(" ", 1)[0:1] and _word(line) in words]
@@ -130,9 +133,7 @@ def facts(d: Definition, checked: CheckResult | None) -> list[str]:
     if program is None or checked is None or checked.loaded is None:
         return []
     prefix = next((f.prefix for f in checked.loaded.files if f.path == path_of_span(d.span)), None)
-    if prefix is None:
-        return []
-    return list(_facts(d.kind, prefix + d.name, program))
+    return [] if prefix is None else list(_facts(d.kind, prefix + d.name, program))
 
 
 def _facts(kind: str, name: str, program: TypedProgram) -> Iterable[str]:

@@ -20,13 +20,11 @@ from soter.editor.name_definitions import (
     UndeclaredRecord,
 )
 from soter.language.check.scope import KINDS
-from soter.language.load.loader import LoadedFile
+from soter.language.load.loader import LoadedFile, LoadedProgram
 from soter.language.syntax import tree
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-
-    from soter.language.load.loader import LoadedProgram
 
 
 Instances = dict[str, "tuple[Definition, Definition | None]"]
@@ -48,8 +46,7 @@ class Members:
         if shape is not None and name == "]":
             return None
         source = self._walker.index.files[0].source
-        nowhere = tree.Name(name, Span(source, 0, 0))
-        return self._walker.member(shape, nowhere)
+        return self._walker.member(shape, tree.Name(name, Span(source, 0, 0)))
 
     def inside(self, shape: Shape | None) -> Iterator[tuple[str, str, str]]:
         """Yields name, detail and kind of every member."""
@@ -137,9 +134,8 @@ class _Resolver(Expressions):
         for decl in file.file.declarations:
             if decl.name.text in names and names[decl.name.text].kind != "import":
                 continue
-            shape = self._shape(decl, file)
             names[decl.name.text] = self.definition(
-                decl.name, KINDS[type(decl).__name__], decl, file, shape
+                decl.name, KINDS[type(decl).__name__], decl, file, self._shape(decl, file)
             )
         if file.prelude:
             self.prelude.update(names)
@@ -255,8 +251,7 @@ class _Resolver(Expressions):
     def _verify(self, block: tree.VerifyBlock | tree.View, place: NameContext) -> None:
         axes: dict[str, Definition] = {}
         for instance, parts in block.abstracts:
-            known = (place.instances or {}).get(instance.text)
-            if known is not None:
+            if (known := (place.instances or {}).get(instance.text)) is not None:
                 self.index.note(instance.span, known[0])
             for part in parts:
                 plant = self.ref(part.plant, place)
@@ -301,10 +296,7 @@ class _Resolver(Expressions):
             self.ref(inner, place)
             self.path(outer, place)
         for setting in item.sets:
-            self._setting(setting, place, self._what(item, place))
-
-    def _what(self, item: tree.Instance, place: NameContext) -> Definition | None:
-        return self.find(item.what, place)
+            self._setting(setting, place, self.find(item.what, place))
 
     def _setting(
         self, item: tree.SetParam, place: NameContext, home: Definition | None = None
@@ -380,21 +372,19 @@ class _Resolver(Expressions):
 
     def instances_of(self, decl: tree.SystemDecl, file: LoadedFile) -> Instances:
         """The instances of a system by name. One that is named like what it is has no own name."""
-        known = self.index.instances.get(id(decl))
-        if known is not None:
+        if (known := self.index.instances.get(id(decl))) is not None:
             return known
         instances: Instances = {}
         self.index.instances[id(decl)] = instances
         place = NameContext(file)
         outer, self.owner = self.owner, self.index.declared_in(file).get(decl.name.text)
         for item in _unrolled(decl.instances):
-            what = self._what(item, place)
+            what = self.find(item.what, place)
             if item.kind is not None and what is not None:
                 instances[item.name.text] = what, what
             elif item.kind is None:
                 shape = None if what is None else Shape(what.node, what.file)  # type: ignore[arg-type]
-                first = instances.get(item.name.text)
-                if first is not None:  # another element of the same array
+                if (first := instances.get(item.name.text)) is not None:
                     self.index.note(item.name.word, first[0])
                     continue
                 own = self.definition(item.name, "instance", item, file, shape)

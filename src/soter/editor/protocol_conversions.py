@@ -16,13 +16,11 @@ from typing import TYPE_CHECKING
 from lsprotocol import types as lsp
 from pygls import uris
 
-from soter.diagnostics.diagnostic import Severity
+from soter.diagnostics.diagnostic import Diagnostic, Label, Severity, Span
 from soter.language.load.loader import PRELUDE_DIR
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
-
-    from soter.diagnostics.diagnostic import Diagnostic, Label, Span
 
 
 UNIT_BYTES = {"utf-8": 1, "utf-16": 2, "utf-32": 4}
@@ -49,8 +47,7 @@ class Lines:
         """The position of a character offset; for one beyond the text that of its end."""
         offset = min(max(offset, 0), len(self.text))
         line = bisect_right(self._starts, offset) - 1
-        before = self.text[self._starts[line] : offset]
-        return lsp.Position(line, self._units(before))
+        return lsp.Position(line, self._units(self.text[self._starts[line] : offset]))
 
     def offset(self, position: lsp.Position) -> int:
         """The character offset of a position; beyond its line it is the line's end."""

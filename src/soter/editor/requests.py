@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 from lsprotocol import types as lsp
 from pygls.exceptions import JsonRpcInvalidRequest
 
-from soter.diagnostics.diagnostic import Diagnostics, Source, Span
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Source, Span
 from soter.editor import symbols
 from soter.editor.completion import completed
 from soter.editor.hover import described, meaning
-from soter.editor.protocol_conversions import AGAIN, by_file, path_of_span, range_of
+from soter.editor.protocol_conversions import AGAIN, Lines, by_file, path_of_span, range_of
 from soter.language.model.types import show_ns
 from soter.language.syntax import tree
 from soter.language.syntax.printer import format_source
@@ -33,10 +33,8 @@ if TYPE_CHECKING:
 
     from pygls.lsp.server import LanguageServer
 
-    from soter.diagnostics.diagnostic import Diagnostic
     from soter.editor.documents import Document, Documents
     from soter.editor.name_definitions import Definition, NameIndex, Use
-    from soter.editor.protocol_conversions import Lines
     from soter.language.front_end import CheckResult
     from soter.language.load.loader import LoadedFile
 
@@ -112,7 +110,7 @@ def lenses(
         if isinstance(decl, tree.RtaDecl):
             where = lines.range(decl.span.start, decl.span.start)
             command = ["soter", "verify", path.name, "--module", name]
-            for text in _said(name, records, sha256):
+            for text in _verdict_texts(name, records, sha256):
                 yield _lens(where, text, command, path)
             yield _lens(where, "prove", command, path)
         elif isinstance(decl, tree.SystemDecl):
@@ -128,7 +126,7 @@ def _lens(where: lsp.Range, title: str, command: list[str], path: Path) -> lsp.C
     return lsp.CodeLens(where, lsp.Command(title, TERMINAL, arguments=arguments))
 
 
-def _said(name: str, records: list[dict[str, Any]], sha256: str) -> Iterator[str]:
+def _verdict_texts(name: str, records: list[dict[str, Any]], sha256: str) -> Iterator[str]:
     """Yields the verdict of the last proof in a line for each view of the module."""
     mine = [
         (r["program_sha256"] == sha256, full, said)
@@ -136,8 +134,7 @@ def _said(name: str, records: list[dict[str, Any]], sha256: str) -> Iterator[str
         for full, said in r["modules"].items()
         if full == name or full.startswith(f"{name} as ")
     ]
-    now = [(full, said) for same, full, said in mine if same]
-    if now:
+    if now := [(full, said) for same, full, said in mine if same]:
         yield from (_verdict(full.removeprefix(name), said) for full, said in now)
     elif mine:
         _, _, said = mine[0]
@@ -208,16 +205,16 @@ class _PositionRequest(Protocol):
     position: lsp.Position
 
 
-def _at(documents: Documents, params: _PositionRequest) -> _CursorPosition | None:
+def _cursor_position(documents: Documents, params: _PositionRequest) -> _CursorPosition | None:
     document = documents.get(params.text_document.uri)
     return None if document is None else _CursorPosition(documents, document, params.position)
 
 
-def _used(
+def _name_at(
     documents: Documents, params: _PositionRequest
 ) -> tuple[_CursorPosition, Use] | tuple[None, None]:
     """The name at a position, with what it means; None for neither."""
-    at = _at(documents, params)
+    at = _cursor_position(documents, params)
     use = None if at is None else at.use()
     return (None, None) if at is None or use is None else (at, use)
 
@@ -228,25 +225,23 @@ def _used(
 def _about_names(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_HOVER)
     def hover(params: lsp.HoverParams) -> lsp.Hover | None:
-        at = _at(documents, params)
+        at = _cursor_position(documents, params)
         return None if at is None else _hover(at)
 
     @server.feature(lsp.TEXT_DOCUMENT_DEFINITION)
     def definition(params: lsp.DefinitionParams) -> lsp.Location | None:
-        _, use = _used(documents, params)
+        _, use = _name_at(documents, params)
         if use is None:
             return None
         definition = use.definition
-        shape = definition.shape
-        if definition.kind == "import" and use.declares and shape is not None:
-            source = getattr(shape.of, "source", None)
-            if source is not None:
-                return documents.location(Span(source, 0, 0))
+        source = getattr(definition.shape and definition.shape.of, "source", None)
+        if definition.kind == "import" and use.declares and source is not None:
+            return documents.location(Span(source, 0, 0))
         return documents.location(definition.span)
 
     @server.feature(lsp.TEXT_DOCUMENT_REFERENCES)
     def references(params: lsp.ReferenceParams) -> list[lsp.Location] | None:
-        at, use = _used(documents, params)
+        at, use = _name_at(documents, params)
         if at is None or use is None:
             return None
         indices = [index for _, index in _programs(at, use.definition)]
@@ -256,7 +251,7 @@ def _about_names(server: LanguageServer, documents: Documents) -> None:
 
     @server.feature(lsp.TEXT_DOCUMENT_DOCUMENT_HIGHLIGHT)
     def highlight(params: lsp.DocumentHighlightParams) -> list[lsp.DocumentHighlight] | None:
-        at, use = _used(documents, params)
+        at, use = _name_at(documents, params)
         if at is None or use is None:
             return None
         uses = at.index.uses_of(use.definition.key)
@@ -267,7 +262,7 @@ def _about_names(server: LanguageServer, documents: Documents) -> None:
 def _about_renaming(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_PREPARE_RENAME)
     def prepare_rename(params: lsp.PrepareRenameParams) -> lsp.PrepareRenamePlaceholder | None:
-        at, use = _used(documents, params)
+        at, use = _name_at(documents, params)
         if at is None or use is None:
             return None
         try:
@@ -279,7 +274,7 @@ def _about_renaming(server: LanguageServer, documents: Documents) -> None:
 
     @server.feature(lsp.TEXT_DOCUMENT_RENAME, lsp.RenameOptions(prepare_provider=True))
     def rename(params: lsp.RenameParams) -> lsp.WorkspaceEdit | None:
-        at, use = _used(documents, params)
+        at, use = _name_at(documents, params)
         if at is None or use is None:
             return None
         programs = [path for path, _ in _programs(at, use.definition)]
@@ -291,8 +286,7 @@ def _about_renaming(server: LanguageServer, documents: Documents) -> None:
 
 
 def _hover(at: _CursorPosition) -> lsp.Hover | None:
-    use = at.use()
-    if use is not None:
+    if (use := at.use()) is not None:
         text = described(use.definition, at.document.good)
         where = at.lines.range(use.span.start, use.span.end)
     else:
@@ -320,7 +314,7 @@ LOCAL = {"argument", "variable", "let", "loop variable", "disturbance", "clause"
 def _about_text(server: LanguageServer, documents: Documents) -> None:
     @server.feature(lsp.TEXT_DOCUMENT_COMPLETION, lsp.CompletionOptions(trigger_characters=["."]))
     def completion(params: lsp.CompletionParams) -> list[lsp.CompletionItem] | None:
-        at = _at(documents, params)
+        at = _cursor_position(documents, params)
         if at is None:
             return None
         good = at.document.good_index
@@ -357,8 +351,7 @@ def _about_lenses(server: LanguageServer, documents: Documents, verdicts: Verdic
             return None
         documents.settle(document)
         main = documents.loaded(document).main
-        lines = documents.lines(main.source)
-        return list(lenses(main, lines, document.checked, verdicts))
+        return list(lenses(main, documents.lines(main.source), document.checked, verdicts))
 
 
 # ---------------------------------------------------------------- the workspace

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 from lsprotocol import types as lsp
 
-from soter.diagnostics.diagnostic import Diagnostics, Edit, Fix, applied
+from soter.diagnostics.diagnostic import Diagnostics, Edit, Fix, Source, Span, applied
 from soter.editor.name_resolution import index_of
-from soter.editor.protocol_conversions import path_of_span
+from soter.editor.protocol_conversions import Lines, path_of_span
 from soter.language.check.scope import KINDS
 from soter.language.front_end import check_file
-from soter.language.load.loader import PRELUDE_DIR, SourceAccess, load
+from soter.language.load.loader import PRELUDE_DIR, LoadedFile, SourceAccess, load
 from soter.language.syntax import tree
 from soter.language.syntax.tokens import RESERVED
 
@@ -26,10 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
-    from soter.diagnostics.diagnostic import Source, Span
     from soter.editor.name_definitions import Definition, NameIndex, Use
-    from soter.editor.protocol_conversions import Lines
-    from soter.language.load.loader import LoadedFile
     from soter.language.model.types import Type, Value
 
 
@@ -55,7 +52,7 @@ def outline(file: LoadedFile, lines: Lines) -> list[lsp.DocumentSymbol]:
     symbols = []
     for decl in file.file.declarations:
         kind = KINDS[type(decl).__name__]
-        inside = tuple(_symbol(n, s, k, t, lines, ()) for n, s, k, t in _inside(decl))
+        inside = tuple(_symbol(n, s, k, t, lines, ()) for n, s, k, t in _members(decl))
         symbols.append(_symbol(decl.name, decl.span, ICONS[kind], kind, lines, inside))
     return [*imports, *symbols]
 
@@ -75,10 +72,10 @@ def _symbol(
     )
 
 
-def _inside(decl: tree.Decl) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
+def _members(decl: tree.Decl) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
     """Name, place, kind and detail of what a declaration has inside."""
     if isinstance(decl, tree.TypeDecl):
-        yield from _parts(decl.type)
+        yield from _type_members(decl.type)
     elif isinstance(decl, tree.NodeDecl):
         for local in decl.locals:
             yield local.name, local.span, KIND.Variable, _line(local.type.span)
@@ -96,7 +93,7 @@ def _inside(decl: tree.Decl) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, 
         yield from _instances(decl.instances)
 
 
-def _parts(of: tree.TypeExpr) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
+def _type_members(of: tree.TypeExpr) -> Iterator[tuple[tree.Name, Span, lsp.SymbolKind, str]]:
     """The fields of a record, the members of an enum."""
     if isinstance(of, tree.RecordTypeExpr):
         for name, type_ in of.fields:
@@ -195,8 +192,7 @@ def rename(
 
 def _program(path: Path, reading: SourceAccess) -> _Program:
     """The names of a program, and the messages of the checker."""
-    diagnostics = Diagnostics()
-    loaded = load(str(path), diagnostics, None, reading)
+    loaded = load(str(path), Diagnostics(), None, reading)
     if loaded is None:
         raise RefusedError(f"cannot read `{path}`")
     said = check_file(str(path), reading=reading).diagnostics.items

@@ -66,16 +66,15 @@ def mapping_of(
     given: Mapping[str, Any],
     system: System,
     where: Mapping[str, str] | None = None,
-    folder: Path | None = None,
     file: Path | None = None,
 ) -> LogMap:
     """The mapping, checked against a system; `where` adds to its own.
 
-    `folder`: where the mapping lies, from which it names the files of its `messages`; `file`: what
-    it was read from, by default none. SoterError
-    D015; D007 where it names types of ROS messages and the package that knows them is missing.
+    `file`: what it was read from, beside which it looks for the files of its `messages`; by default
+    none. SoterError D015; D007 where it names types of ROS messages and the package that knows them
+    is missing.
     """
-    reading = _MappingReader(system, folder or Path())
+    reading = _MappingReader(system, Path() if file is None else file.parent)
     log_map = reading.mapping(given)
     if reading.problems.told:
         raise wrong_mapping(reading.problems.told, file)

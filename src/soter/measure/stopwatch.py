@@ -19,7 +19,7 @@ import numpy as np
 
 from soter.codegen.unit import generate
 from soter.core.layout import encode_into, state_dtype
-from soter.language.model.system import queues_of
+from soter.language.model.system import Bound, Component, System, queues_of
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -28,6 +28,8 @@ from soter.language.model.types import (
     IntType,
     ListType,
     RecordType,
+    Type,
+    Value,
     leaves,
     write_ns,
 )
@@ -41,8 +43,6 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.core.layout import Bytes, StateLayout
-    from soter.language.model.system import Bound, Component, System
-    from soter.language.model.types import Type, Value
 
 
 WILD = 1e3
@@ -263,8 +263,7 @@ class TimedUnit:
                 "took": self._at("int64_t *", took),
             },
         )
-        faulted = self.lib.soter_stopwatch(job)
-        return took, int(faulted)
+        return took, int(self.lib.soter_stopwatch(job))
 
     def _at(self, type_: str, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cdata
         return self.ffi.cast(type_, array.ctypes.data)

@@ -17,14 +17,22 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.codes import explain as page_of
 from soter.diagnostics.codes import named, suggestions
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError, Source
+from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source, mistake
 from soter.diagnostics.render import render_all, to_json
 from soter.diagram.svg import picture
 from soter.language.evaluate.topic_ranges import limits
-from soter.language.front_end import check_file, system_of
-from soter.language.model.types import ArrayType, BoolType, FloatType, IntType, RecordType, show_ns
+from soter.language.front_end import CheckResult, check_file, system_of
+from soter.language.model.types import (
+    ArrayType,
+    BoolType,
+    FloatType,
+    IntType,
+    RecordType,
+    Type,
+    show_ns,
+)
 from soter.language.syntax.printer import format_source
-from soter.semantics.configuration import AC
+from soter.semantics.configuration import AC, Configuration
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
@@ -32,10 +40,7 @@ from soter.semantics.rules import next_instant
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.language.front_end import CheckResult
     from soter.language.model.system import System
-    from soter.language.model.types import Type
-    from soter.semantics.configuration import Configuration
 
 
 SIGNALS_MAX = 16
@@ -155,8 +160,7 @@ class PlaygroundSession:
     """
 
     def __init__(self, path: str, text: str, system: str = "", seed: int = 1) -> None:
-        checked = check_file(path, text)
-        self.system: System = system_of(checked, system or None)
+        self.system: System = system_of(check_file(path, text), system or None)
         try:
             self.interpreter = Interpreter(self.system, seed)
         except UnboundExternError as error:
@@ -173,13 +177,11 @@ class PlaygroundSession:
 
     def about(self) -> str:
         """What the page is going to draw."""
-        computed = [
-            m.name for m in self.system.modules if m.symbol.ttf is None or m.symbol.safer is None
-        ]
         notes = [
-            f"{name} leaves `ttf` or `safer` to be computed, which needs a compiler: AC never gets "
-            "control here"
-            for name in computed
+            f"{m.name} leaves `ttf` or `safer` to be computed, which needs a compiler: AC never "
+            "gets control here"
+            for m in self.system.modules
+            if m.symbol.ttf is None or m.symbol.safer is None
         ]
         return json.dumps(
             {
@@ -281,6 +283,5 @@ def start(path: str, text: str, system: str = "", seed: int = 1) -> PlaygroundSe
 
 def unanswered(error: UnboundExternError) -> SoterError:
     """The error of a program with externs, whose code is not in the page."""
-    message = f"{error}"
     note = "externs in Python and C run on your machine: `pip install`, then `soter run`"
-    return SoterError((Diagnostic("X001", message, notes=(note,)),))
+    return mistake("X001", str(error), notes=(note,))

@@ -21,14 +21,11 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.report.atomic_write import ReportError
+from soter.diagnostics.diagnostic import mistake
 from soter.report.html import write_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from soter.diagnostics.codes import Code
 
 
 ROOMS = ("diagnostics", "diagram", "language", "playground", "report", "semantics")
@@ -61,14 +58,13 @@ def page(runtime: Mapping[str, bytes], examples: Mapping[str, str], links: str =
         f'<script type="text/plain" id="packed-{name}">{_text(data)}</script>'
         for name, data in packed.items()
     )
-    names = json.dumps(sorted(examples)).replace("<", "\\u003c")
     return (
         _asset("playground.html")
         .replace("{policy}", POLICY)
         .replace("{style}", _asset("playground.css"))
         .replace("{links}", links)
         .replace("{packed}", parts)
-        .replace("{examples}", names)
+        .replace("{examples}", json.dumps(sorted(examples)).replace("<", "\\u003c"))
         .replace("{script}", _asset("playground.js"))
     )
 
@@ -97,8 +93,7 @@ def _files(root: Path) -> list[Path]:
 
 def _lock(text: bytes) -> bytes:
     """Pyodide's lock file without packages, of which the page has none."""
-    lock = json.loads(text)
-    return json.dumps({**lock, "packages": {}}).encode()
+    return json.dumps({**json.loads(text), "packages": {}}).encode()
 
 
 def _text(data: bytes) -> str:
@@ -125,7 +120,7 @@ def runtime_files(given: str | Path | None = None) -> dict[str, bytes]:
         return _folder(Path(given)) if Path(given).is_dir() else _package(Path(given))
     npm = shutil.which("npm")
     if npm is None:
-        raise _problem(
+        raise mistake(
             "D007",
             "the page needs Pyodide, which comes with npm, and there is no `npm` here",
             "install Node.js, or fetch the npm package `pyodide` elsewhere and give it: "
@@ -144,14 +139,13 @@ def runtime_files(given: str | Path | None = None) -> dict[str, bytes]:
         if done.returncode or not packages:
             lines = done.stderr.strip().splitlines() or ["npm said nothing"]
             message = f"npm could not fetch `pyodide@{VERSION}`: {lines[-1]}"
-            raise _problem("D007", message, "give the package yourself: --pyodide pyodide.tgz")
+            raise mistake("D007", message, "give the package yourself: --pyodide pyodide.tgz")
         return _package(packages[0])
 
 
 def _folder(folder: Path) -> dict[str, bytes]:
-    missing = [name for name in FILES if not (folder / name).is_file()]
-    if missing:
-        raise _problem("D006", f"`{folder}` is no Pyodide: there is no {', '.join(missing)}")
+    if missing := [name for name in FILES if not (folder / name).is_file()]:
+        raise mistake("D006", f"`{folder}` is no Pyodide: there is no {', '.join(missing)}")
     return {name: (folder / name).read_bytes() for name in FILES}
 
 
@@ -164,12 +158,8 @@ def _package(path: Path) -> dict[str, bytes]:
                 assert member is not None, name
                 content_by_name[name] = member.read()
     except (OSError, KeyError, AssertionError, tarfile.TarError) as error:
-        raise _problem("D006", f"`{path}` is no npm package of Pyodide: {error}") from error
+        raise mistake("D006", f"`{path}` is no npm package of Pyodide: {error}") from error
     return content_by_name
-
-
-def _problem(code: Code, message: str, *helps: str) -> SoterError:
-    return SoterError((Diagnostic(code, message, helps=helps),))
 
 
 FILE = "index.html"
@@ -188,12 +178,8 @@ def write_playground(
     """
     offered = examples_in(Path(examples)) if examples is not None else own_examples()
     if not offered:
-        raise SoterError((Diagnostic("D006", f"there is no `*.soter` below `{examples}`"),))
-    text = page(runtime_files(pyodide), offered, links)
-    try:
-        return write_text(text, Path(folder) / FILE)
-    except ReportError as error:
-        raise SoterError((Diagnostic("D006", str(error)),)) from error
+        raise mistake("D006", f"there is no `*.soter` below `{examples}`")
+    return write_text(page(runtime_files(pyodide), offered, links), Path(folder) / FILE)
 
 
 def examples_in(folder: Path) -> dict[str, str]:
@@ -204,7 +190,7 @@ def examples_in(folder: Path) -> dict[str, str]:
             for p in sorted(folder.rglob("*.soter"))
         }
     except (OSError, UnicodeDecodeError) as error:
-        raise SoterError((Diagnostic("D006", f"cannot read `{folder}`: {error}"),)) from error
+        raise mistake("D006", f"cannot read `{folder}`: {error}") from error
 
 
 def own_examples() -> dict[str, str]:

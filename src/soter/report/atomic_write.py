@@ -1,10 +1,9 @@
 """Writes a file so that it is either there in full or not there at all.
 
 Purpose: a full disk, a crash or an interrupt never leaves half a file, nor harms an older one. In a
-folder that Soter fills with its own names, it follows no link that leads elsewhere. The exceptions
-of reports and logs are here, too.
-Non-goals: locking; of two writers of one path the last to finish wins. The command line turns
-errors into diagnostics.
+folder that Soter fills with its own names, it follows no link that leads elsewhere.
+Non-goals: locking; of two writers of one path the last to finish wins. The diagnostics of errors:
+whoever writes a report or a log makes them.
 """
 
 from __future__ import annotations
@@ -18,22 +17,6 @@ from typing import IO, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-
-class ReportError(Exception):
-    """A report could not be written; the message names the file and the cause."""
-
-
-class ReportUnavailableError(ReportError):
-    """The optional package that draws reports is not installed; the message names the extra."""
-
-
-class LogError(Exception):
-    """A log could not be written; the file at its path, if there was one, is unchanged."""
-
-
-class LogUnavailableError(LogError):
-    """The optional package that writes logs is not installed; the message names the extra."""
 
 
 PART = ".part"

@@ -10,7 +10,7 @@ import bz2
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Iterable, Iterator
     from typing import BinaryIO
 
 CHUNK_MAX = 256 << 20
@@ -32,52 +32,46 @@ class BoundedUnpacking:
 
     def bz2(self, packed: bytes) -> bytes:
         """Unpacks a chunk of bz2."""
-        return self._counted(_unpack_all(bz2.BZ2Decompressor(), packed))
+        return self.plain(_joined(_parts(bz2.BZ2Decompressor(), packed)))
 
     def lz4(self, packed: bytes) -> bytes:
         """Unpacks a frame of lz4."""
         from lz4.frame import LZ4FrameDecompressor  # noqa: PLC0415 - comes with an extra
 
-        return self._counted(_unpack_all(LZ4FrameDecompressor(), packed))
+        return self.plain(_joined(_parts(LZ4FrameDecompressor(), packed)))
 
     def zstd(self, packed: bytes) -> bytes:
         """Unpacks frames of zstd."""
         from zstandard import ZstdDecompressor  # noqa: PLC0415 - comes with an extra
 
         with ZstdDecompressor().stream_reader(packed, read_across_frames=True) as reader:
-            return self._counted(_joined(lambda: reader.read(PART)))
+            return self.plain(_joined(iter(lambda: reader.read(PART), b"")))
 
     def plain(self, data: bytes) -> bytes:
-        """Counts a chunk that is not packed, and returns it."""
-        return self._counted(data)
-
-    def _counted(self, data: bytes) -> bytes:
+        """Counts bytes that are not packed, or not any more, and returns them."""
         self.left -= len(data)
         if self.left < 0:
             raise TooLargeError("it unpacks to more than any log has")
         return data
 
 
-def _unpack_all(unpacker: Any, packed: bytes) -> bytes:  # noqa: ANN401 - two packages, one shape
-    """The content of one packed stream; EOFError if its end is missing."""
-    parts, rest, size = [], packed, 0
+def _parts(unpacker: Any, packed: bytes) -> Iterator[bytes]:  # noqa: ANN401 - two packages, one shape
+    """Yields the content of one packed stream piece by piece; EOFError if its end is missing."""
+    rest = packed
     while not unpacker.eof:
         part = unpacker.decompress(rest, max_length=PART)
         rest = b""
         if not part and (unpacker.needs_input or unpacker.eof):
             break
-        size += len(part)
-        if size > CHUNK_MAX:
-            raise TooLargeError(f"a part of it unpacks to more than {CHUNK_MAX >> 20} MiB")
-        parts.append(part)
+        yield part
     if not unpacker.eof:
         raise EOFError("the end of a part of it is missing")
-    return b"".join(parts)
 
 
-def _joined(read: Callable[[], bytes]) -> bytes:
+def _joined(unpacked: Iterable[bytes]) -> bytes:
+    """The pieces of a chunk as one; TooLargeError as soon as they are more than `CHUNK_MAX`."""
     parts, size = [], 0
-    while part := read():
+    for part in unpacked:
         size += len(part)
         if size > CHUNK_MAX:
             raise TooLargeError(f"a part of it unpacks to more than {CHUNK_MAX >> 20} MiB")
@@ -89,10 +83,7 @@ def unpack_file(packed: BinaryIO, into: BinaryIO, size: int) -> None:
     """Unpacks a whole file of zstd into another; raises TooLargeError."""
     from zstandard import ZstdDecompressor  # noqa: PLC0415 - comes with an extra
 
-    left = max(UNPACKED_MIN, UNPACKED_RATIO * size)
+    unpacking = BoundedUnpacking(size)
     with ZstdDecompressor().stream_reader(packed, read_across_frames=True) as reader:
         while part := reader.read(PART):
-            left -= len(part)
-            if left < 0:
-                raise TooLargeError("it unpacks to more than any log has")
-            into.write(part)
+            into.write(unpacking.plain(part))

@@ -17,8 +17,8 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import reason
-from soter.report.atomic_write import ReportError, ReportUnavailableError, atomic_write, own_place
+from soter.diagnostics.diagnostic import SoterError, mistake, reason
+from soter.report.atomic_write import atomic_write, own_place
 from soter.report.run.page import body, program_section
 from soter.report.templates import packed, script_json
 from soter.version import pip_install
@@ -42,18 +42,18 @@ def write_html(
     """Writes `page` to `path` and returns it; the drawing library goes beside it or into it.
 
     The same page gives the same bytes. If `path` is no regular file, the page has the library.
-    Raises `ReportUnavailableError` if the extra `report` is not installed, and `ReportError` if the
-    file cannot be written; an older file at `path` is then unchanged.
+    `SoterError` D006 if the extra `report` is not installed or the file cannot be written; an older
+    file at `path` is then unchanged.
     """
     library, target = _drawing_library(), Path(path)
     if self_contained or (target.exists() and not target.is_file()):
         return write_text(html_document(page, library), path)
-    name = script_name(library)
+    name = f"soter-plotly-{hashlib.sha256(library.encode()).hexdigest()[:12]}.js"
     written = write_text(html_document(page, beside=name), path)
     try:
         script = own_place(target.resolve().parent, name)
     except OSError as error:
-        raise ReportError(f"cannot write the report {target}: {reason(error)}") from error
+        raise _cannot_write(target, error) from error
     if not script.is_file() or script.stat().st_size != len(library.encode()):
         write_text(library, script)
     return written
@@ -67,16 +67,11 @@ def write_replay(title: str, note: str, picture: Picture, path: str | os.PathLik
     return write_text(_document(title, main, script), path)
 
 
-def script_name(library: str) -> str:
-    """The file name of a drawing library beside reports, which has its hash."""
-    return f"soter-plotly-{hashlib.sha256(library.encode()).hexdigest()[:12]}.js"
-
-
 def inline_document(page: ReportPage) -> str:
     """Returns a page as one small text, with the drawing library compressed in it.
 
-    The page unpacks it, which browsers since 2023 can. Raises `ReportUnavailableError` if the
-    extra `report` is not installed.
+    The page unpacks it, which browsers since 2023 can. `SoterError` D006 if the extra `report` is
+    not installed.
     """
     library = gzip.compress(_drawing_library().encode(), mtime=0)
     text = html_document(page)
@@ -91,7 +86,7 @@ def inline_document(page: ReportPage) -> str:
 
 
 def write_document(title: str, main: str, path: str | os.PathLike[str]) -> Path:
-    """Writes a page without the drawing library; `ReportError` as for `write_html`."""
+    """Writes a page without the drawing library; `SoterError` D006 if it cannot be written."""
     return write_text(document(title, main), path)
 
 
@@ -104,15 +99,19 @@ def document(title: str, main: str, asset: str = "") -> str:
 
 
 def write_text(text: str, path: str | os.PathLike[str]) -> Path:
-    """Writes a finished page to `path` and returns it; `ReportError` as for `write_html`."""
+    """Writes a finished page to `path` and returns it; `SoterError` D006 if that fails."""
     target = Path(path)
     content = text.encode()
     try:
         with atomic_write(target) as stream:
             stream.write(content)
     except OSError as error:
-        raise ReportError(f"cannot write the report {target}: {reason(error)}") from error
+        raise _cannot_write(target, error) from error
     return target
+
+
+def _cannot_write(target: Path, error: OSError) -> SoterError:
+    return mistake("D006", f"cannot write the report {target}: {reason(error)}")
 
 
 def html_document(page: ReportPage, drawing_library: str = "", beside: str = "") -> str:
@@ -174,9 +173,8 @@ def _drawing_library() -> str:
     try:
         from plotly.offline import get_plotlyjs  # noqa: PLC0415 - an extra, and slow to import
     except ImportError as error:
-        raise ReportUnavailableError(
-            f"reports are drawn with plotly, which is not installed: {pip_install('report')}"
-        ) from error
+        what = f"reports are drawn with plotly, which is not installed: {pip_install('report')}"
+        raise mistake("D006", what) from error
     return str(get_plotlyjs())
 
 

@@ -27,8 +27,8 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
-from soter.diagnostics.diagnostic import reason
-from soter.report.atomic_write import LogError, LogUnavailableError, atomic_write
+from soter.diagnostics.diagnostic import SoterError, mistake, reason
+from soter.report.atomic_write import atomic_write
 from soter.version import pip_install
 
 if TYPE_CHECKING:
@@ -62,6 +62,10 @@ EXTENDED_NUMBER: JsonSchema = {
 }
 
 
+class LogError(SoterError):
+    """A log could not be written (D006, D007); a file that stood at its path is unchanged."""
+
+
 def enum_schema(names: Iterable[str]) -> JsonSchema:
     """Return the schema of a value that is one of these names."""
     return {"type": "string", "enum": list(names)}
@@ -78,10 +82,9 @@ def object_schema(fields: Mapping[str, JsonSchema], title: str = "") -> JsonSche
 
     A message is always an object: a topic of a plain float is logged as `{"value": 1.5}`.
     """
-    named = {"title": title} if title else {}
     return {
         "type": "object",
-        **named,
+        **({"title": title} if title else {}),
         "properties": dict(fields),
         "required": list(fields),
         "additionalProperties": False,
@@ -199,10 +202,10 @@ def write_mcap(
     """Write a log to `path` and return it; the same input gives the same bytes.
 
     Messages are merged by time; at equal times they keep the order: modes, decisions, then
-    `channels` as given. Raises `LogUnavailableError` where the extra `logs` is not installed
-    and `LogError` where the file cannot be written; a log that stood at `path` before is then
-    untouched. Raises `ValueError` for a channel name used twice, a schema that is not an
-    object's, and times that are negative or run backwards: mistakes of the caller.
+    `channels` as given. Raises `LogError` where the extra `logs` is not installed or the file
+    cannot be written; a log that stood at `path` before is then untouched. Raises `ValueError` for
+    a channel name used twice, a schema that is not an object's, and times that are negative or run
+    backwards: mistakes of the caller.
     """
     everything = [
         LogChannel(MODES_TOPIC, MODES_SCHEMA, map(mode_message, modes)),
@@ -249,7 +252,7 @@ class McapLog:
                 self._file.__exit__(type(error), error, error.__traceback__)
             if isinstance(error, OSError):
                 told = f"cannot write the log {self.path}: {reason(error)}"
-                raise LogError(told) from error
+                raise LogError(mistake("D006", told)) from error
             raise
 
     def add(self, channels: Iterable[LogChannel]) -> None:
@@ -300,9 +303,8 @@ def _open_writer(
     try:
         from mcap.writer import CompressionType, Writer  # noqa: PLC0415 - an extra
     except ImportError as error:
-        raise LogUnavailableError(
-            f"logs are written with mcap, which is not installed: {pip_install('logs')}"
-        ) from error
+        told = f"logs are written with mcap, which is not installed: {pip_install('logs')}"
+        raise LogError(mistake("D007", told)) from error
     writer = Writer(
         stream,
         chunk_size=CHUNK_BYTES,

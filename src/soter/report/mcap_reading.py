@@ -242,13 +242,11 @@ class McapRecords:
         record = _read("Schema" if kind == SCHEMA else "Channel", body, at)
         known = self._schemas if kind == SCHEMA else self._channels
         before = known.setdefault(record.id, record)
-        if before == record:
-            return
-        if kind == SCHEMA:
-            told = f"schema {record.id} is `{before.name[:80]}`, and from byte {at} on another"
-            raise DamagedMcapError(f"{told}, `{record.name[:80]}`", MERGED)
-        told = f"channel {record.id} is `{before.topic[:80]}`, and from byte {at} on another"
-        raise DamagedMcapError(f"{told}, `{record.topic[:80]}`", MERGED)
+        if before != record:
+            what, name = ("schema", "name") if kind == SCHEMA else ("channel", "topic")
+            was, now = (getattr(r, name)[:80] for r in (before, record))
+            told = f"{what} {record.id} is `{was}`, and from byte {at} on another, `{now}`"
+            raise DamagedMcapError(told, MERGED)
 
     def _message_index(self, body: bytes, at: int) -> None:
         record = _read("MessageIndex", body, at)
@@ -318,8 +316,7 @@ class McapRecords:
         if footer.summary_start not in (0, summary_at):
             raise DamagedMcapError("its summary does not stand where its end says")
         if footer.summary_crc:
-            end = at + RECORD.size + len(body) - 4
-            crc = crc_between(self.file, summary_at, end)
+            crc = crc_between(self.file, summary_at, at + RECORD.size + len(body) - 4)
             _same_crc(footer.summary_crc, crc, "its summary")
 
 
@@ -356,9 +353,7 @@ def _same_crc(said: int, counted: int, what: str) -> None:
 
 
 def _size(file: BinaryIO) -> int:
-    if isinstance(file, BytesIO):
-        return len(file.getbuffer())
-    return os.fstat(file.fileno()).st_size
+    return len(file.getbuffer()) if isinstance(file, BytesIO) else os.fstat(file.fileno()).st_size
 
 
 def require_log_package() -> None:

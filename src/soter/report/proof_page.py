@@ -257,33 +257,25 @@ def _number(value: float) -> str:
 
 def _axis_x(x: _Scale, name: str, height: float) -> list[str]:
     """Draws ticks and name below the figure."""
-    base = height - BOTTOM
-    elements = [
+    base, middle = height - BOTTOM, (LEFT + WIDTH - RIGHT) / 2
+    ticks = [
         f'<text x="{x.at(t):.1f}" y="{base + 17:g}" text-anchor="middle">{_number(t)}</text>'
         f'<path class="tick" d="M{x.at(t):.1f} {base:g}v4"/>'
         for t in x.ticks()
     ]
-    middle = (LEFT + WIDTH - RIGHT) / 2
-    elements.append(
-        f'<text class="name" x="{middle:g}" y="{base + 37:g}" text-anchor="middle">'
-        f"{escape(name)}</text>"
-    )
-    return elements
+    at = f'x="{middle:g}" y="{base + 37:g}" text-anchor="middle"'
+    return [*ticks, f'<text class="name" {at}>{escape(name)}</text>']
 
 
 def _axis_y(y: _Scale, name: str, height: float) -> list[str]:
     """Draws ticks and name on the left of the figure."""
-    elements = [
+    ticks = [
         f'<text x="{LEFT - 8:g}" y="{y.at(t) + 4:.1f}" text-anchor="end">{_number(t)}</text>'
         f'<path class="tick" d="M{LEFT:g} {y.at(t):.1f}h-4"/>'
         for t in y.ticks()
     ]
-    middle = (TOP + height - BOTTOM) / 2
-    elements.append(
-        f'<text class="name" transform="translate(14 {middle:g}) rotate(-90)" '
-        f'text-anchor="middle">{escape(name)}</text>'
-    )
-    return elements
+    at = f'transform="translate(14 {(TOP + height - BOTTOM) / 2:g}) rotate(-90)"'
+    return [*ticks, f'<text class="name" {at} text-anchor="middle">{escape(name)}</text>']
 
 
 def _trajectory(run: Trajectory, x: _Scale, y: _Scale) -> str:
@@ -325,7 +317,7 @@ REGIONS = (
 
 
 def write_proof(page: ProofPage, path: str | os.PathLike[str]) -> Path:
-    """Write the page to `path`; it needs no script and no network. Raises `ReportError`."""
+    """Write the page to `path`; it needs no script and no network. `SoterError` D006."""
     return write_text(proof_document(page), path)
 
 
@@ -363,8 +355,7 @@ def _undrawn(figures: tuple[RegionFigure, ...]) -> list[tuple[str, str, str]]:
     """For each region and note, the axes along which it reaches from end to end."""
     axes: dict[tuple[int, str], list[str]] = {}
     for f in figures:
-        region = _single_region(f)
-        if region is not None:
+        if (region := _single_region(f)) is not None:
             unit = f" {f.x_unit}" if f.x_unit else ""
             ends = f"{f.x_edges[0]:.4g}, {f.x_edges[-1]:.4g}".replace("-", "\N{MINUS SIGN}")
             axes.setdefault((region, f.note), []).append(f"{f.x_name} in [{ends}]{unit}")

@@ -20,15 +20,20 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from soter.report.html import asset_text, write_document
-from soter.report.safety_case import MEANINGS, SUPPORTED
+from soter.report.safety_case import (
+    MEANINGS,
+    SUPPORTED,
+    CaseNode,
+    SafetyCase,
+    TracedItem,
+    TracedProperty,
+)
 from soter.report.templates import filled
 
 if TYPE_CHECKING:
     import os
     from collections.abc import Iterator, Sequence
     from pathlib import Path
-
-    from soter.report.safety_case import CaseNode, SafetyCase, TracedItem, TracedProperty
 
 
 COLUMN, BOX, GAP, LINE, MARGIN = 138, 126, 44, 15, 8
@@ -69,8 +74,7 @@ class _Spot:
     @property
     def lines(self) -> list[str]:
         """The lines of its text, cut to the room that there is."""
-        plain = self.node.text.replace("`", "")
-        lines = textwrap.wrap(plain, LETTERS) or [""]
+        lines = textwrap.wrap(self.node.text.replace("`", ""), LETTERS) or [""]
         if len(lines) > LINES_MAX:
             lines = [*lines[: LINES_MAX - 1], f"{lines[LINES_MAX - 1][: LETTERS - 1]}…"]
         return lines
@@ -346,7 +350,7 @@ HOW = {
 
 
 def write_case(case: SafetyCase, path: str | os.PathLike[str]) -> Path:
-    """Writes the page; raises `ReportError` if it cannot be written."""
+    """Writes the page; `SoterError` D006 if it cannot be written."""
     return write_document(case.title, body(case), path)
 
 
@@ -409,8 +413,7 @@ def _traced(case: SafetyCase) -> list[tuple[str, list[tuple[TracedItem, list[Tra
     properties = {p.name: p for p in case.traceability.properties}
     sections = []
     for kind in ("hazard", "requirement"):
-        items = [i for i in case.traceability.items if i.kind == kind]
-        if items:
+        if items := [i for i in case.traceability.items if i.kind == kind]:
             rows = [(i, [properties[name] for name in i.properties]) for i in items]
             sections.append((KINDS[kind], rows))
     return sections

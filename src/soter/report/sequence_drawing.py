@@ -16,6 +16,10 @@ from typing import TYPE_CHECKING
 from soter.report.sequence_view import (
     ARROW,
     KINDS,
+    Lane,
+    Mode,
+    SequenceStep,
+    SequenceView,
     clipped,
     does,
     duration_text,
@@ -29,8 +33,6 @@ from soter.report.wording import visible
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-
-    from soter.report.sequence_view import Lane, Mode, SequenceStep, SequenceView
 
 
 GUTTER_PX = 138
@@ -215,8 +217,7 @@ def _band(p: DrawingPlan, lane: Lane, mode: Mode, top: float, end: float) -> str
 
 def _lifelines(p: DrawingPlan) -> Iterator[str]:
     for lane in p.view.lanes:
-        x = p.centres[lane.name]
-        yield f'<path class="life" d="M{x:g} 0V{p.height:g}"/>'
+        yield f'<path class="life" d="M{p.centres[lane.name]:g} 0V{p.height:g}"/>'
 
 
 def _lateness(p: DrawingPlan) -> Iterator[str]:
@@ -329,8 +330,7 @@ def _lane_step(p: DrawingPlan, row: StepRow, x: float) -> str:
         parts.append(
             f'<text class="dropped" text-anchor="middle" x="{x:g}" y="{y:g}">queue full</text>'
         )
-    late = late_text(step)
-    if late:
+    if late := late_text(step):
         # on the side without the first publication
         parts.append(_late_label(p, late, x, row.line, half, step))
     return "".join(parts) + box

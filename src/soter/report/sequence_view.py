@@ -14,13 +14,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from soter.report.tables import Styled, display_width, table
+from soter.report.tables import Styled, Tone, display_width, table
 from soter.report.wording import visible
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from soter.report.tables import Tone
 
 
 Role = Literal["plant", "dm", "ac", "sc", "node", "input"]
@@ -332,18 +330,16 @@ def _row(step: SequenceStep, cell_max: int, *, same_time: bool) -> list[Styled]:
         Styled(str(step.number), "muted"),
         Styled("" if same_time else duration_text(step.time_ns), "plain"),
         Styled(clipped(visible(step.lane), cell_max), tone),
-        Styled(clipped(", ".join([*_late(step), *does(step)]), cell_max), _tone_of_deed(step)),
+        Styled(
+            clipped(", ".join(filter(None, (late_text(step), *does(step)))), cell_max),
+            _tone_of_deed(step),
+        ),
         Styled(
             clipped(", ".join(map(published_text, step.published)), cell_max),
             "muted" if step.gated else "plain",
         ),
         Styled("✕ violated", "bad") if step.violates else Styled("", "plain"),
     ]
-
-
-def _late(step: SequenceStep) -> list[str]:
-    late = late_text(step)
-    return [late] if late else []
 
 
 def _tone_of_deed(step: SequenceStep) -> Tone:

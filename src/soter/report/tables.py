@@ -70,11 +70,11 @@ def table(
     right = [_is_numeric(column) for column in columns]
     widths = _widths(headers, columns, right, width)
     rule = _paint("  ".join("─" * width for width in widths), "muted", color=color)
-    lines = [_line(line, widths, right, color=color) for line in _row_lines(head, widths)]
-    lines.append(rule)
-    for row in cells:
-        lines += [_line(line, widths, right, color=color) for line in _row_lines(row, widths)]
-    return "\n".join(lines)
+    above, *below = (
+        [_line(line, widths, right, color=color) for line in _row_lines(row, widths)]
+        for row in (head, *cells)
+    )
+    return "\n".join([*above, rule, *(line for lines in below for line in lines)])
 
 
 def _widths(
@@ -204,8 +204,7 @@ def _styled(entry: Entry) -> Styled:
         return entry
     if isinstance(entry, bool):
         return Styled("yes" if entry else "no", "plain")
-    text = f"{entry:.4g}" if isinstance(entry, float) else str(entry)
-    return Styled(text, "plain")
+    return Styled(f"{entry:.4g}" if isinstance(entry, float) else str(entry), "plain")
 
 
 def _is_numeric(column: Sequence[str]) -> bool:

@@ -136,7 +136,5 @@ def packed(value: object) -> object:
 
 def _digits(value: float) -> int:
     """Digits behind the point of the shortest decimal that is this double."""
-    text = repr(float(value))
-    mantissa, _, exponent = text.partition("e")
-    behind = len(mantissa.partition(".")[2].rstrip("0"))
-    return max(behind - int(exponent or 0), 0)
+    mantissa, _, exponent = repr(float(value)).partition("e")
+    return max(len(mantissa.partition(".")[2].rstrip("0")) - int(exponent or 0), 0)

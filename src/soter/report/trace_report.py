@@ -22,8 +22,10 @@ from soter.report.mcap_log import (
     NUMBER,
     STRING,
     DecisionStep,
+    JsonSchema,
     LogChannel,
     LogHeader,
+    Message,
     ModeRecord,
     array_schema,
     object_schema,
@@ -39,6 +41,10 @@ from soter.report.sequence_drawing import (
     unread,
 )
 from soter.report.sequence_view import (
+    Lane,
+    Mode,
+    SequenceStep,
+    SequenceView,
     does,
     duration_text,
     explanation,
@@ -56,9 +62,6 @@ if TYPE_CHECKING:
     import os
     from collections.abc import Iterator
     from pathlib import Path
-
-    from soter.report.mcap_log import JsonSchema, Message
-    from soter.report.sequence_view import Lane, Mode, SequenceStep, SequenceView
 
 
 STEPS_TOPIC = "soter/steps"
@@ -89,8 +92,8 @@ TRUTH = {"true": True, "false": False}
 def write_log(view: SequenceView, path: str | os.PathLike[str]) -> Path:
     """Write the trace to `path` and return it; the same view gives the same bytes.
 
-    Raises as `mcap_log.write_mcap` does: `LogUnavailableError`, `LogError`, and `ValueError` for
-    times that are negative or run backwards.
+    Raises as `mcap_log.write_mcap` does: `SoterError` D006, D007, and `ValueError` for times that
+    are negative or run backwards.
     """
     header = LogHeader(
         program_sha256=view.program_sha256,
@@ -209,7 +212,7 @@ TIME = re.compile(r"(\d) (ns|us|µs|ms|s)\b")
 
 
 def write_page(view: SequenceView, path: str | os.PathLike[str]) -> Path:
-    """Write the page to `path` and return it; it needs no network. Raises `ReportError`."""
+    """Write the page to `path` and return it; it needs no network. `SoterError` D006."""
     return write_text(page(view), path)
 
 

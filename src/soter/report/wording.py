@@ -13,12 +13,11 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from soter.language.evaluate.statements import Evaluator
-from soter.language.model.types import BoolType, DurationType, EnumType, show_ns
+from soter.language.model.types import BoolType, DurationType, EnumType, Type, Value, show_ns
 from soter.language.model.values import to_json
 
 if TYPE_CHECKING:
     from soter.language.model.system import System
-    from soter.language.model.types import Type, Value
 
 
 CODE = re.compile(r"`([^`]+)`")

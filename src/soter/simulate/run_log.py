@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.core.layout import NEVER, decode_from
-from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -29,7 +28,7 @@ from soter.language.model.types import (
     RecordType,
 )
 from soter.language.model.values import ValueShapeError, from_json, to_json
-from soter.report.atomic_write import LogError, unfinished
+from soter.report.atomic_write import unfinished
 from soter.report.mcap_log import (
     ABNORMALLY,
     BOOLEAN,
@@ -41,6 +40,7 @@ from soter.report.mcap_log import (
     NUMBER,
     DecisionStep,
     LogChannel,
+    LogError,
     LogHeader,
     McapLog,
     ModeRecord,
@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.core.layout import StateLayout
+    from soter.diagnostics.diagnostic import SoterError
     from soter.language.model.system import Component, System, Topic
     from soter.language.model.typed import TopicSymbol
     from soter.language.model.types import Type
@@ -169,7 +170,7 @@ class RunLog:
         try:
             yield
         except LogError as error:
-            self.problem = mistake("D006", str(error))
+            self.problem = error
         except BaseException:
             self._log = None  # it is dropped
             raise

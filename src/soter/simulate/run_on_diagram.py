@@ -17,11 +17,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from soter.core.layout import group_field
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagram.svg import picture
 from soter.diagram.system_graph import live_rows, saw_key
 from soter.language.model.types import ArrayType, RecordType
-from soter.report.atomic_write import ReportError
 from soter.report.html import write_replay
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC
 from soter.report.mcap_reading import messages, metadata, require_log_package, unreadable
@@ -185,10 +183,7 @@ def write_log_page(log: str | Path, system: System, path: str | Path) -> Path:
     if said.get("program_sha256") != system.program.sha256:
         told += ". The program was changed since: what is drawn is how it stands now."
     title = f"System {system.name}"
-    try:
-        return write_replay(title, told, Picture(picture(system, live=True), live), path)
-    except ReportError as error:
-        raise SoterError((Diagnostic("D006", str(error)),)) from error
+    return write_replay(title, told, Picture(picture(system, live=True), live), path)
 
 
 @dataclass

@@ -31,7 +31,6 @@ from soter.language.model.types import (
     leaf_name,
     leaves,
 )
-from soter.report.atomic_write import ReportError
 from soter.report.html import inline_document, write_html
 from soter.report.run.live_diagram import LedLook, LedPicture
 from soter.report.run.record import (
@@ -173,11 +172,8 @@ def write_report(
     """
     run.require_trace()
     require_report_package()
-    try:
-        page = report_page(run, title, provenance)
-        return write_html(page, path, self_contained=self_contained)
-    except ReportError as error:
-        raise mistake("D006", str(error)) from error
+    page = report_page(run, title, provenance)
+    return write_html(page, path, self_contained=self_contained)
 
 
 def inline_report(run: Run, title: str, provenance: Mapping[str, str]) -> str:

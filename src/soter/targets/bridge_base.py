@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c_names import field_name
 from soter.codegen.unit import generate
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import mistake
 from soter.language.model.types import FloatType, leaves, show_ns
-from soter.mapping.topic_mapping import SignalSource
+from soter.mapping.mapping_errors import wrong_mapping
+from soter.mapping.topic_mapping import LogMap, SignalSource, SourcePromise, TopicMap
 from soter.targets.c99 import command_name
 from soter.targets.package import Package, PackageFile
 from soter.targets.posix_package import nodes_of, posix_package
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import External, System, Topic
-    from soter.mapping.topic_mapping import LogMap, SourcePromise, TopicMap
 
 
 def sources_by_topic(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMap, SourcePromise]]]:
@@ -45,7 +45,7 @@ def sources_by_topic(mapped: Sequence[TopicMap]) -> dict[int, list[tuple[TopicMa
 def broken_promises(system: System, mapped: Sequence[TopicMap]) -> Iterator[str]:
     """Yields a mistake where a source of a topic gives less than the system declares."""
     declared = {e.topic: e for e in system.externals}
-    stepped = _of_plants_in_steps(system.proved)
+    stepped = _topics_of_stepped_plants(system.proved)
     for index, sources in sources_by_topic(mapped).items():
         topic = system.topics[index]
         if topic.driver != "input" and index in declared:
@@ -57,11 +57,11 @@ def broken_promises(system: System, mapped: Sequence[TopicMap]) -> Iterator[str]
             )
         elif index in declared:
             for m, promise in sources:
-                yield from _too_old(topic, m, promise, declared[index])
-                yield from _too_rough(topic, m, promise, declared[index])
+                yield from _age_mistakes(topic, m, promise, declared[index])
+                yield from _error_mistakes(topic, m, promise, declared[index])
 
 
-def _of_plants_in_steps(proved: System | None) -> set[str]:
+def _topics_of_stepped_plants(proved: System | None) -> set[str]:
     """The topics whose reads the proof takes for the step of their instant (`next`)."""
     if proved is None:
         return set()
@@ -73,7 +73,7 @@ def _of_plants_in_steps(proved: System | None) -> set[str]:
     }
 
 
-def _too_old(topic: Topic, m: TopicMap, promise: SourcePromise, e: External) -> Iterator[str]:
+def _age_mistakes(topic: Topic, m: TopicMap, promise: SourcePromise, e: External) -> Iterator[str]:
     if e.every_ns is None:
         return  # nothing rests on its age
     allowed = e.every_ns + (e.delay_ns or 0)
@@ -88,7 +88,9 @@ def _too_old(topic: Topic, m: TopicMap, promise: SourcePromise, e: External) -> 
         )
 
 
-def _too_rough(topic: Topic, m: TopicMap, promise: SourcePromise, e: External) -> Iterator[str]:
+def _error_mistakes(
+    topic: Topic, m: TopicMap, promise: SourcePromise, e: External
+) -> Iterator[str]:
     for (path, t), most in zip(leaves(topic.type), e.errors, strict=True):
         own = promise.errors.get(path)
         if most is None or not isinstance(t, FloatType) or (own is not None and own <= most):
@@ -104,7 +106,7 @@ def promise_lines(system: System, mapped: Sequence[TopicMap]) -> list[str]:
     lines = []
     for index, sources in sources_by_topic(mapped).items():
         topic, e = system.topics[index], declared.get(index)
-        parts = [_alone(topic, m, promise) for m, promise in sources]
+        parts = [_promise_text(topic, m, promise) for m, promise in sources]
         worst = max(promise.oldest_ns for _, promise in sources)
         against = f"of {_declared_age(e)}" if e is not None and e.every_ns else "nothing declared"
         parts.append(f"at a takeover at most {show_ns(worst)} old, {against}")
@@ -112,7 +114,7 @@ def promise_lines(system: System, mapped: Sequence[TopicMap]) -> list[str]:
     return lines
 
 
-def _alone(topic: Topic, m: TopicMap, promise: SourcePromise) -> str:
+def _promise_text(topic: Topic, m: TopicMap, promise: SourcePromise) -> str:
     """The greatest age and the errors that a source promises for itself, in words."""
     errors = [
         f"{'.'.join((topic.name, *path)) if path else ''} within {error!r}".strip()
@@ -143,28 +145,27 @@ def bridged_topics(
             named = f"`{m.topic.name}`"
             problems.append(f"{named} does not meet the world: nobody declares it `external topic`")
         if name is not None and system.externals:
-            problems += _of_the_other_way(m)
+            problems += _direction_mistakes(m)
         if name is not None:
-            problems += _wrong_channel(m, middleware, name)
-        problems += _wrong_messages(m)
-    problems += _unmapped(system, mapping)
-    problems += [p for m in mapping.topics for p in _filled_twice(m)]
-    problems += [*_shared_channels(mapping), *broken_promises(system, mapping.topics)]
+            problems += _channel_mistakes(m, middleware, name)
+        problems += _message_mistakes(m)
+    problems += _unmapped_mistakes(system, mapping)
+    problems += [p for m in mapping.topics for p in _shared_field_mistakes(m)]
+    problems += [*_shared_channel_mistakes(mapping), *broken_promises(system, mapping.topics)]
     if problems:
-        raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
+        raise wrong_mapping(problems)
     return mapping.topics
 
 
 def by_topic(mapped: tuple[TopicMap, ...], middleware: str) -> dict[int, TopicMap]:
     """The mapping by topic; SoterError D015 where one has several sources."""
-    named = dict.fromkeys(m.topic.name for m in mapped if m.promise is not None)
-    if named:
+    if named := dict.fromkeys(m.topic.name for m in mapped if m.promise is not None):
         why = f"has several `sources`: the bridges of ROS read them, that of {middleware} does not"
-        raise SoterError(tuple(Diagnostic("D015", f"`{name}` {why}") for name in named))
+        raise wrong_mapping(f"`{name}` {why}" for name in named)
     return {m.topic.index: m for m in mapped}
 
 
-def _unmapped(system: System, mapping: LogMap) -> Iterator[str]:
+def _unmapped_mistakes(system: System, mapping: LogMap) -> Iterator[str]:
     """Yields a mistake for each topic that comes from the world and that the mapping leaves out."""
     given = {m.topic.index for m in mapping.topics}
     for topic in (system.topics[e.topic] for e in system.externals):
@@ -172,14 +173,14 @@ def _unmapped(system: System, mapping: LogMap) -> Iterator[str]:
             yield f"`{topic.name}` comes from the world, and the mapping does not say how"
 
 
-def _wrong_channel(m: TopicMap, middleware: str, name: re.Pattern[str]) -> Iterator[str]:
+def _channel_mistakes(m: TopicMap, middleware: str, name: re.Pattern[str]) -> Iterator[str]:
     if m.channel is None:
         yield f"`{m.topic.name}` has no `channel`: which topic of {middleware} is it?"
     elif not name.fullmatch(m.channel):
         yield f"`{m.topic.name}`: `{m.channel}` is no name of a topic of {middleware}"
 
 
-def _wrong_messages(m: TopicMap) -> Iterator[str]:
+def _message_mistakes(m: TopicMap) -> Iterator[str]:
     named = f"`{m.topic.name}`"
     if m.where:
         yield f"`where` of {named} chooses rows of a log: a bridge takes all messages"
@@ -189,7 +190,7 @@ def _wrong_messages(m: TopicMap) -> Iterator[str]:
         yield f"{named}: its `stamp` is in a list, which may be empty in a message"
 
 
-def _of_the_other_way(m: TopicMap) -> Iterator[str]:
+def _direction_mistakes(m: TopicMap) -> Iterator[str]:
     """Yields a mistake where a mapping says what ROS and DDS ignore for a topic of this way."""
     if m.topic.driver == "input":
         if m.constants:
@@ -201,7 +202,7 @@ def _of_the_other_way(m: TopicMap) -> Iterator[str]:
         yield f'`{m.topic.name}` goes out: `frame_id` is said in `set`, as "header.frame_id"'
 
 
-def _filled_twice(mapped: TopicMap) -> Iterator[str]:
+def _shared_field_mistakes(mapped: TopicMap) -> Iterator[str]:
     """Yields a mistake where two leaves go out in the same field: one of them would be lost."""
     leaf_by_field: dict[str, str] = {}
     if mapped.topic.driver == "input":
@@ -214,7 +215,7 @@ def _filled_twice(mapped: TopicMap) -> Iterator[str]:
                 yield f"`{first}` and `{name}` go out in the same field, `{leaf.name}`"
 
 
-def _shared_channels(mapping: LogMap) -> Iterator[str]:
+def _shared_channel_mistakes(mapping: LogMap) -> Iterator[str]:
     """Yields a mistake for two topics on one channel: two types, one source, or one going out."""
     by_channel: dict[str, TopicMap] = {}
     for m in mapping.topics:
@@ -222,11 +223,13 @@ def _shared_channels(mapping: LogMap) -> Iterator[str]:
             continue
         first = by_channel.setdefault(m.channel.lstrip("/"), m)  # `/a` may be what `a` is
         names = f"`{first.topic.name}` and `{m.topic.name}` share `{m.channel}`"
-        if first is not m and first.topic.index == m.topic.index:
+        if first is m:
+            continue
+        if first.topic.index == m.topic.index:
             yield f"two `sources` of `{m.topic.name}` are one topic: `{m.channel}`"
-        elif first is not m and first.message != m.message:
+        elif first.message != m.message:
             yield f"{names}, with messages of two types"
-        elif first is not m and {first.topic.driver, m.topic.driver} != {"input"}:
+        elif {first.topic.driver, m.topic.driver} != {"input"}:
             yield f"{names}, and one of them goes out: nobody else may publish it"
 
 
@@ -275,6 +278,19 @@ class BridgedSystem:
 
     # ------------------------------------------------------------ the trusted folder
 
+    def package(self, files: Sequence[PackageFile], notes: Sequence[str]) -> Package:
+        """The package of a bridge in C: the trusted part, then these files and notes."""
+        folder, name = self.trusted.folder, self.unit.prefix
+        channels = f"/dev/shm/{name}"  # noqa: S108 - where channels belong
+        return Package(
+            folder,
+            [*self.files(), *files],
+            notes=[*self.trusted.notes, *notes],
+            commands=[f"make -C {folder}", f"{folder}/build/{name}_bridge --channels {channels}"],
+            programs=self.programs,
+            trusted=TRUSTED,
+        )
+
     def files(self) -> list[PackageFile]:
         """The files of the trusted part."""
         return [in_folder(TRUSTED, f) for f in self.trusted.files]
@@ -282,14 +298,17 @@ class BridgedSystem:
     @cached_property
     def programs(self) -> dict[str, list[str]]:
         """Program of the trusted part -> its flags and sources, seen from the whole package."""
-        own = self.trusted.programs
-        return {name: [_inside(word) for word in words] for name, words in own.items()}
+        return {
+            n: [_path_from_package(word) for word in words]
+            for n, words in self.trusted.programs.items()
+        }
 
     @cached_property
     def sources(self) -> dict[str, list[str]]:
         """Program of the trusted part -> its C files alone."""
-        programs = self.programs
-        return {n: [w for w in words if not w.startswith("-")] for n, words in programs.items()}
+        return {
+            n: [w for w in words if not w.startswith("-")] for n, words in self.programs.items()
+        }
 
     @property
     def linked(self) -> list[str]:
@@ -341,7 +360,7 @@ def require_world(system: System) -> None:
     if not system.externals:
         what = f"`{system.name}` meets no world: with its plants inside there is nothing to bridge"
         help_ = "`system S deploys ... { external topic t; ... }` (docs/deploy.md)"
-        raise SoterError((Diagnostic("U001", what, helps=(help_,)),))
+        raise mistake("U001", what, help_)
 
 
 def in_folder(folder: str, file: PackageFile) -> PackageFile:
@@ -349,12 +368,7 @@ def in_folder(folder: str, file: PackageFile) -> PackageFile:
     return PackageFile(f"{folder}/{file.path}", file.text, file.yours)
 
 
-def shipped(source: Path, name: str) -> PackageFile:
-    """C or C++ of the run-time, into `src` of a package."""
-    return PackageFile(f"src/{name}", (source / name).read_text("utf-8"))
-
-
-def _inside(word: str) -> str:
+def _path_from_package(word: str) -> str:
     """A flag or source of a program of the trusted folder, seen from the package."""
     if word.startswith("-I"):
         return f"-I{TRUSTED}/{word[2:]}" if word != "-I." else f"-I{TRUSTED}"

@@ -17,24 +17,15 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen.c_names import Unique, field_name
 from soter.codegen.c_printer import print_file
-from soter.codegen.unit import generate
+from soter.codegen.unit import Unit, generate
 from soter.native.cache import included
 from soter.native.shared_library import FAULTS, RUNTIME
 from soter.targets.firmware_interface import RUNTIME_FILES, firmware_files, firmware_name
-from soter.targets.leases_and_lateness import (
-    FILES as LEASES,
-)
-from soter.targets.leases_and_lateness import (
-    lease_files,
-    leased,
-)
-from soter.targets.leases_and_lateness import (
-    notes as notes_of_leases,
-)
-from soter.targets.package import Package, PackageFile, filled_file
+from soter.targets.leases_and_lateness import FILES as LEASES
+from soter.targets.leases_and_lateness import lease_files, lease_notes, leased
+from soter.targets.package import Package, PackageFile, filled_file, shipped
 
 if TYPE_CHECKING:
-    from soter.codegen.unit import Unit
     from soter.core.core import CoreSystem
     from soter.language.model.system import Component, System
 
@@ -99,12 +90,11 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
     """The package; externs without C are bound to `externs.c` here."""
     program = ProgramInC(system, core)
     unit, main = program.unit, _main_name(program.unit)
-    package = Package(folder)
-    package.files = [
+    files = [
         *firmware_files(system, unit),
         *program.files(app_header(system, unit)),
-        PackageFile(main, (RUNTIME / "soter_main.c").read_text(encoding="utf-8")),
-        *(PackageFile(n, (RUNTIME / n).read_text(encoding="utf-8")) for n in run_time(system)),
+        PackageFile(main, (RUNTIME / "soter_main.c").read_text("utf-8")),
+        *(shipped(RUNTIME / n) for n in run_time(system)),
         *lease_files(system, unit.prefix),
         *program.stub_files(),
         *extern_files(program.linked),
@@ -113,27 +103,30 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
         "name": unit.prefix,
         "command": program.command,
         "main": main,
-        "sources": sorted(f.path for f in package.files if f.path.endswith(".c")),
+        "sources": sorted(f.path for f in files if f.path.endswith(".c")),
         "program": program,
         "system": system,
         "file": PurePath(system.program.path).name,
         "firmware": firmware_name(system, unit),
         "leased": leased(system),
     }
-    package.files += [filled_file(n, f"c/{n}", **context) for n in ("Makefile", "README.md")]
-    package.notes = [*program.notes, *notes_of_leases(system)]
-    package.entries = f"{firmware_name(system, unit)}_"
-    package.world = program.world
-    package.commands = [f"make -C {folder}", f"{folder}/{program.command}"]
+    commands = [f"make -C {folder}", f"{folder}/{program.command}"]
     if system.externals:  # nobody would publish for the command: it is for somebody's loop
-        package.commands = [f"make -C {folder} lib"]
-    return package
+        commands = [f"make -C {folder} lib"]
+    return Package(
+        folder,
+        [*files, *(filled_file(n, f"c/{n}", **context) for n in ("Makefile", "README.md"))],
+        notes=[*program.notes, *lease_notes(system)],
+        commands=commands,
+        entries=f"{firmware_name(system, unit)}_",
+        world=program.world,
+    )
 
 
 def run_time(system: System) -> tuple[str, ...]:
     """Files of the run-time that a package of the system takes along."""
-    leases = LEASES if leased(system) else ()
-    return (*KERNEL, *((FAULTS,) if system.faults else ()), *leases)
+    faults = (FAULTS,) if system.faults else ()
+    return (*KERNEL, *faults, *(LEASES if leased(system) else ()))
 
 
 def bind_stubs(system: System, left: frozenset[int] = frozenset()) -> dict[str, Component]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.diagnostics.diagnostic import SoterError, mistake, reason
 from soter.language.load.named_files import read_bytes
 from soter.native.shared_library import RUNTIME
 
@@ -103,7 +103,7 @@ def board_of(name: str, text: str) -> Board:
     twice = [f"`BOARD_{n}` is defined twice" for n in dict.fromkeys(keys) if keys.count(n) > 1]
     problems = [*_wrong_numbers(numbers), *twice, *_wrong_words(words, text)]
     if problems:
-        raise _unusable(name, *problems[:1], notes=problems[1:])
+        raise _unusable(name, problems[0], notes=problems[1:])
     board = Board(
         name=name,
         text=text,
@@ -135,8 +135,7 @@ def _wrong_numbers(numbers: dict[str, int]) -> Iterable[str]:
 def _wrong_words(words: dict[str, str], text: str) -> Iterable[str]:
     """The problems with a board's core, its machine in QEMU, and its functions, in words."""
     if words.get("CORE") not in CORES:
-        known = ", ".join(f'"{core}"' for core in CORES)
-        yield f"`BOARD_CORE` has to be one of {known}"
+        yield "`BOARD_CORE` has to be one of " + ", ".join(f'"{core}"' for core in CORES)
     if "QEMU" not in words and re.search(r"define[ \t]+BOARD_QEMU\b", text):
         yield "`BOARD_QEMU` is no word in quotes"
     if MACHINE.fullmatch(words.get("QEMU", "")) is None:
@@ -178,7 +177,7 @@ def _problems_of_the_map(board: Board) -> Iterable[str]:
 
 def _unusable(name: str, why: str, *helps: str, notes: Iterable[str] = ()) -> SoterError:
     what = f"the board `{name}` cannot be used: {why}"
-    return SoterError((Diagnostic("X017", what, notes=tuple(notes), helps=helps),))
+    return mistake("X017", what, *helps, notes=tuple(notes))
 
 
 @dataclass(frozen=True)

@@ -17,20 +17,20 @@ import shutil
 from dataclasses import dataclass
 from importlib.util import find_spec
 from math import gcd
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 from soter.codegen.c_names import field_name
-from soter.codegen.externs import request_fields, symbol_of
+from soter.codegen.externs import symbol_of
 from soter.core.layout import size_of
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.model.types import show_ns
 from soter.native.compiler import Compiler, CompilerOutput, python_module, run_compiler
 from soter.native.shared_library import RUNTIME
 from soter.report.templates import filled
 from soter.report.wording import visible
 from soter.targets import c99
-from soter.targets.cortex_m_board import SOFT, UNGUARDED
+from soter.targets.cortex_m_board import SOFT, UNGUARDED, Board, Replay
 from soter.targets.leases_and_lateness import FILES as LEASES
 from soter.targets.leases_and_lateness import (
     ages_of,
@@ -40,18 +40,15 @@ from soter.targets.leases_and_lateness import (
     leased,
     on_the_way,
 )
-from soter.targets.package import Package, PackageFile, filled_file
-from soter.targets.posix_package import refuse_apart
+from soter.targets.package import Package, PackageFile, filled_file, shipped
+from soter.targets.posix_package import nodes_of, reads_of, refuse_apart
 from soter.version import pip_install
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from soter.codegen.unit import Unit
     from soter.core.core import CoreSystem
     from soter.language.model.system import Component, Module, System
     from soter.native.stack_bound import StackBound
-    from soter.targets.cortex_m_board import Board, Replay
 
 
 APP = "soter_loop_app"
@@ -71,11 +68,6 @@ class LoopTick:
     why: str = ""
 
 
-def apart_nodes(system: System) -> list[Component]:
-    """The extern nodes: each computes apart from the trusted part, in C of somebody else."""
-    return [x for x in system.components if x.extern and x.node is not None]
-
-
 def tick_of(system: System, board: Board) -> LoopTick:
     """The longest tick of which every release is a multiple, or why there is none."""
     times = [n for x in system.components for n in (x.period_ns, x.phase_ns)]
@@ -86,13 +78,13 @@ def tick_of(system: System, board: Board) -> LoopTick:
         tick = common // n
         counts, rest = divmod(board.clock_hz * tick, SECOND)
         if tick <= TICK_MOST and rest == 0 and 1 < counts < SYSTICK_MOST:
-            return LoopTick(tick, _not_looped(system))
+            return LoopTick(tick, _why_no_loop(system))
     what = f"no tick of whole counts of {board.clock_hz:,} Hz divides {show_ns(common)}"
     return LoopTick(min(common, TICK_MOST), what)
 
 
-def _not_looped(system: System) -> str:
-    nodes = apart_nodes(system)
+def _why_no_loop(system: System) -> str:
+    nodes = nodes_of(system)
     if len(nodes) > 1:
         names = ", ".join(f"`{x.name}`" for x in nodes)
         return f"{names} are extern nodes, and there is one thread for one of them"
@@ -102,17 +94,15 @@ def _not_looped(system: System) -> str:
 
 def loop_tables(system: System, unit: Unit, tick: LoopTick, until_ns: int) -> list[PackageFile]:
     """Header and source of the tables by which the loop runs a program."""
-    nodes, modules = apart_nodes(system), leased(system)
+    nodes, modules = nodes_of(system), leased(system)
     names = lease_names(system, unit.prefix)
-    topic = max((size_of(t.type) for t in system.topics), default=8)
-    budgets = [len(lease_times(system, m).budgets) for m in modules]
     context = {
         "prefix": unit.prefix,
         "system": system,
         "tick": tick,
         "until_ns": until_ns,
-        "budgets": max([1, *budgets]),
-        "topic_words": (topic + 7) // 8,
+        "budgets": max([1, *(len(lease_times(system, m).budgets) for m in modules)]),
+        "topic_words": (max((size_of(t.type) for t in system.topics), default=8) + 7) // 8,
         "patience": max(2, PATIENCE_NS // tick.ns),
         "nodes": [_node(system, unit, x) for x in nodes],
         "modules": [_module(system, unit, m, names[m.index]) for m in modules],
@@ -122,13 +112,13 @@ def loop_tables(system: System, unit: Unit, tick: LoopTick, until_ns: int) -> li
 
 def _node(system: System, unit: Unit, x: Component) -> dict[str, object]:
     """The template's values for an extern node: the topics that it reads, and its function."""
-    assert x.node is not None
     assert x.binding is not None
-    fields = [field_name(name) for name, _ in request_fields(system, x)]
-    members = [unit.topics[x.scope.topics[s.topic]][1] for s in x.node.subscribes]
-    reads = [*zip(fields, members, strict=True)]
-    symbol = symbol_of(x.binding)
-    return {"of": x, "c_name": unit.names[x.index], "symbol": symbol, "reads": reads}
+    return {
+        "of": x,
+        "c_name": unit.names[x.index],
+        "symbol": symbol_of(x.binding),
+        "reads": reads_of(system, unit, x),
+    }
 
 
 def _module(system: System, unit: Unit, module: Module, c_name: str) -> dict[str, object]:
@@ -182,17 +172,16 @@ def cortex_m_package(
 ) -> Package:
     """The package for a board; externs without C are bound to `externs.c`."""
     refuse_apart(system)
-    package = Package(folder)
-    apart = apart_nodes(system)
+    apart = nodes_of(system)
     program = c99.ProgramInC(system, core, frozenset(x.index for x in apart))
     unit, name = program.unit, program.command
     tick = tick_of(system, board)
     trusted = [
         *program.files(c99.app_header(system, unit)),
-        *(_own(RUNTIME / n) for n in dict.fromkeys((*c99.run_time(system), *LEASES))),
+        *(shipped(RUNTIME / n) for n in dict.fromkeys((*c99.run_time(system), *LEASES))),
         *lease_files(system, unit.prefix),
         *loop_tables(system, unit, tick, replay.until_ns),
-        *(_own(FOLDER / n) for n in OWN),
+        *(shipped(FOLDER / n) for n in OWN),
         PackageFile("board.c", board.text),
         PackageFile(SCRIPT, linker_script(board, board.ac_bytes if apart else NOTHING_APART)),
         *([PackageFile(RECORDING, replay.recording)] if replay.recording else ()),
@@ -200,7 +189,6 @@ def cortex_m_package(
     ]
     stubs = program.stub_files()
     extern = c99.extern_files([s for s in dict.fromkeys(map(_source, apart)) if s != c99.STUBS])
-    package.files = [*trusted, *stubs, *extern]
     sources = _c_files([*trusted, *stubs])
     untrusted = [path for path in _c_files(extern) if path not in sources]
     untrusted += [c99.STUBS] if program.stubs else []
@@ -220,13 +208,16 @@ def cortex_m_package(
         "icount": ICOUNT,
         "loop_icount": LOOP_ICOUNT,
     }
-    package.files += [filled_file(n, f"cortex_m/{n}", **context) for n in ("Makefile", "README.md")]
-    package.notes = [*program.notes, *_notes(system, board, tick)]
-    package.entries = "soter_instant"
-    package.world = program.world
-    package.image = f"{name}.elf"
-    package.commands = [f"make -C {folder} {'run' if board.qemu else f'{name}_loop.elf'}"]
-    return package
+    made = (filled_file(n, f"cortex_m/{n}", **context) for n in ("Makefile", "README.md"))
+    return Package(
+        folder,
+        [*trusted, *stubs, *extern, *made],
+        notes=[*program.notes, *_notes(system, board, tick)],
+        commands=[f"make -C {folder} {'run' if board.qemu else f'{name}_loop.elf'}"],
+        entries="soter_instant",
+        image=f"{name}.elf",
+        world=program.world,
+    )
 
 
 def _source(x: Component) -> str:
@@ -246,7 +237,7 @@ def _notes(system: System, board: Board, tick: LoopTick) -> list[str]:
         f"{name} has no fail-safe law: nobody gives leases, and the board is told nothing of it"
         for name in lawless
     ]
-    apart = apart_nodes(system)
+    apart = nodes_of(system)
     if apart and board.core in UNGUARDED:
         names = ", ".join(f"`{x.name}`" for x in apart)
         notes.append(
@@ -254,10 +245,6 @@ def _notes(system: System, board: Board, tick: LoopTick) -> list[str]:
             "is trusted"
         )
     return [*notes, *([f"no image for real time: {tick.why}"] if tick.why else ())]
-
-
-def _own(path: Path) -> PackageFile:
-    return PackageFile(path.name, path.read_text(encoding="utf-8"))
 
 
 def linker_script(board: Board, ac_bytes: int) -> str:
@@ -355,8 +342,6 @@ def missing_tools(board: Board) -> str:
 
 def compiler_version() -> str:
     """The first line of what the compiler says of its version."""
-    from pathlib import Path  # noqa: PLC0415 - of this function alone
-
     said = run_compiler([CC, "--version"], Path.cwd(), TIMEOUT_S)
     return visible((said.text.splitlines() or [""])[0])
 
@@ -375,30 +360,28 @@ def require_stack(bound: StackBound, board: Board) -> None:
         return
     over = bound.bytes - board.stack_bytes
     what = f"the program does not fit onto `{board.name}`: {over:,} bytes too many for its stack"
-    note = f"{bound.bytes:,} bytes: {' > '.join(bound.way)}"
-    raise SoterError((Diagnostic("X015", what, notes=(note,)),))
+    raise mistake("X015", what, notes=(f"{bound.bytes:,} bytes: {' > '.join(bound.way)}",))
 
 
 def build_image(package: Package, board: Board) -> Image:
     """Make the image of a written package and run it; SoterError X015, X016, X004."""
-    why = missing_tools(board)
-    if why:
+    if why := missing_tools(board):
         return Image(why=why)
     done = _make(package, package.image)
     if done.code != 0:
-        raise _not_linked(package, board, done.text)
+        raise _link_error(package, board, done.text)
     flash, ram = _sizes(package.folder / package.image, board)
     sized = {"flash": flash, "ram": ram, "compiler": compiler_version()}
     if not board.qemu or shutil.which(QEMU) is None:
         absent = "QEMU does not emulate this board" if not board.qemu else f"there is no `{QEMU}`"
         return Image(**sized, why=f"it was not run: {absent}")  # type: ignore[arg-type]
-    ran, said = _run(package)
+    ran, said = _run_in_qemu(package)
     stack, trace, test = (x.search(said) for x in (STACK, TRACE, SELF_TEST))
     counts = [
         StepCount(name, *(int(x) for x in numbers)) for name, *numbers in COUNTS.findall(said)
     ]
     if not counts or trace is None or test is None:
-        raise _refused(f"the image does not run in QEMU: {visible((said or ran).strip()[-300:])}")
+        raise _run_error(f"the image does not run in QEMU: {visible((said or ran).strip()[-300:])}")
     instant, *steps = counts
     return Image(
         **sized,  # type: ignore[arg-type]
@@ -412,17 +395,16 @@ def build_image(package: Package, board: Board) -> Image:
     )
 
 
-def _run(package: Package) -> tuple[str, str]:
+def _run_in_qemu(package: Package) -> tuple[str, str]:
     """The output of `make run`, and that of the image; SoterError X016 if it refuses to run."""
     ran = run_compiler(["make", "-s", "run"], package.folder, RUN_S)
     if ran.code is None or "it has not ended within" in ran.text:
-        raise _refused(f"the run in QEMU does not end within {LIMIT_S} s")
+        raise _run_error(f"the run in QEMU does not end within {LIMIT_S} s")
     said = (package.folder / "run.txt").read_text(encoding="utf-8", errors="replace")
-    refused = re.search(r"^not run: (.*)$", said, re.MULTILINE)
-    if refused is not None:
-        raise _refused(f"the image refuses to run: {visible(refused[1])}")
+    if (refused := re.search(r"^not run: (.*)$", said, re.MULTILINE)) is not None:
+        raise _run_error(f"the image refuses to run: {visible(refused[1])}")
     if re.search("another trace than on the host", ran.text):
-        raise _refused("the image computes another trace than this machine")
+        raise _run_error("the image computes another trace than this machine")
     return ran.text, said
 
 
@@ -433,21 +415,20 @@ def _sizes(image: Path, board: Board) -> tuple[int, int]:
     return text + data, data + bss - board.stack_bytes
 
 
-def _not_linked(package: Package, board: Board, text: str) -> SoterError:
+def _link_error(package: Package, board: Board, text: str) -> SoterError:
     over = dict(OVERFLOW.findall(text))
     if not over:
         lines = [visible(x[:300]) for x in text.splitlines() if SAID.search(x)]
         what = f"`{CC}` does not make an image of the package `{package.folder}`"
-        return SoterError((Diagnostic("X004", what, notes=tuple(lines[:8])),))
+        return mistake("X004", what, notes=tuple(lines[:8]))
     sizes = {"FLASH": ("flash", board.flash_bytes), "RAM": ("RAM", board.ram_bytes)}
     parts = [
         f"{int(by):,} bytes too many for {sizes[region][0]} of {sizes[region][1]:,}"
         for region, by in over.items()
     ]
     what = f"the program does not fit onto `{board.name}`: {', '.join(parts)}"
-    kinds = "trdw" if "FLASH" in over else "bd"
-    largest = f"largest: {', '.join(_largest(package, kinds))}"
-    return SoterError((Diagnostic("X015", what, notes=(largest,)),))
+    largest = _largest(package, "trdw" if "FLASH" in over else "bd")
+    return mistake("X015", what, notes=(f"largest: {', '.join(largest)}",))
 
 
 def _largest(package: Package, kinds: str) -> list[str]:
@@ -467,6 +448,5 @@ def _make(package: Package, *words: str) -> CompilerOutput:
     return run_compiler(["make", *words, zig], package.folder, TIMEOUT_S)
 
 
-def _refused(what: str) -> SoterError:
-    help_ = 'docs/bare-metal.md, "When the image refuses to run"'
-    return SoterError((Diagnostic("X016", what, helps=(help_,)),))
+def _run_error(what: str) -> SoterError:
+    return mistake("X016", what, 'docs/bare-metal.md, "When the image refuses to run"')

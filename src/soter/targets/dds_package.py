@@ -14,22 +14,20 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.mapping.message_types import ARRAY, BASE, SEQUENCE, MessageTypes
+from soter.mapping.mapping_errors import wrong_mapping
+from soter.mapping.message_types import ARRAY, BASE, SEQUENCE, MessageType, MessageTypes
 from soter.native.shared_library import RUNTIME
 from soter.report.templates import filled
 from soter.targets.bridge_base import (
     COMMON,
-    TRUSTED,
     BridgedSystem,
     bridged_topics,
     by_topic,
     require_world,
-    shipped,
     unmapped_notes,
 )
 from soter.targets.message_conversion import CYCLONE, MessageConverter, text_literal, unmappable
-from soter.targets.package import Package, PackageFile, filled_file
+from soter.targets.package import Package, PackageFile, filled_file, shipped
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -37,7 +35,6 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
-    from soter.mapping.message_types import MessageType
     from soter.mapping.topic_mapping import LogMap, TopicMap
 
 
@@ -82,11 +79,13 @@ def message_idl(messages: Iterable[MessageType]) -> str:
     """The text of an IDL file with every type that the messages are made of, parts first."""
     done: dict[str, str] = {}
     for message in messages:
-        _add(message, message.ros2, done, ())
+        _add_type(message, message.ros2, done, ())
     return "\n".join(done.values())
 
 
-def _add(message: MessageType, name: str, done: dict[str, str], inside: tuple[str, ...]) -> None:
+def _add_type(
+    message: MessageType, name: str, done: dict[str, str], inside: tuple[str, ...]
+) -> None:
     if name in done:
         return
     definitions = message.definitions[ROS]
@@ -101,7 +100,7 @@ def _add(message: MessageType, name: str, done: dict[str, str], inside: tuple[st
     for _, kind in members:
         inner = kind[1][0] if kind[0] in (ARRAY, SEQUENCE) else kind
         if inner[0] != BASE:
-            _add(message, inner[1], done, (*inside, name))
+            _add_type(message, inner[1], done, (*inside, name))
     done[name] = _struct(name, [_member(name, n, kind) for n, kind in members])
 
 
@@ -145,8 +144,8 @@ def bridge_text(bridged: BridgedSystem, name: str, mapped: dict[int, TopicMap]) 
     by_way: dict[bool, list[dict[str, object]]] = {True: [], False: []}
     for index, m in mapped.items():
         inward = bridged.is_inward(index)
-        way = _in(m) if inward else _out(bridged, m)
-        by_way[inward].append({**_topic(bridged, m), **way})
+        way = _inward_values(m) if inward else _outward_values(bridged, m)
+        by_way[inward].append({**_topic_values(bridged, m), **way})
     return filled(
         "targets/dds/bridge.c.j2",
         name=name,
@@ -159,7 +158,7 @@ def bridge_text(bridged: BridgedSystem, name: str, mapped: dict[int, TopicMap]) 
     )
 
 
-def _topic(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
+def _topic_values(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
     """The template's values for a topic, whichever way it goes."""
     index, message, said = mapped.topic.index, _message(mapped), mapped.qos
     inward = bridged.is_inward(index)
@@ -174,13 +173,13 @@ def _topic(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
         "on_wire": text_literal(f"rt{mapped.channel}"),
         "type": dds_type(message),
         "c_type": c_type(message),
-        "reliable": _word(reliable),
-        "latched": _word(said.durability == "transient_local"),
+        "reliable": _bool_word(reliable),
+        "latched": _bool_word(said.durability == "transient_local"),
         "depth": depth,
     }
 
 
-def _in(mapped: TopicMap) -> dict[str, object]:
+def _inward_values(mapped: TopicMap) -> dict[str, object]:
     converter = MessageConverter(mapped, ROS, CYCLONE, "(*m)")
     frame = "true"
     if mapped.frame_id is not None:
@@ -189,25 +188,28 @@ def _in(mapped: TopicMap) -> dict[str, object]:
     return {
         "frame": frame,
         "stamp": _stamp(mapped, converter),
-        "stamped": _word(mapped.stamp is not None),
+        "stamped": _bool_word(mapped.stamp is not None),
         "delay_ns": mapped.delay_ns,
         "publisher": text_literal(mapped.publisher or ""),
         "lines": converter.inward("(*to)"),
     }
 
 
-def _out(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
+def _outward_values(bridged: BridgedSystem, mapped: TopicMap) -> dict[str, object]:
     index, converter = mapped.topic.index, MessageConverter(mapped, ROS, CYCLONE, "(*m)")
     lines = converter.outward("(*from)")
     if _message(mapped).has_header:
         sec, nanosec = (converter.path(f"header.stamp.{p}") for p in ("sec", "nanosec"))
         lines.append(f"{sec} = (int32_t)(stamp / 1000000000);")
         lines.append(f"{nanosec} = (uint32_t)(stamp % 1000000000);")
-    law, silent_ns = bridged.law_statements(index), bridged.silent_ns(index)
-    return {"lines": lines, "law": law, "silent_ns": silent_ns}
+    return {
+        "lines": lines,
+        "law": bridged.law_statements(index),
+        "silent_ns": bridged.silent_ns(index),
+    }
 
 
-def _word(holds: bool) -> str:
+def _bool_word(holds: bool) -> str:
     return "true" if holds else "false"
 
 
@@ -224,9 +226,7 @@ def _stamp(mapped: TopicMap, converter: MessageConverter) -> str:
     if stamp.kind == "time":
         parts = (converter.path(f"{stamp.path}.{p}") for p in ("sec", "nanosec"))
         return f"soter_dds_stamp({', '.join(parts)})"
-    unit = stamp.unit_ns
-    what = converter.path(stamp.path)
-    return f"soter_ns_of_number((long double){what}, {unit.numerator}, {unit.denominator})"
+    return converter.stamp_number(stamp)
 
 
 SOURCES = (
@@ -250,33 +250,23 @@ def dds_package(system: System, core: CoreSystem, folder: Path, mapping: LogMap)
     """The package; SoterError D015 where the mapping does not fit, U001 with plants inside."""
     require_world(system)
     mapped = by_topic(bridged_topics(system, mapping, "ROS 2, such as `/odom`", TOPIC), "DDS")
-    _refuse(system, mapped)
+    _require_bridgeable(system, mapped)
     bridged = BridgedSystem(system, core, folder)
     name = bridged.unit.prefix
     own = [f"src/{n}" for n in (f"{name}_bridge.c", *SOURCES)]
     context = {"name": name, "bridged": bridged, "sources": [*own, *bridged.linked]}
-    package = Package(folder)
-    package.files = bridged.files()
-    package.files += [
+    files = [
         PackageFile(f"idl/{name}_messages.idl", _idl(system, mapped)),
         PackageFile("src/soter_dds_messages.h", f'#include "{name}_messages.h"\n'),
         PackageFile(f"src/{name}_bridge.c", bridge_text(bridged, name, mapped)),
-        *(shipped(RUNTIME / "dds", n) for n in (*HEADERS, *SOURCES)),
-        *(shipped(RUNTIME / "bridge", n) for n in COMMON),
+        *(shipped(RUNTIME / "dds" / n, "src/") for n in (*HEADERS, *SOURCES)),
+        *(shipped(RUNTIME / "bridge" / n, "src/") for n in COMMON),
         *(filled_file(n, f"dds/{n}", **context) for n in ("Makefile", "CMakeLists.txt")),
     ]
-    package.trusted = TRUSTED
-    package.programs = bridged.programs
-    package.notes = [*bridged.trusted.notes, *unmapped_notes(system, mapped.values(), "in DDS")]
-    channels = f"/dev/shm/{name}"  # noqa: S108 - where channels belong
-    package.commands = [
-        f"make -C {folder}",
-        f"{folder}/build/{name}_bridge --channels {channels}",
-    ]
-    return package
+    return bridged.package(files, unmapped_notes(system, mapped.values(), "in DDS"))
 
 
-def _refuse(system: System, mapped: dict[int, TopicMap]) -> None:
+def _require_bridgeable(system: System, mapped: dict[int, TopicMap]) -> None:
     problems = []
     channels: dict[str, str] = {}
     for m in mapped.values():
@@ -306,7 +296,7 @@ def _refuse(system: System, mapped: dict[int, TopicMap]) -> None:
                 "what the others read"
             )
     if problems:
-        raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
+        raise wrong_mapping(problems)
 
 
 def _idl(system: System, mapped: dict[int, TopicMap]) -> str:

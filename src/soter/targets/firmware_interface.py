@@ -11,14 +11,15 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
 from soter.codegen.c_names import Unique, file_level_name, legal
 from soter.codegen.c_printer import print_file
 from soter.core.layout import scalar, size_of, storage_range, struct_of
 from soter.language.elaborate.wellformed import allowed_lateness
-from soter.language.model.system import environment_topics
+from soter.language.model.system import System, Topic, environment_topics
 from soter.language.model.types import (
     ArrayType,
     BoolType,
@@ -27,6 +28,7 @@ from soter.language.model.types import (
     IntType,
     ListType,
     RecordType,
+    Type,
     leaves,
 )
 from soter.targets.leases_and_lateness import AgeLimit, ages_of
@@ -36,8 +38,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.codegen.unit import Unit
-    from soter.language.model.system import System, Topic
-    from soter.language.model.types import Type
 
 
 RUNTIME_FILES = ("soter_firmware.h", "soter_firmware.c")
@@ -80,7 +80,7 @@ def topic_names(system: System) -> dict[int, str]:
     """Topic -> what it is called outside, without the file that declares it; queues are none."""
     unique = Unique()
     topics = [t for t in system.topics if t.queue_of is None and not t.held]
-    return {t.index: unique(_without_file(t)) for t in topics}
+    return {t.index: unique(_name_without_file(t)) for t in topics}
 
 
 class _Firmware:
@@ -108,7 +108,6 @@ class _Firmware:
             "Publish what sensors say, step, read what is to be done; soter_firmware.h says what",
             "comes back, docs/deploy.md how it is meant. Times: ns of your clock.",
         )
-        layout = str(self.messages["layout"])
         return print_file(
             c.CFile(
                 (
@@ -117,7 +116,7 @@ class _Firmware:
                     c.Include(f"{self.unit.prefix}.h"),
                     c.Include("soter_firmware.h"),
                     c.Section("what the messages look like"),
-                    c.Define(f"{n}_LAYOUT", f'"{layout}"'),
+                    c.Define(f"{n}_LAYOUT", f'"{self.messages["layout"]}"'),
                     *self._certificate(),
                     *self._enums(),
                     *(
@@ -136,17 +135,13 @@ class _Firmware:
                     c.Section("start, step"),
                     self._start_as(None),
                     *self._start(),
-                    *(self._function(f, None) for f in (self._step, self._next)),
+                    *(_prototype(f) for f in (self._step(), self._next())),
                     c.Section("topics from outside"),
-                    *(
-                        self._function(self._publish, t)
-                        for t in self.topics
-                        if t.index in self.open
-                    ),
+                    *(_prototype(self._publish(t)) for t in self.topics if t.index in self.open),
                     c.Section("topics: value, stamp, and whether anything was ever published"),
-                    *(self._function(self._read, t) for t in self.topics),
+                    *(_prototype(self._read(t)) for t in self.topics),
                     *((c.Section("modules"),) if self.modules else ()),
-                    *(self._mode(i, None) for i in range(len(self.modules))),
+                    *(_prototype(self._mode(i)) for i in range(len(self.modules))),
                 )
             )
         )
@@ -162,7 +157,10 @@ class _Firmware:
         late = allowed_lateness(system)
         rows = [(None, c.Number(_number(late.get(x.index, -1)))) for x in system.components]
         outside = [(None, c.Number(f"{i}U")) for i in self.open]
-        ages = [_row(a) for m in system.modules for a in ages_of(system, m)]
+        ages = [_age_row(a) for m in system.modules for a in ages_of(system, m)]
+        functions = [self._step(), self._next()]
+        functions += [self._publish(t) for t in self.topics if t.index in self.open]
+        functions += [*map(self._read, self.topics), *map(self._mode, range(len(self.modules)))]
         return print_file(
             c.CFile(
                 (
@@ -186,23 +184,15 @@ class _Firmware:
                     c.VariableDef(
                         "soter_read_age",
                         "ages",
-                        c.Initializer(tuple(ages) or ((None, _row(AgeLimit(0, 0, 0))[1]),)),
+                        c.Initializer(tuple(ages) or ((None, _age_row(AgeLimit(0, 0, 0))[1]),)),
                         array=True,
                         comment="how old what SCs read may be",
                     ),
                     self._start_as(self._starts(len(outside), len(ages))),
-                    self._step(True),
-                    self._next(True),
-                    *(self._publish(t, True) for t in self.topics if t.index in self.open),
-                    *(self._read(t, True) for t in self.topics),
-                    *(self._mode(i, True) for i in range(len(self.modules))),
+                    *(replace(f, doc="") for f in functions),
                 )
             )
         )
-
-    def _function(self, make: Any, topic: Topic | None) -> c.FunctionDef:  # noqa: ANN401
-        """A prototype."""
-        return make(topic, None) if topic is not None else make(None)  # type: ignore[no-any-return]
 
     # ------------------------------------------------------------ types
 
@@ -293,40 +283,37 @@ class _Firmware:
         name = f"{self.name}_start"
         return (c.FunctionDef("const char *", name, parameters, body, doc, inline=True),)
 
-    def _step(self, body: object) -> c.FunctionDef:
+    def _step(self) -> c.FunctionDef:
         call = c.CallExpr("soter_firmware_step", (LOOP, STATE_POINTER, c.Name("now")))
         return c.FunctionDef(
             "uint32_t",
             f"{self.name}_step",
             (self._self, ("int64_t", "now")),
-            (c.Return(call),) if body else None,
-            "" if body else "Runs every instant whose time has come; SOTER_RAN, SOTER_LATE, ...",
+            (c.Return(call),),
+            "Runs every instant whose time has come; SOTER_RAN, SOTER_LATE, ...",
             static=False,
         )
 
-    def _next(self, body: object) -> c.FunctionDef:
-        call = c.CallExpr("soter_firmware_next", (LOOP, STATE_POINTER))
+    def _next(self) -> c.FunctionDef:
         return c.FunctionDef(
             "int64_t",
             f"{self.name}_next",
             (self._const_self,),
-            (c.Return(call),) if body else None,
-            "" if body else "When the next instant is",
+            (c.Return(c.CallExpr("soter_firmware_next", (LOOP, STATE_POINTER))),),
+            "When the next instant is",
             static=False,
         )
 
     # ------------------------------------------------------------ topics
 
-    def _publish(self, t: Topic, body: object) -> c.FunctionDef:
-        by_value = _by_value(t.type)
-        kind = self._named(t) if by_value else f"const {self._named(t)} *"
-        doc = _said_of(t) if not body else ""
+    def _publish(self, t: Topic) -> c.FunctionDef:
+        kind = self._named(t) if _by_value(t.type) else f"const {self._named(t)} *"
         return c.FunctionDef(
             "soter_taken",
             f"{self.name}_publish_{self.short[t.index]}",
             (self._self, (kind, "value"), ("int64_t", "measured"), ("int64_t", "now")),
-            tuple(self._publishes(t)) if body else None,
-            doc,
+            tuple(self._publishes(t)),
+            _topic_comment(t),
             static=False,
         )
 
@@ -355,7 +342,7 @@ class _Firmware:
         )
         yield c.Return(c.CallExpr("soter_firmware_publish", arguments))
 
-    def _read(self, t: Topic, body: object) -> c.FunctionDef:
+    def _read(self, t: Topic) -> c.FunctionDef:
         member: c.CExpr = c.Member(c.Member(STATE, "topics"), self.unit.topics[t.index][1])
         if isinstance(t.type, BoolType):
             member = c.Binary("!=", member, c.Number("0"))
@@ -368,20 +355,20 @@ class _Firmware:
             "bool",
             f"{self.name}_read_{self.short[t.index]}",
             (self._const_self, (f"{self._named(t)} *", "value"), ("int64_t *", "stamp")),
-            reads if body else None,
-            "" if body else f"{t.name}; `stamp` may be NULL",
+            reads,
+            f"{t.name}; `stamp` may be NULL",
             static=False,
         )
 
-    def _mode(self, index: int, body: object) -> c.FunctionDef:
+    def _mode(self, index: int) -> c.FunctionDef:
         modules = c.Member(STATE, "modules")
         mode = c.Member(c.IndexExpr(modules, c.Number(str(index))), "mode")
         return c.FunctionDef(
             "soter_mode",
             f"{self.name}_mode_{self.modules[index]}",
             (self._const_self,),
-            (c.Return(c.Cast("soter_mode", mode)),) if body else None,
-            "" if body else f"who has control in {self.system.modules[index].name}",
+            (c.Return(c.Cast("soter_mode", mode)),),
+            f"who has control in {self.system.modules[index].name}",
             static=False,
         )
 
@@ -419,7 +406,11 @@ class _Firmware:
         return message
 
 
-def _row(age: AgeLimit) -> tuple[None, c.CExpr]:
+def _prototype(function: c.FunctionDef) -> c.FunctionDef:
+    return replace(function, body=None)
+
+
+def _age_row(age: AgeLimit) -> tuple[None, c.CExpr]:
     numbers = (("component", f"{age.component}U"), ("topic", f"{age.topic}U"))
     most = ("most", c.Number(f"INT64_C({age.most_ns})"))
     return None, c.Initializer((*((n, c.Number(v)) for n, v in numbers), most))
@@ -435,13 +426,13 @@ def _number(value: int) -> str:
     return str(value) if -(2**31) < value < 2**31 else f"INT64_C({value})"
 
 
-def _without_file(t: Topic) -> str:
+def _name_without_file(t: Topic) -> str:
     """The name of a topic without the import that its declaration came by."""
     own = t.symbol.name
     return legal(t.name.removesuffix(own) + own.rpartition(".")[2])
 
 
-def _said_of(t: Topic) -> str:
+def _topic_comment(t: Topic) -> str:
     bounds = {b for b in t.bounds if b is not None}
     inside = ", ".join(f"[{b.low!r}, {b.high!r}]" for b in sorted(bounds, key=repr)[:3])
     age = f", stale after {t.max_age_ns} ns" if t.max_age_ns is not None else ""
@@ -450,8 +441,7 @@ def _said_of(t: Topic) -> str:
 
 def described(t: Type) -> dict[str, object]:
     """A type and how it lies in memory, as `messages.json` has it."""
-    s = scalar(t)
-    if s is not None:
+    if (s := scalar(t)) is not None:
         description: dict[str, object] = {"kind": s.c_type, "size": s.size}
         if isinstance(t, EnumType):
             description["members"] = list(t.members)

@@ -18,34 +18,44 @@ from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import show_ns
-from soter.mapping.mavlink_dialects import MAVLINK, MavlinkMessage, comment_text, source_of
+from soter.mapping.mapping_errors import wrong_mapping
+from soter.mapping.mavlink_dialects import (
+    MAVLINK,
+    MavlinkLink,
+    MavlinkMessage,
+    comment_text,
+    source_of,
+)
+from soter.mapping.mavlink_dialects import Dialect as MavlinkDialect
 from soter.mapping.message_types import steps_of
 from soter.native.shared_library import RUNTIME
 from soter.report.templates import filled
 from soter.targets.bridge_base import (
     COMMON,
-    TRUSTED,
     BridgedSystem,
     bridged_topics,
     by_topic,
     require_world,
-    shipped,
     unmapped_notes,
 )
 from soter.targets.leases_and_lateness import lease_times
-from soter.targets.message_conversion import FLOATS, INTEGERS, Dialect, MessageConverter
+from soter.targets.message_conversion import (
+    FLOATS,
+    INTEGERS,
+    Dialect,
+    MessageConverter,
+    refused_where,
+    unmappable,
+)
 from soter.targets.message_conversion import text_literal as text
-from soter.targets.package import Package, PackageFile, filled_file
+from soter.targets.package import Package, PackageFile, filled_file, shipped
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import System
-    from soter.mapping.mavlink_dialects import Dialect as MavlinkDialect
-    from soter.mapping.mavlink_dialects import MavlinkLink
     from soter.mapping.topic_mapping import LogMap, TopicMap
 
 
@@ -102,18 +112,20 @@ class BridgeSource:
 
     def _in(self, index: int, mapped: TopicMap) -> dict[str, object]:
         converter = MessageConverter(mapped, MAVLINK, MAVLINK_C, "m")
-        message, constants, stamp = _message(mapped), mapped.constants, "-1"
-        if mapped.stamp is not None:
-            unit, what = mapped.stamp.unit_ns, converter.path(mapped.stamp.path)
-            numbers = f"{unit.numerator}, {unit.denominator}"
-            stamp = f"soter_ns_of_number((long double){what}, {numbers})"
+        message, constants = _message(mapped), mapped.constants
         source = source_of(mapped.publisher) if mapped.publisher else None
         inward = converter.inward("(*to)")
         return {
             **self._topic(index, mapped),
-            "lines": [*_extended(mapped), *_unknown(mapped, converter), *inward],
-            "tests": [_same(message, path, value, converter) for path, value in constants.items()],
-            "stamp": stamp,
+            "lines": [
+                *_refuse_version_1(mapped),
+                *_refuse_unknown_values(mapped, converter),
+                *inward,
+            ],
+            "tests": [
+                _equality_test(message, path, value, converter) for path, value in constants.items()
+            ],
+            "stamp": converter.stamp_number(mapped.stamp) if mapped.stamp else "-1",
             "stamped": "true" if mapped.stamp else "false",
             "whose": self.sources.index(source or self.link.autopilot),
         }
@@ -122,7 +134,7 @@ class BridgeSource:
         converter = MessageConverter(mapped, MAVLINK, MAVLINK_C, "m")
         return {
             **self._topic(index, mapped),
-            "lines": [*_addressed(mapped), *converter.outward("(*from)")],
+            "lines": [*_set_address(mapped), *converter.outward("(*from)")],
             "law": self.bridged.law_statements(index),
             "silent_ns": self.bridged.silent_ns(index),
         }
@@ -133,7 +145,9 @@ def _message(mapped: TopicMap) -> MavlinkMessage:
     return mapped.message
 
 
-def _same(message: MavlinkMessage, path: str, value: object, converter: MessageConverter) -> str:
+def _equality_test(
+    message: MavlinkMessage, path: str, value: object, converter: MessageConverter
+) -> str:
     """A C condition: a field has the value that the mapping says in `set`."""
     what, kind = converter.path(path), message.leaf(path)
     if isinstance(value, str):
@@ -143,17 +157,15 @@ def _same(message: MavlinkMessage, path: str, value: object, converter: MessageC
     return f"(int64_t){what} == INT64_C({value})"
 
 
-def _extended(mapped: TopicMap) -> Iterator[str]:
+def _refuse_version_1(mapped: TopicMap) -> Iterator[str]:
     """C that refuses a frame of MAVLink 1 where extensions are read: nobody sent their zeros."""
     stamp = [mapped.stamp.path] if mapped.stamp is not None else []
     read = {path.partition(".")[0] for path in (*mapped.names, *mapped.constants, *stamp)}
     if read & _message(mapped).extensions:
-        yield "if (raw->magic != MAVLINK_STX) {"
-        yield "  return false;"
-        yield "}"
+        yield from refused_where("raw->magic != MAVLINK_STX")
 
 
-def _unknown(mapped: TopicMap, converter: MessageConverter) -> Iterator[str]:
+def _refuse_unknown_values(mapped: TopicMap, converter: MessageConverter) -> Iterator[str]:
     """C that refuses a message in which a number is the one that means "not known" in MAVLink."""
     message = _message(mapped)
     for name in mapped.names:
@@ -161,14 +173,12 @@ def _unknown(mapped: TopicMap, converter: MessageConverter) -> Iterator[str]:
         said = message.invalid.get(field, "").strip("[]").partition(",")[0].rstrip(":")
         kind = message.leaf(name)
         names = dict.fromkeys([name, *([f"{field}.0"] if inside else [])])
-        tests = [_is(converter.path(n), kind, said) for n in names]
+        tests = [_unknown_value_test(converter.path(n), kind, said) for n in names]
         if said and all(tests):
-            yield f"if ({' || '.join(tests)}) {{"
-            yield "  return false;"
-            yield "}"
+            yield from refused_where(" || ".join(tests))
 
 
-def _is(what: str, kind: str, said: str) -> str:
+def _unknown_value_test(what: str, kind: str, said: str) -> str:
     """A C condition: a field is the number that MAVLink names (`said`); "" where it names none."""
     if kind in FLOATS:
         if said.upper() == "NAN":
@@ -179,7 +189,7 @@ def _is(what: str, kind: str, said: str) -> str:
     return ""
 
 
-def _addressed(mapped: TopicMap) -> Iterator[str]:
+def _set_address(mapped: TopicMap) -> Iterator[str]:
     """C that sets to whom a message goes, and when, unless the mapping says it."""
     message = _message(mapped)
     filled = {*mapped.names, *mapped.constants}
@@ -202,7 +212,7 @@ OF_EVERY_BRIDGE = ("HEARTBEAT", "TIMESYNC")
 def dialect_headers(dialect: MavlinkDialect, used: Iterable[str]) -> list[PackageFile]:
     """The headers of a dialect for the messages `used`, by name, and for every bridge."""
     names = sorted({*OF_EVERY_BRIDGE, *used})
-    generated = _generated(dialect.xml, {*PROTOCOL, *map(_file, names)})
+    generated = _generate_headers(dialect.xml, {*PROTOCOL, *map(_file, names)})
     files = [PackageFile(f"{FOLDER}/{name}", text) for name, text in sorted(generated.items())]
     own = filled_file(
         f"{FOLDER}/soter_mavlink_dialect.h",
@@ -218,7 +228,7 @@ def _file(message: str) -> str:
     return f"mavlink_msg_{message.lower()}.h"
 
 
-def _generated(document: bytes, wanted: set[str]) -> dict[str, str]:
+def _generate_headers(document: bytes, wanted: set[str]) -> dict[str, str]:
     """Name -> text of the `wanted` headers that pymavlink generates of a dialect."""
     from pymavlink.generator import mavgen  # noqa: PLC0415 - an extra
 
@@ -298,18 +308,16 @@ def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: Log
     mapped = by_topic(bridged_topics(system, mapping, "MAVLink", None), "MAVLink")
     link = mapping.mavlink
     if link is None:
-        raise SoterError((Diagnostic("D015", "no topic of the mapping is a message of MAVLink"),))
+        raise unmappable("no topic of the mapping is a message of MAVLink")
     bridged = BridgedSystem(system, core, folder)
     name = bridged.unit.prefix
     source = BridgeSource(bridged, name, mapped, link)
-    _refuse(source)
+    _require_sendable(source)
     used = {m.message.name for m in mapped.values() if m.message is not None}
-    package = Package(folder)
-    package.files = bridged.files()
-    package.files += [
+    files = [
         PackageFile(f"src/{name}_bridge.c", source.text()),
-        *(shipped(RUNTIME / "mavlink", n) for n in (*HEADERS, *SOURCES)),
-        *(shipped(RUNTIME / "bridge", n) for n in COMMON),
+        *(shipped(RUNTIME / "mavlink" / n, "src/") for n in (*HEADERS, *SOURCES)),
+        *(shipped(RUNTIME / "bridge" / n, "src/") for n in COMMON),
         *dialect_headers(link.dialect, used),
         filled_file(
             *("Makefile", "mavlink/Makefile"),
@@ -319,28 +327,17 @@ def mavlink_package(system: System, core: CoreSystem, folder: Path, mapping: Log
             headers=[f"src/{n}" for n in (*HEADERS, *COMMON)],
         ),
     ]
-    package.trusted = TRUSTED
-    package.programs = bridged.programs
-    package.notes = [
-        *bridged.trusted.notes,
-        *unmapped_notes(system, mapped.values(), "in MAVLink"),
-        *_notes(source),
-    ]
-    channels = f"/dev/shm/{name}"  # noqa: S108 - where channels belong
-    package.commands = [
-        f"make -C {folder}",
-        f"{folder}/build/{name}_bridge --channels {channels}",
-    ]
-    return package
+    notes = [*unmapped_notes(system, mapped.values(), "in MAVLink"), *_notes(source)]
+    return bridged.package(files, notes)
 
 
-def _refuse(source: BridgeSource) -> None:
+def _require_sendable(source: BridgeSource) -> None:
     """SoterError D015 for a mapping that no autopilot should be sent, or can answer."""
     problems: list[str] = []
     for m in (*source.inward.values(), *source.outward.values()):
-        problems += _of_other_middleware(m)
+        problems += _middleware_mistakes(m)
     for m in source.inward.values():
-        problems += _wrong_source(m)
+        problems += _source_mistakes(m)
     out: dict[str, str] = {}
     for m in source.outward.values():
         if m.publisher is not None:
@@ -356,7 +353,7 @@ def _refuse(source: BridgeSource) -> None:
         problems.append(f"the mapping names more than {SOURCES_MAX} publishers")
     if len(source.inward) + len(source.outward) > TOPICS_MAX:
         problems.append(f"the mapping names more than {TOPICS_MAX} topics")
-    problems += _too_late(source)
+    problems += _late_law_mistakes(source)
     dialect = source.link.dialect
     problems += [
         f"the dialect `{dialect.name}` has no message {name}, which every bridge sends: include "
@@ -365,10 +362,10 @@ def _refuse(source: BridgeSource) -> None:
         if name not in dialect.messages
     ]
     if problems:
-        raise SoterError(tuple(Diagnostic("D015", p) for p in problems))
+        raise wrong_mapping(problems)
 
 
-def _of_other_middleware(m: TopicMap) -> Iterator[str]:
+def _middleware_mistakes(m: TopicMap) -> Iterator[str]:
     """Yields a mistake where a mapping says of a topic what MAVLink does not know."""
     named = f"`{m.topic.name}`"
     if m.channel is not None:
@@ -382,7 +379,7 @@ def _of_other_middleware(m: TopicMap) -> Iterator[str]:
         yield f"{named}: MAVLink has no `frame_id`: say the field in `set`"
 
 
-def _wrong_source(m: TopicMap) -> list[str]:
+def _source_mistakes(m: TopicMap) -> list[str]:
     named = f"`{m.topic.name}`"
     if m.publisher is None:
         return []
@@ -394,7 +391,7 @@ def _wrong_source(m: TopicMap) -> list[str]:
     return []
 
 
-def _too_late(source: BridgeSource) -> list[str]:
+def _late_law_mistakes(source: BridgeSource) -> list[str]:
     """Mistakes where the law of a silent trusted part would come after `offboard_loss`."""
     link = source.link
     problems = []
@@ -411,12 +408,13 @@ def _too_late(source: BridgeSource) -> list[str]:
 def _notes(source: BridgeSource) -> list[str]:
     link, system = source.link, source.bridged.system
     loss = show_ns(link.offboard_loss_ns)
-    text = (
-        f"set COM_OF_LOSS_T to {loss}: where this computer or the bridge ends, the autopilot keeps "
-        "the last set-point for so long, and then does what COM_OBL_RC_ACT says: no proof of this "
-        "program is about that"
-    )
-    notes = [text]
+    notes = [
+        (
+            f"set COM_OF_LOSS_T to {loss}: where this computer or the bridge ends, the autopilot "
+            "keeps the last set-point for so long, and then does what COM_OBL_RC_ACT says: no "
+            "proof of this program is about that"
+        )
+    ]
     for index, m in source.outward.items():
         lease = source.bridged.leased.get(index)
         if lease is None:

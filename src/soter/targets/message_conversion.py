@@ -14,18 +14,31 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c_names import field_name
 from soter.core.layout import scalar, storage_range
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.language.model.types import BoolType, DurationType, EnumType, FloatType, IntType, leaves
-from soter.mapping.message_types import steps_of, text_bound
-from soter.mapping.topic_mapping import ConstantSource, NearestSource, SignalSource
+from soter.diagnostics.diagnostic import SoterError, mistake
+from soter.language.model.types import (
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    Type,
+    Value,
+    leaves,
+)
+from soter.mapping.message_types import MessageType, StampSource, steps_of, text_bound
+from soter.mapping.topic_mapping import (
+    ConstantSource,
+    Leaf,
+    LeafPath,
+    NearestSource,
+    SignalSource,
+    TopicMap,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from soter.language.model.system import Topic
-    from soter.language.model.types import Type, Value
-    from soter.mapping.message_types import MessageType
-    from soter.mapping.topic_mapping import Leaf, LeafPath, TopicMap
 
 INTEGERS = {
     **{f"int{n}": (-(2 ** (n - 1)), 2 ** (n - 1) - 1) for n in (8, 16, 32, 64)},
@@ -85,7 +98,10 @@ class MessageConverter:
 
     def inward(self, value: str) -> list[str]:
         """Statements that fill a value; `return false` where a message has not what is needed."""
-        lines = [line for name in self._sequences() for line in self._there(name)]
+        lines: list[str] = []
+        for name, most in self._sequences():
+            size = self.dialect.size.format(self.path(name))
+            lines += refused_where(f"{size} <= {most}U")
         for path, leaf in self.mapped.leaves.items():
             lines += self._leaf_in(path, leaf, f"{value}{self.member(path)}")
         return [*lines, "return true;"]
@@ -101,7 +117,7 @@ class MessageConverter:
             raise unmappable(f"`{self.mapped.name_of(path)}` {what}")
         what, kind = self.path(leaf.name), self.type.leaf(leaf.name, self.ros)
         if isinstance(t, FloatType):
-            return [f"{to} = {_scaled(f'(double){what}', leaf)};"]
+            return [f"{to} = {_scaling_code(f'(double){what}', leaf)};"]
         if isinstance(t, BoolType):
             return [f"{to} = {what} ? 1U : 0U;"]
         if isinstance(t, EnumType):
@@ -109,15 +125,13 @@ class MessageConverter:
         assert isinstance(t, (IntType, DurationType)), t
         return [*self._int_in(path, t, what, kind, to)]
 
-    def _nearest_in(self, path: LeafPath, leaf: NearestSource, to: str) -> Iterator[str]:
+    def _nearest_in(self, path: LeafPath, leaf: NearestSource, to: str) -> Iterable[str]:
         """A call of soter_scan.hpp, which is C++."""
         if self.dialect is not CPP:
             what = "is what is nearest in a scan, which only the bridges of ROS can tell"
             raise unmappable(f"`{self.mapped.name_of(path)}` {what}")
         limits = f"{leaf.most!r}, {leaf.unseen}U"
-        yield f"if (!soter::nearest_{leaf.what}({self.message}, {limits}, &{to})) {{"
-        yield "  return false;"
-        yield "}"
+        return refused_where(f"!soter::nearest_{leaf.what}({self.message}, {limits}, &{to})")
 
     def _enum_in(self, t: EnumType, what: str, to: str) -> Iterator[str]:
         for k, member in enumerate(t.members):
@@ -141,9 +155,7 @@ class MessageConverter:
             cast = "(uint64_t)" if least >= 0 else "(int64_t)"
             tests.append(f"{cast}{what} > {_int(high, unsigned=least >= 0)}")
         if tests:
-            yield f"if ({' || '.join(tests)}) {{"
-            yield "  return false;"
-            yield "}"
+            yield from refused_where(" || ".join(tests))
         yield f"{to} = ({s.c_type}){what};"
 
     def _sequences(self) -> list[tuple[str, int]]:
@@ -159,11 +171,6 @@ class MessageConverter:
             sequence = ".".join(parts[:at])
             most[sequence] = max(most.get(sequence, 0), int(parts[at]))
         return sorted(most.items())
-
-    def _there(self, sequence: tuple[str, int]) -> list[str]:
-        name, most = sequence
-        size = self.dialect.size.format(self.path(name))
-        return [f"if ({size} <= {most}U) {{", "  return false;", "}"]
 
     # ------------------------------------------------------------ out
 
@@ -189,7 +196,7 @@ class MessageConverter:
             raise unmappable(f"{named} goes into an element of a sequence, which is empty")
         if isinstance(t, FloatType) and field.type in FLOATS:
             cast = "(float)" if field.type == "float32" else ""
-            return [f"{to} = {cast}({_taken_back(what, leaf)});"]
+            return [f"{to} = {cast}({_unscaling_code(what, leaf)});"]
         if isinstance(t, BoolType) and field.type in ("bool", "uint8"):
             return [f"{to} = {what} != 0U;"]
         if isinstance(t, EnumType) and field.type == "string":
@@ -240,6 +247,11 @@ class MessageConverter:
             code = form[step].format(code, part)
         return code
 
+    def stamp_number(self, stamp: StampSource) -> str:
+        """The code of when a message was measured, in ns, where its stamp is a number."""
+        unit = f"{stamp.unit_ns.numerator}, {stamp.unit_ns.denominator}"
+        return f"soter_ns_of_number((long double){self.path(stamp.path)}, {unit})"
+
     @staticmethod
     def member(path: LeafPath) -> str:
         """The code of a leaf, to stand behind that of the value."""
@@ -249,9 +261,7 @@ class MessageConverter:
     def _constant(t: Type, value: Value) -> str:
         if isinstance(t, FloatType):
             return repr(float(value))
-        if isinstance(t, (BoolType, EnumType)):
-            return f"{int(value)}U"
-        return _int(int(value))
+        return f"{int(value)}U" if isinstance(t, (BoolType, EnumType)) else _int(int(value))
 
 
 def topic_tests(topic: Topic, value: str) -> list[str]:
@@ -269,13 +279,13 @@ def topic_tests(topic: Topic, value: str) -> list[str]:
     return tests
 
 
-def _scaled(what: str, leaf: SignalSource) -> str:
+def _scaling_code(what: str, leaf: SignalSource) -> str:
     if leaf.scale != 1.0:
         what = f"{leaf.scale!r} * {what}"
     return what if leaf.offset == 0.0 else f"{what} + {leaf.offset!r}"
 
 
-def _taken_back(what: str, leaf: SignalSource) -> str:
+def _unscaling_code(what: str, leaf: SignalSource) -> str:
     if leaf.offset != 0.0:
         what = f"({what} - {leaf.offset!r})"
     return what if leaf.scale == 1.0 else f"{what} / {leaf.scale!r}"
@@ -299,4 +309,9 @@ def text_literal(text: str) -> str:
 
 def unmappable(why: str) -> SoterError:
     """SoterError D015 for what no bridge can do."""
-    return SoterError((Diagnostic("D015", why),))
+    return mistake("D015", why)
+
+
+def refused_where(condition: str) -> tuple[str, str, str]:
+    """C (and C++) that refuses a message where a condition holds."""
+    return f"if ({condition}) {{", "  return false;", "}"

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.addons import by_name
-from soter.diagnostics.diagnostic import Diagnostic, SoterError, reason
+from soter.diagnostics.diagnostic import SoterError, mistake, reason
 from soter.language.load.named_files import ReadError, read_bytes
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.report.atomic_write import atomic_write, own_place
@@ -56,6 +56,11 @@ def filled_file(path: str, template: str, /, **context: object) -> PackageFile:
     return PackageFile(path, text)
 
 
+def shipped(source: Path, folder: str = "") -> PackageFile:
+    """A file of the run-time as it is, in `folder` (with its slash) of a package."""
+    return PackageFile(f"{folder}{source.name}", source.read_text("utf-8"))
+
+
 @dataclass
 class Package:
     """The files that a target writes, with notes for the person who builds them.
@@ -88,18 +93,13 @@ class Package:
 
     def write(self) -> Package:
         """Write everything; SoterError D006, D008, the latter before anything is written."""
-        foreign = [f.path for f in self.files if not f.yours and self._is_foreign(f)]
-        if foreign:
+        if foreign := [f.path for f in self.files if not f.yours and self._is_foreign(f)]:
             names = ", ".join(f"`{name}`" for name in foreign[:5])
-            raise SoterError(
-                (
-                    Diagnostic(
-                        "D008",
-                        f"`{self.folder}` has files that soter did not write, or that were changed "
-                        f"since: {names}",
-                        helps=("choose another folder with -o, or move them away",),
-                    ),
-                )
+            raise mistake(
+                "D008",
+                f"`{self.folder}` has files that soter did not write, or that were changed since: "
+                f"{names}",
+                "choose another folder with -o, or move them away",
             )
         for file in self.files:
             if file.yours and (self.folder / file.path).exists():
@@ -143,7 +143,7 @@ def _digest(text: str) -> str:
 
 
 def _cannot_write(path: Path, error: OSError) -> SoterError:
-    return SoterError((Diagnostic("D006", f"cannot write `{path}`: {reason(error)}"),))
+    return mistake("D006", f"cannot write `{path}`: {reason(error)}")
 
 
 @dataclass(frozen=True)
@@ -207,19 +207,15 @@ def require_options(target: str, *, mapping: bool, board: bool) -> None:
     """SoterError U001 for a target that does not exist, or a mapping or board amiss or too many."""
     if target not in TARGETS:
         known = f"there is {', '.join(f'`{t}`' for t in TARGETS)}"
-        raise _unusable(f"the target `{target}` does not exist", known)
+        raise mistake("U001", f"the target `{target}` does not exist", known)
     wants = TARGETS[target]
     if board != wants.boarded:
         verb = "is for no board" if board else "needs a board: where everything lies"
         help_ = "leave --board out" if board else "--board NAME or FILE (docs/bare-metal.md)"
-        raise _unusable(f"the target `{target}` {verb}", help_)
+        raise mistake("U001", f"the target `{target}` {verb}", help_)
     if wants.mapped and not mapping:
         what = f"the target `{target}` needs a mapping: which topic is which of its messages"
-        raise _unusable(what, "--map FILE (docs/mapping.md)")
+        raise mistake("U001", what, "--map FILE (docs/mapping.md)")
     if mapping and not wants.mapped:
         what = f"the target `{target}` speaks with no middleware: it has no use for a mapping"
-        raise _unusable(what, "leave --map out")
-
-
-def _unusable(what: str, help_: str) -> SoterError:
-    return SoterError((Diagnostic("U001", what, helps=(help_,)),))
+        raise mistake("U001", what, "leave --map out")

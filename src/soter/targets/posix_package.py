@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from soter.codegen.c_names import field_name
 from soter.codegen.c_printer import escape
 from soter.codegen.externs import request_fields
-from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.load.named_files import is_in_python
 from soter.native.shared_library import RUNTIME
 from soter.report.wording import changed_parameters
@@ -25,7 +25,7 @@ from soter.targets import c99
 from soter.targets.firmware_interface import RUNTIME_FILES
 from soter.targets.leases_and_lateness import FILES as LEASES
 from soter.targets.leases_and_lateness import lease_files, limits_of, takeovers
-from soter.targets.package import Package, PackageFile, filled_file
+from soter.targets.package import Package, PackageFile, filled_file, shipped
 from soter.targets.world_interface import (
     ACTUATOR,
     OUTSIDE,
@@ -73,7 +73,7 @@ class Worker:
     name: str
     """The beginning of its C names."""
     reads: tuple[tuple[str, str], ...]
-    """The topics that it reads: (its field in C, the member among the topics)."""
+    """The topics that it reads, as `reads_of` gives them."""
     program: str
     source: str
     symbol: str
@@ -90,38 +90,40 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
     world = WorldTables(system, unit)
     context = _context(program, workers, world)
     copied = c99.extern_files(program.linked)
-    package = Package(folder)
-    package.files = [
+    files = [
         *program.files(filled_file("", "posix/soter_app.h", **context).text),
         filled_file(APP_SOURCE, f"posix/{APP_SOURCE}", **context),
         *_run_time(system),
         *(lease_files(system, unit.prefix) if world.granted else ()),
     ]
-    trusted = [f.path for f in (*package.files, *copied) if f.path.endswith(".c")]
-    trusted += [c99.STUBS] if program.plants else []
-    package.files += [*world.channel_files(), *channel_document_files(system), *copied]
-    package.files += program.stub_files()
-    beside = _programs_beside(package, program, workers, world)
-    package.programs = {
-        command: ["-pthread", "-I.", *sorted(trusted)],
-        **{name: [*_folder(of), "-I.", *of] for name, of in beside.items()},
-    }
-    context |= {"trusted": sorted(trusted), "beside": beside}
-    package.files += [filled_file(n, f"posix/{n}", **context) for n in ("Makefile", "README.md")]
-    package.notes = [*program.notes, *world.notes, *(t.text for t in takeovers(system))]
-    package.notes += [_note(w.component.name) for w in workers if not w.program]
-    package.commands = [f"make -C {folder}", f"{folder}/{command}"]
-    return package
+    trusted = [f.path for f in (*files, *copied) if f.path.endswith(".c")]
+    trusted = sorted([*trusted, *([c99.STUBS] if program.plants else [])])
+    files += [*world.channel_files(), *channel_document_files(system), *copied]
+    files += program.stub_files()
+    beside = _programs_beside(files, program, workers, world)
+    context |= {"trusted": trusted, "beside": beside}
+    files += [filled_file(n, f"posix/{n}", **context) for n in ("Makefile", "README.md")]
+    notes = [*program.notes, *world.notes, *(t.text for t in takeovers(system))]
+    return Package(
+        folder,
+        files,
+        notes=[*notes, *(_python_node_note(w.component.name) for w in workers if not w.program)],
+        commands=[f"make -C {folder}", f"{folder}/{command}"],
+        programs={
+            command: ["-pthread", "-I.", *trusted],
+            **{name: [*_folder(of), "-I.", *of] for name, of in beside.items()},
+        },
+    )
 
 
 def _run_time(system: System) -> list[PackageFile]:
     """The C that ships, of the kernel and of the driver."""
     kernel = dict.fromkeys((*c99.run_time(system), *LEASES))
-    driver = (_own(n, POSIX) for n in (*CHANNEL, *OUTSIDE, *DRIVER))
-    return [*(_own(n) for n in kernel if n not in ELSEWHERE), *driver]
+    driver = (shipped(POSIX / n) for n in (*CHANNEL, *OUTSIDE, *DRIVER))
+    return [*(shipped(RUNTIME / n) for n in kernel if n not in ELSEWHERE), *driver]
 
 
-def _note(name: str) -> str:
+def _python_node_note(name: str) -> str:
     """The note about an extern node whose program is no part of the package."""
     return (
         f"{name} is Python: `soter run --real-time` starts it; this program alone has SC,"
@@ -136,26 +138,24 @@ def nodes_of(system: System) -> list[Component]:
 
 def refuse_apart(system: System) -> None:
     """SoterError X008 for extern nodes that cannot compute apart from the state."""
-    problems = []
+    diagnostics = Diagnostics()
     for x in nodes_of(system):
         assert x.node is not None
         why = "keeps locals (`var`) in the state" if x.node.locals else ""
         why = "has steps that take time (`takes`, `overrun`)" if x.held is not None else why
         if why:
-            problems.append(
-                Diagnostic(
-                    "X008",
-                    f"extern node `{x.name}` {why}: as a process of its own it cannot",
-                    Label(x.span, "declared here"),
-                    notes=("a process keeps its own memory, and takes the time that it takes",),
-                )
-            )
-    if problems:
-        raise SoterError(tuple(problems))
+            what = f"extern node `{x.name}` {why}: as a process of its own it cannot"
+            notes = ("a process keeps its own memory, and takes the time that it takes",)
+            diagnostics.error("X008", what, x.span, "declared here", notes=notes)
+    diagnostics.raise_errors()
 
 
-def _own(name: str, folder: Path = RUNTIME) -> PackageFile:
-    return PackageFile(name, (folder / name).read_text(encoding="utf-8"))
+def reads_of(system: System, unit: Unit, x: Component) -> tuple[tuple[str, str], ...]:
+    """The topics that an extern node reads: (its field in C, the member among the topics)."""
+    assert x.node is not None
+    fields = (field_name(name) for name, _ in request_fields(system, x))
+    members = (unit.topics[x.scope.topics[s.topic]][1] for s in x.node.subscribes)
+    return tuple(zip(fields, members, strict=True))
 
 
 # ---------------------------------------------------------------- workers
@@ -163,11 +163,7 @@ def _own(name: str, folder: Path = RUNTIME) -> PackageFile:
 
 def _worker(program: c99.ProgramInC, x: Component) -> Worker:
     unit, exchange = program.unit, exchange_of(program.system, x)
-    name, topics = unit.names[x.index], x.scope.topics
-    assert x.node is not None
-    fields = (field_name(field) for field, _ in request_fields(program.system, x))
-    members = (unit.topics[topics[s.topic]][1] for s in x.node.subscribes)
-    reads = tuple(zip(fields, members, strict=True))
+    name, reads = unit.names[x.index], reads_of(program.system, unit, x)
     if is_in_python(x.binding):
         return Worker(x, exchange, name, reads, "", "", "")
     assert x.binding is not None
@@ -177,27 +173,29 @@ def _worker(program: c99.ProgramInC, x: Component) -> Worker:
 
 
 def _programs_beside(
-    package: Package, program: c99.ProgramInC, workers: list[Worker], world: WorldTables
+    files: list[PackageFile], program: c99.ProgramInC, workers: list[Worker], world: WorldTables
 ) -> dict[str, list[str]]:
     """Add the programs of workers and actuators; program -> its sources."""
     built = [w for w in workers if w.program]
     if built:
-        package.files.append(_own(WORKER, POSIX))
+        files.append(shipped(POSIX / WORKER))
     if world.topics or world.granted:
-        package.files += [_own(n, POSIX) for n in STATUS_TEXT]
-    beside = _worker_files(package, program.unit, built)
+        files += [shipped(POSIX / n) for n in STATUS_TEXT]
+    beside = _worker_files(files, program.unit, built)
     if actuators := world.actuator_files():
-        package.files += [*actuators, *(_own(n, POSIX) for n in ACTUATOR)]
+        files += [*actuators, *(shipped(POSIX / n) for n in ACTUATOR)]
         beside[f"{program.command}_actuator"] = world.actuator_sources()
     return beside
 
 
-def _worker_files(package: Package, unit: Unit, built: list[Worker]) -> dict[str, list[str]]:
+def _worker_files(
+    files: list[PackageFile], unit: Unit, built: list[Worker]
+) -> dict[str, list[str]]:
     """Add what workers are made of; program of a worker -> its sources."""
     sources_by_program = {}
     for number, w in enumerate(built, 1):
         folder = f"worker_{number}"
-        package.files += [
+        files += [
             filled_file(f"{folder}/{name}", f"posix/{name}", w=w, prefix=unit.prefix)
             for name in ("soter_worker_app.h", "worker.c")
         ]
@@ -205,7 +203,7 @@ def _worker_files(package: Package, unit: Unit, built: list[Worker]) -> dict[str
         if w.source != c99.STUBS:
             own = f"{folder}/extern/{Path(w.source).name}"
             copied = c99.extern_files([w.source])
-            package.files += [PackageFile(f"{folder}/{f.path}", f.text) for f in copied]
+            files += [PackageFile(f"{folder}/{f.path}", f.text) for f in copied]
         sources = [WORKER, "soter_channel.c", f"{folder}/worker.c", CHECK[1], own]
         sources_by_program[w.program] = sources
     return sources_by_program
@@ -220,6 +218,7 @@ def _context(
     """The values for the templates of a package."""
     system, unit = program.system, program.unit
     words = [world.words, *((size + 7) // 8 for w in workers for size in w.exchange.sizes)]
+    flown = [FIRST_LINE, *(f"{n}={text}" for n, text in head_of(system, unit.layout).items())]
     late, response = limits_of(system)
     return {
         "name": unit.prefix,
@@ -235,7 +234,7 @@ def _context(
         "longest_ns": max((x.period_ns + x.phase_ns for x in system.components), default=10**9),
         "late": [*zip(system.components, late, strict=True)],
         "response": [*zip(system.components, response, strict=True)],
-        "flown": [escape(line) for line in _flown(system, unit)],
+        "flown": [escape(line) for line in flown],
     }
 
 
@@ -247,11 +246,6 @@ def head_of(system: System, layout: StateLayout) -> dict[str, str]:
         **{f"param {name}": text for name, (text, _) in changed_parameters(system).items()},
         "layout": sha256(repr(layout).encode()).hexdigest(),
     }
-
-
-def _flown(system: System, unit: Unit) -> list[str]:
-    head = head_of(system, unit.layout)
-    return [FIRST_LINE, *(f"{name}={text}" for name, text in head.items())]
 
 
 def _folder(sources: list[str]) -> list[str]:

@@ -24,9 +24,11 @@ from soter.language.model.types import (
     EnumType,
     FloatType,
     RecordType,
+    Type,
+    Value,
     leaves,
 )
-from soter.mapping.topic_mapping import NearestSource, SignalSource
+from soter.mapping.topic_mapping import Leaf, LogMap, NearestSource, SignalSource, TopicMap
 from soter.native.shared_library import RUNTIME
 from soter.targets.bridge_base import (
     TRUSTED,
@@ -34,11 +36,10 @@ from soter.targets.bridge_base import (
     bridged_topics,
     in_folder,
     promise_lines,
-    shipped,
     unmapped_notes,
 )
 from soter.targets.c99 import c99_package
-from soter.targets.package import Package, PackageFile, filled_file
+from soter.targets.package import Package, PackageFile, filled_file, shipped
 from soter.targets.ros_sources import NodeSources, message_files
 
 if TYPE_CHECKING:
@@ -47,8 +48,6 @@ if TYPE_CHECKING:
 
     from soter.core.core import CoreSystem
     from soter.language.model.system import Module, System
-    from soter.language.model.types import Type, Value
-    from soter.mapping.topic_mapping import Leaf, LogMap, TopicMap
 
 
 NEEDED = {
@@ -129,7 +128,7 @@ def untested(p: RosPackage) -> str:
     """Why the package has no test; "": it has one."""
     if not p.bridged.actuated:
         return "no actuators obey"
-    if not _sensed(p):
+    if not _awaited_topics(p):
         return "nothing comes in but for ACs"
     several = _publishers(p)
     if several[1:]:
@@ -139,14 +138,14 @@ def untested(p: RosPackage) -> str:
 
 
 def _publishers(p: RosPackage) -> list[str]:
-    return sorted({m.publisher.strip("/") for m in _sensed(p) if m.publisher})
+    return sorted({m.publisher.strip("/") for m in _awaited_topics(p) if m.publisher})
 
 
 def rostest_files(p: RosPackage) -> list[PackageFile]:
     """The files of a catkin package's test; none where `untested` has a reason."""
     if untested(p):
         return []
-    document = json.dumps(_document(p), indent=1) + "\n"
+    document = json.dumps(_test_document(p), indent=1) + "\n"
     publisher = next(iter(_publishers(p)), "standing_by")
     return [
         p.file(f"test/{p.name}.test", "catkin/test.launch.xml", publisher=publisher),
@@ -155,22 +154,22 @@ def rostest_files(p: RosPackage) -> list[PackageFile]:
     ]
 
 
-def _sensed(p: RosPackage) -> list[TopicMap]:
+def _awaited_topics(p: RosPackage) -> list[TopicMap]:
     """The topics that come in and are awaited: not those that ACs alone read."""
     return [m for m in p.mapped if p.bridged.world.is_awaited(m.topic)]
 
 
-def _document(p: RosPackage) -> dict[str, object]:
+def _test_document(p: RosPackage) -> dict[str, object]:
     granted = [g.module for g in p.bridged.world.granted]
     laws = [
-        _expected(m, module.law[m.topic.index])
+        _expected_fields(m, module.law[m.topic.index])
         for m in p.mapped
         for module in granted
-        if m.topic.index in module.law and _expected(m, module.law[m.topic.index])
+        if m.topic.index in module.law and _expected_fields(m, module.law[m.topic.index])
     ]
     return {
         "about": "what stands in for the sensors, and the fail-safe law; change values as you like",
-        "stand_ins": [_stand_in(m) for m in _sensed(p)],
+        "stand_ins": [_stand_in(m) for m in _awaited_topics(p)],
         "laws": laws,
         "modules": [m.name for m in granted],
         "of_silent_ac": [m.name for m in granted if _is_ac_silent(p, m)],
@@ -180,10 +179,8 @@ def _document(p: RosPackage) -> dict[str, object]:
 def _is_ac_silent(p: RosPackage, module: Module) -> bool:
     """Whether AC of the module waits for a topic that nobody of the test publishes."""
     ac = p.bridged.system.components[module.ac]
-    read = ac.reads if ac.node is not None else []
-    awaited = p.bridged.world.is_awaited
-    topics = [p.bridged.topic(i) for i in read]
-    return any(t.driver == "input" and not awaited(t) for t in topics)
+    topics = [p.bridged.topic(i) for i in ac.reads] if ac.node is not None else []
+    return any(t.driver == "input" and not p.bridged.world.is_awaited(t) for t in topics)
 
 
 # ---------------------------------------------------------------- values
@@ -197,10 +194,10 @@ def _stand_in(m: TopicMap) -> dict[str, object]:
     ):
         leaf = m.leaves[path]
         if isinstance(leaf, NearestSource):
-            fields |= _ring(leaf)
+            fields |= _ring_scan(leaf)
         elif isinstance(leaf, SignalSource):
             high = math.inf if bound is None else bound.high
-            fields[leaf.name] = _field(t, leaf, _beside(t, value, high))
+            fields[leaf.name] = _field(t, leaf, _value_beside(t, value, high))
     if m.frame_id is not None:
         fields["header.frame_id"] = m.frame_id
     stamp = [] if m.stamp is None else [m.stamp.path, _unit_ns(m)]
@@ -213,7 +210,7 @@ def _unit_ns(m: TopicMap) -> float:
     return float(m.stamp.unit_ns) if m.stamp.kind == "number" else 0.0
 
 
-def _beside(t: Type, value: Value, high: float) -> Value:
+def _value_beside(t: Type, value: Value, high: float) -> Value:
     """A value of the set that is not the default, at which many a command is the law."""
     if not isinstance(t, FloatType) or not math.isfinite(high):
         return value
@@ -221,7 +218,7 @@ def _beside(t: Type, value: Value, high: float) -> Value:
     return value + (high - value) / 8.0
 
 
-def _ring(leaf: NearestSource) -> dict[str, object]:
+def _ring_scan(leaf: NearestSource) -> dict[str, object]:
     """A scan that goes round once and sees nothing near."""
     step = 2.0 * math.pi / RAYS
     far = 2.0 * leaf.most
@@ -229,7 +226,7 @@ def _ring(leaf: NearestSource) -> dict[str, object]:
     return {**ends, "range_min": 0.01, "range_max": 2.0 * far, "ranges": [far] * RAYS}
 
 
-def _expected(m: TopicMap, law: Value) -> dict[str, object]:
+def _expected_fields(m: TopicMap, law: Value) -> dict[str, object]:
     """The fields of a message that holds the law; {} where none of them is a number."""
     assert m.message is not None
     fields = {
@@ -324,31 +321,35 @@ def _package(
     name = package_name(bridged.unit.prefix)
     nodes = NodeSources(bridged, name, mapped, version)
     own, of_simulation = OF_ROS[version]
-    package = Package(folder)
-    package.files = bridged.files()
-    package.files += [in_folder(SIMULATED, f) for f in simulated.files if _is_code(f)]
-    package.files += [
+    code = [
+        in_folder(SIMULATED, f)
+        for f in simulated.files
+        if f.path.endswith((".c", ".h")) and f.path not in OTHER_MAINS
+    ]
+    files = [
+        *bridged.files(),
+        *code,
         PackageFile(f"src/{name}_topics.hpp", nodes.topics()),
         PackageFile(f"src/{name}_simulation.cpp", nodes.simulation()),
-        *(shipped(RUNTIME / own, n) for n in of_simulation),
-        *(shipped(RUNTIME / "bridge", n) for n in OF_BOTH),
+        *(shipped(RUNTIME / own / n, "src/") for n in of_simulation),
+        *(shipped(RUNTIME / "bridge" / n, "src/") for n in OF_BOTH),
     ]
     if system.externals:
-        package.files += [
+        files += [
             PackageFile(f"src/{name}_bridge.cpp", nodes.bridge()),
-            shipped(RUNTIME / own, "soter_bridge.hpp"),
-            shipped(RUNTIME / "bridge", "soter_bridge_core.hpp"),
+            shipped(RUNTIME / own / "soter_bridge.hpp", "src/"),
+            shipped(RUNTIME / "bridge" / "soter_bridge_core.hpp", "src/"),
         ]
-    package.trusted = TRUSTED if system.externals else SIMULATED
-    package.programs = bridged.programs
-    package.notes = [*(bridged.trusted.notes or simulated.notes)]
-    package.notes += unmapped_notes(system, mapped, "in ROS") + promise_lines(system, mapped)
-    sources = [
-        f"{SIMULATED}/{f.path}" for f in simulated.files if f.path.endswith(".c") and _is_code(f)
-    ]
+    package = Package(
+        folder,
+        files,
+        notes=[
+            *(bridged.trusted.notes or simulated.notes),
+            *unmapped_notes(system, mapped, "in ROS"),
+            *promise_lines(system, mapped),
+        ],
+        programs=bridged.programs,
+        trusted=TRUSTED if system.externals else SIMULATED,
+    )
+    sources = [f.path for f in code if f.path.endswith(".c")]
     return package, RosPackage(version, name, bridged, sources, [*mapped])
-
-
-def _is_code(file: PackageFile) -> bool:
-    """Whether the simulation needs this file of the package of target `c`."""
-    return file.path.endswith((".c", ".h")) and file.path not in OTHER_MAINS

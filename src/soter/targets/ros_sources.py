@@ -13,10 +13,10 @@ import hashlib
 import re
 from typing import TYPE_CHECKING
 
-from soter.mapping.message_types import HEADER_STAMP
-from soter.mapping.topic_mapping import NearestSource
+from soter.mapping.message_types import HEADER_STAMP, MessageType, StampSource
+from soter.mapping.topic_mapping import NearestSource, SourcePromise, TopicMap
 from soter.report.templates import filled
-from soter.targets.bridge_base import sources_by_topic
+from soter.targets.bridge_base import BridgedSystem, sources_by_topic
 from soter.targets.message_conversion import (
     CPP,
     MessageConverter,
@@ -28,10 +28,6 @@ from soter.targets.package import PackageFile
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from soter.mapping.message_types import MessageType, StampSource
-    from soter.mapping.topic_mapping import SourcePromise, TopicMap
-    from soter.targets.bridge_base import BridgedSystem
 
 
 MESSAGE = "ModuleStatus"
@@ -232,7 +228,6 @@ def _stamp(stamp: StampSource | None, converter: MessageConverter, *, scanned: b
         return "0"
     if scanned and stamp.path == HEADER_STAMP:
         return "soter::last_ray_ns(m, soter::ns_of(m.header.stamp))"
-    what, unit = converter.path(stamp.path), stamp.unit_ns
     if stamp.kind == "time":
-        return f"soter::ns_of({what})"
-    return f"soter_ns_of_number((long double){what}, {unit.numerator}, {unit.denominator})"
+        return f"soter::ns_of({converter.path(stamp.path)})"
+    return converter.stamp_number(stamp)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c_names import field_name
 from soter.core.layout import size_of
-from soter.language.model.types import IntType, leaves
+from soter.language.model.types import IntType, Type, leaves
 from soter.targets.firmware_interface import described, topic_names
 from soter.targets.leases_and_lateness import (
     AgeLimit,
@@ -34,7 +34,6 @@ from soter.targets.package import PackageFile, filled_file
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
     from soter.language.model.system import Bound, Module, System, Topic
-    from soter.language.model.types import Type
 
 
 CHANNELS = "channels.json"
@@ -173,19 +172,22 @@ class WorldTables:
 
     def _grant(self, module: Module) -> None:
         times = lease_times(self.system, module)
-        of = {x.name: x for x in self.system.components}
-        parts = [of[b.name] for b in times.budgets]
+        index = {x.name: x.index for x in self.system.components}
         if slow := lasting(self.system, module):
             self.notes.append(
                 f"{module.name}: no leases in real time: a step of {', '.join(slow)} takes time"
             )
             return
         name = self.lease_names[module.index]
-        indices = tuple(x.index for x in parts)
-        short = name.removeprefix(f"{self.unit.prefix}_")
-        outputs = tuple(self._output(self.system.topics[i]) for i in module.outputs)
-        ages = ages_of(self.system, module)
-        self.granted.append(LeasedModule(module, name, short, indices, ages, outputs))
+        granted = LeasedModule(
+            module,
+            name,
+            name.removeprefix(f"{self.unit.prefix}_"),
+            tuple(index[b.name] for b in times.budgets),
+            ages_of(self.system, module),
+            tuple(self._output(self.system.topics[i]) for i in module.outputs),
+        )
+        self.granted.append(granted)
         self.notes.append(note_of(module, times))
 
     def _output(self, t: Topic) -> CommandedTopic:

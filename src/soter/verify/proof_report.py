@@ -15,10 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.language.model.types import show_ns
 from soter.native.compiler import find, told_version
-from soter.report.atomic_write import ReportError
 from soter.report.proof_page import (
     R1,
     R2,
@@ -200,11 +198,7 @@ SHARES = {
 
 def write_report(report: VerifyReport, path: Path) -> Path:
     """Writes the page; `SoterError` D006 where it cannot be written."""
-    made = page(report)
-    try:
-        return write_proof(made, path)
-    except ReportError as error:
-        raise SoterError((Diagnostic("D006", str(error)),)) from error
+    return write_proof(page(report), path)
 
 
 def page_text(report: VerifyReport) -> str:

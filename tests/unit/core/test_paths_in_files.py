@@ -201,7 +201,7 @@ def test_definitions_of_messages_are_those_beside_the_mapping(
     for folder in ("a", "b"):
         file = Path("..") / folder / "map.toml"
         if folder == "a":
-            mapping_of(read_mapping(file), flat, folder=file.parent, file=file)
+            mapping_of(read_mapping(file), flat, file=file)
         else:
             with pytest.raises(soter.SoterError, match="string"):
-                mapping_of(read_mapping(file), flat, folder=file.parent, file=file)
+                mapping_of(read_mapping(file), flat, file=file)

@@ -79,7 +79,9 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 def read(system: Any, topic: str, given: Any, folder: Path | None = None, **top: Any) -> TopicMap:
-    (made,) = mapping_of({**top, "topics": {topic: given}}, system, folder=folder).topics
+    (made,) = mapping_of(
+        {**top, "topics": {topic: given}}, system, file=folder and folder / "map.toml"
+    ).topics
     return made
 
 
@@ -92,7 +94,7 @@ def test_a_mistake_is_told_with_its_file(system: Any, tmp_path: Path) -> None:
 
 def told(system: Any, given: Any, folder: Path | None = None) -> list[str]:
     with pytest.raises(SoterError) as error:
-        mapping_of(given, system, folder=folder)
+        mapping_of(given, system, file=folder and folder / "map.toml")
     assert {d.code for d in error.value.diagnostics} == {"D015"}
     return [d.message for d in error.value.diagnostics]
 
@@ -226,7 +228,7 @@ def test_ones_own_messages_are_read_from_beside_the_mapping(system: Any, tmp_pat
             }
         },
     }
-    (made,) = mapping_of(given, system, folder=tmp_path).topics
+    (made,) = mapping_of(given, system, file=tmp_path / "map.toml").topics
     assert made.optional == {"gusts.0", "gusts.1"}
     assert made.stamp == StampSource("header.stamp")
 
@@ -419,7 +421,7 @@ def test_the_mapping_of_the_page_is_one(tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text(blocks[0])
     system = load(tmp_path / "p.soter").flat()
     given = read_mapping(tmp_path / "map.toml")
-    motion, command = mapping_of(given, system, folder=tmp_path).topics
+    motion, command = mapping_of(given, system, file=tmp_path / "map.toml").topics
     assert motion.leaves["p", "z"] == SignalSource("pose.pose.position.z", -1.0)
     assert command.constants == {"header.frame_id": "base_link"}
     (stamps,) = (b for b in blocks if b.startswith("stamp ="))

@@ -15,7 +15,7 @@ import pytest
 from city_view import CityView
 
 import processes
-from soter.report.atomic_write import ReportError, ReportUnavailableError
+from soter.diagnostics.diagnostic import SoterError
 from soter.report.html import BESIDE, POLICY, html_document, write_html
 from soter.report.run.page import headline, value_text
 from soter.report.run.record import Decision, ReportPage, Violation
@@ -178,7 +178,7 @@ def test_a_missing_extra_is_named(
     city_page: ReportPage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "plotly.offline", None)
-    with pytest.raises(ReportUnavailableError, match=r"pip install 'soter-rta\[report\]'"):
+    with pytest.raises(SoterError, match=r"pip install 'soter-rta\[report\]'"):
         write_html(city_page, tmp_path / "city.html")
     assert list(tmp_path.iterdir()) == []
 
@@ -186,7 +186,7 @@ def test_a_missing_extra_is_named(
 def test_an_unwritable_path_is_named(cart_page: ReportPage, tmp_path: Path) -> None:
     pytest.importorskip("plotly", reason="the extra `report` is not installed")
     (tmp_path / "file").write_text("")
-    with pytest.raises(ReportError, match=r"cannot write the report .*file/cart\.html: "):
+    with pytest.raises(SoterError, match=r"cannot write the report .*file/cart\.html: "):
         write_html(cart_page, tmp_path / "file" / "cart.html")
 
 

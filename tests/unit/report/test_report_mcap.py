@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.report.atomic_write import LogError, LogUnavailableError
 from soter.report.mcap_log import (
     BOOLEAN,
     DECISIONS_TOPIC,
@@ -22,6 +21,7 @@ from soter.report.mcap_log import (
     NUMBER,
     DecisionStep,
     LogChannel,
+    LogError,
     LogHeader,
     ModeRecord,
     array_schema,
@@ -320,6 +320,6 @@ def test_an_unwritable_path_is_named(tmp_path: Path) -> None:
 
 def test_a_missing_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mcap.writer", None)
-    with pytest.raises(LogUnavailableError, match=r"pip install 'soter-rta\[logs\]'"):
+    with pytest.raises(LogError, match=r"pip install 'soter-rta\[logs\]'"):
         write_mcap(tmp_path / "run.mcap", channels(), header=HEADER)
     assert list(tmp_path.iterdir()) == []

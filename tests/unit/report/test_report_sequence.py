@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import processes
-from soter.report.atomic_write import ReportError
+from soter.diagnostics.diagnostic import SoterError
 from soter.report.html import POLICY
 from soter.report.sequence_drawing import plan
 from soter.report.sequence_view import (
@@ -264,7 +264,7 @@ def test_the_explanation_is_one_sentence_about_the_first_violation() -> None:
 def test_the_same_view_gives_the_same_page(tmp_path: Path) -> None:
     path = write_page(sample.small(), tmp_path / "deep" / "a.html")
     assert path.read_text(encoding="utf-8") == page(sample.small())
-    with pytest.raises(ReportError, match="cannot write"):
+    with pytest.raises(SoterError, match="cannot write"):
         write_page(sample.small(), tmp_path)
 
 

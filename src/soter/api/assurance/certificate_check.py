@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.rechecking import no_certificate, recheck
-from soter.certificate.report import REJECTED
+from soter.certificate.report import REJECTED, RecheckedModule, Report
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import SoterError, mistake, reason
 from soter.language.front_end import system_to_prove
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
     from soter.api.arguments import Progress, Tell
     from soter.certificate.folder import Certificate
-    from soter.certificate.report import RecheckedModule, Report
     from soter.language.model.system import Module, System
 
 
@@ -150,15 +149,15 @@ def _looked_at(folder: Path, flat: System, params: dict[str, str]) -> CertifiedP
     assert checked.program is not None
     if checked.program.sha256 != flat.program.sha256:
         return CertifiedProof(path, sha256, why=OTHER_PROGRAM)
-    entries = _entries(certificate, flat)
+    entries = _manifest_entries(certificate, flat)
     if not entries:
         return CertifiedProof(path, sha256, why=OTHER_MODULE)
-    if _parameters(checked, flat.name, overrides) != params:
+    if _certified_parameters(checked, flat.name, overrides) != params:
         return CertifiedProof(path, sha256, why=OTHER_PARAMETERS)
     return CertifiedProof(path, sha256, certificate=certificate, entries=entries)
 
 
-def _parameters(checked: Any, system: str, overrides: dict[str, Any]) -> dict[str, str]:  # noqa: ANN401
+def _certified_parameters(checked: Any, system: str, overrides: dict[str, Any]) -> dict[str, str]:  # noqa: ANN401
     """Parameter -> value in the certificate's system; {"": ""}, which fits none, after errors."""
     from soter.certificate.scope import parameters_of  # noqa: PLC0415 - needs NumPy
 
@@ -168,7 +167,7 @@ def _parameters(checked: Any, system: str, overrides: dict[str, Any]) -> dict[st
         return {"": ""}
 
 
-def _entries(certificate: Certificate, flat: System) -> dict[str, list[dict[str, Any]]]:
+def _manifest_entries(certificate: Certificate, flat: System) -> dict[str, list[dict[str, Any]]]:
     """Name of a module that is not forced -> its entries in the manifest."""
     given = certificate.manifest.get("modules")
     entries_by_module: dict[str, list[dict[str, Any]]] = {}
@@ -190,8 +189,7 @@ def file_hash(path: Path) -> str:
                 digest.update(part)
         return digest.hexdigest()
     except OSError as error:
-        message = f"cannot read `{path}`: {reason(error)}"
-        raise mistake("D006", message) from error
+        raise mistake("D006", f"cannot read `{path}`: {reason(error)}") from error
 
 
 RECHECKER = ("certificate", "language")

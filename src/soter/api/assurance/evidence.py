@@ -20,7 +20,7 @@ from soter.api.assurance.certificate_check import file_hash
 from soter.diagnostics.current_phase import phase
 from soter.diagnostics.diagnostic import mistake, reason
 from soter.language.load.named_files import read_bytes, read_json_text
-from soter.report.safety_case import CaseNode
+from soter.report.safety_case import CaseNode, SafetyCase
 from soter.version import other_format
 
 if TYPE_CHECKING:
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from soter.campaign.store import FlightOutcome
     from soter.explore.results import ExploreReport, TestResult
     from soter.language.model.system import System
-    from soter.report.safety_case import SafetyCase
 
 
 class AssuredProgram(Protocol):
@@ -90,8 +89,7 @@ def replay_flights(
     total += f"{sum(int(r['violations']) for r in rows)} violations"
     folder = given.file.parent
     goal = f"No property is violated in the flights of campaign {folder} that were flown again"
-    why = _not_flown(flat, about)
-    if why:
+    if why := _why_not_flown(flat, about):
         return ReplayedFlights(goal, total, why)
     chosen = _chosen_flights(rows, most)
     if not chosen:
@@ -134,7 +132,7 @@ def _replayed_flights(
     return ReplayedFlights(goal, text)
 
 
-def _not_flown(flat: System, about: dict[str, Any]) -> str:
+def _why_not_flown(flat: System, about: dict[str, Any]) -> str:
     """Why no flight can be flown again; "" if they can."""
     if about["program_sha256"] != flat.program.sha256 or about["system"] != flat.name:
         return "the campaign is of another program or system: hashes differ"
@@ -163,7 +161,7 @@ def read_flights(folder: Path) -> FlightFolder:
         about = json.loads(read_json_text(folder / "campaign.json"))
         text = read_bytes(file, FLIGHTS_MAX).decode("utf-8")
         rows = list(csv.DictReader(StringIO(text, newline="")))
-        wrong = _campaign_fault(about, rows)
+        _require_sound(about, rows)
     except (
         OSError,
         ValueError,
@@ -175,26 +173,22 @@ def read_flights(folder: Path) -> FlightFolder:
     ) as error:
         message = f"`{folder}` is no folder of `soter campaign`: {error}"
         raise mistake("D006", message) from error
-    if wrong:
-        message = f"`{folder}` is no folder of `soter campaign`: {wrong}"
-        raise mistake("D006", message)
     return FlightFolder(file, file_hash(file), about, rows)
 
 
-def _campaign_fault(about: dict[str, Any], rows: list[dict[str, str]]) -> str:
-    """What is wrong with a campaign's files, or ""; also ValueError, KeyError or TypeError."""
+def _require_sound(about: dict[str, Any], rows: list[dict[str, str]]) -> None:
+    """Raises ValueError, KeyError or TypeError for what is wrong with a campaign's files."""
     from soter.campaign.store import SCHEMA  # noqa: PLC0415 - then only
 
     if other := other_format(about["schema"], SCHEMA):
-        return other
+        raise ValueError(other)
     for name in ("program_sha256", "system", "arm", "lateness", "horizon_ns"):
         about[name]
     if int(about["until_ns"]) <= 0 or int(about["first_seed"]) < 0:
-        return "`until_ns` or `first_seed` is out of range"
+        raise ValueError("`until_ns` or `first_seed` is out of range")
     for r in rows:
         if not 0 <= int(r["number"]) < NUMBERS or int(r["violations"]) < 0 or not r["digest"]:
-            return f"flight {r['number']} is out of range"
-    return ""
+            raise ValueError(f"flight {r['number']} is out of range")
 
 
 @dataclass(frozen=True)
@@ -231,11 +225,11 @@ class Evidence:
         )
         if any(of["program_sha256"] != flat.program.sha256 for of in read.told.values()):
             tell(OTHER_REPORT)
-        if read.flights is not None and (why := _not_flown(flat, read.flights.about)):
+        if read.flights is not None and (why := _why_not_flown(flat, read.flights.about)):
             tell(why)
         return read
 
-    def tests(self, case: SafetyCase, refuted: list[str], *, explored: bool) -> None:
+    def tests(self, case: SafetyCase, *, explored: bool) -> None:
         """Adds a goal for each test: supported if it was explored now and is clean."""
         own = [n for n in self.flat.program.tests if "." not in n] if explored else []
         names = list(dict.fromkeys([*self.told, *own]))
@@ -246,11 +240,12 @@ class Evidence:
         if explored:
             phase("exploring the tests again")
             report = self.program.explore(params=self.params, output=None)
+        results = {} if report is None else {t.name: t for t in report.tests}
         for k, name in enumerate(names, 1):
-            result = None if report is None else _result_of_test(report, name)
+            result = results.get(name)
             self._add_test(case, goal, k, name, result, report)
             if result is not None and result.verdict == "violated":
-                refuted.append(f"test {name} is violated")
+                case.refuted.append(f"test {name} is violated")
 
     def _add_test(
         self,
@@ -275,11 +270,10 @@ class Evidence:
             leaf.checked = not leaf.why
             for k, said in enumerate(result.assumptions, 1):
                 said = f"test {name}: {said}"  # noqa: PLW2901 - whose it is
-                node = CaseNode(f"A2.{number}.{k}", "assumption", said, key=said)
-                case.add(node, beside=child)
+                case.add(CaseNode(f"A2.{number}.{k}", "assumption", said, key=said), beside=child)
         case.add(leaf, under=child)
 
-    def campaign(self, case: SafetyCase, refuted: list[str], most: int) -> None:
+    def campaign(self, case: SafetyCase, most: int) -> None:
         """Adds a goal for the campaign: flights are flown again and compared with the digests."""
         if self.flights is None:
             return
@@ -290,11 +284,7 @@ class Evidence:
         leaf.path, leaf.sha256 = str(self.flights.file), self.flights.sha256
         case.add(leaf, under=goal)
         if flown.violated:
-            refuted.append(flown.violated)
-
-
-def _result_of_test(report: ExploreReport, name: str) -> TestResult | None:
-    return next((t for t in report.tests if t.name == name), None)
+            case.refuted.append(flown.violated)
 
 
 def _why_no_support(result: TestResult, report: ExploreReport) -> str:
@@ -324,6 +314,5 @@ def _tests_in_report(path: Path) -> dict[str, dict[str, Any]]:
     except OSError as error:
         raise mistake("D006", f"cannot read `{path}`: {reason(error)}") from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        help_ = f"soter test FILE --json > {path}"
         what = f"`{path}` is no report of `soter test --json`"
-        raise mistake("D005", what, help_) from error
+        raise mistake("D005", what, f"soter test FILE --json > {path}") from error

@@ -17,13 +17,15 @@ from graphlib import CycleError, TopologicalSorter
 from io import StringIO
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics, SoterError, Source, Span, mistake, reason
+from soter.diagnostics.diagnostic import Diagnostics, Source, Span, mistake, reason
 from soter.diagnostics.similar_names import did_you_mean
 from soter.language.load.named_files import read_bytes
 from soter.report.safety_case import (
     SUPPORTED,
     UNDEVELOPED,
+    CaseNode,
     OpenItem,
+    SafetyCase,
     Traceability,
     TracedItem,
     TracedProperty,
@@ -35,7 +37,6 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.codes import Code
     from soter.language.model.system import System
-    from soter.report.safety_case import CaseNode, SafetyCase
 
 
 CODE: Code = "D021"
@@ -87,11 +88,9 @@ def read_hazards(path: Path) -> HazardFile:
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        message = f"`{path}` is not UTF-8: byte {error.start + 1}"
-        raise mistake(CODE, message) from error
+        raise mistake(CODE, f"`{path}` is not UTF-8: byte {error.start + 1}") from error
     rows = list(_hazard_rows(Source(str(path), text), diagnostics))
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
     return HazardFile(str(path), hashlib.sha256(raw).hexdigest(), tuple(rows))
 
 
@@ -135,15 +134,15 @@ def _csv_records(source: Source, diagnostics: Diagnostics) -> Iterator[tuple[lis
             cells = next(reader, None)
         except csv.Error as error:
             span = Span(source, ends[done], ends[min(done + 1, len(lines))])
-            diagnostics.error(CODE, f"this is no CSV: {error}", _trimmed(span))
+            diagnostics.error(CODE, f"this is no CSV: {error}", _without_line_break(span))
             return
         if cells is None:
             return
-        yield cells, _trimmed(Span(source, ends[done], ends[reader.line_num]))
+        yield cells, _without_line_break(Span(source, ends[done], ends[reader.line_num]))
         done = reader.line_num
 
 
-def _trimmed(span: Span) -> Span:
+def _without_line_break(span: Span) -> Span:
     """The span without the line break at its end."""
     return Span(span.source, span.start, span.start + len(span.text.rstrip("\r\n")))
 
@@ -160,8 +159,7 @@ def _is_head(names: list[str], span: Span, diagnostics: Diagnostics) -> bool:
             diagnostics.error(CODE, f"there is no column `{name}`", span, helps=helps)
         elif names.count(name) > 1:
             diagnostics.error(CODE, f"the column `{name}` stands twice", span)
-    missing = [name for name in ("kind", "id") if name not in names]
-    if missing:
+    if missing := [name for name in ("kind", "id") if name not in names]:
         message = f"the first line has no column `{missing[0]}`"
         diagnostics.error(CODE, message, span, helps=(f"columns are {', '.join(COLUMNS)}",))
     return diagnostics.error_count == before
@@ -240,15 +238,17 @@ class Tracing:
         properties = [self._traced_property(case, name) for name in self.how]
         status = {p.name: p.status for p in properties}
         traced = [r for r in rows if r.kind != "assumption"]
-        reached = _reached_properties(traced)
-        items = tuple(_traced_items(traced, reached, status))
+        items = tuple(_traced_items(traced, _reached_properties(traced), status))
         for k, p in enumerate(properties):
             hazards = (i.id for i in items if i.kind == "hazard" and p.name in i.properties)
             properties[k] = replace(p, hazards=tuple(hazards))
-        open_ = [*_open_items(items, status), *_unasked(properties), *_unanswered(assumptions)]
+        open_ = [
+            *_open_items(items, status),
+            *_untraced_properties(properties),
+            *_unowned_assumptions(assumptions),
+        ]
         path, sha256 = ("", "") if self.file is None else (self.file.path, self.file.sha256)
-        opened = (*open_, *stale)
-        case.traceability = Traceability(path, sha256, items, tuple(properties), opened)
+        case.traceability = Traceability(path, sha256, items, tuple(properties), (*open_, *stale))
 
     def _traced_property(self, case: SafetyCase, name: str) -> TracedProperty:
         how = self.how[name]
@@ -293,8 +293,7 @@ def _require_traces(rows: Sequence[HazardRow], how: dict[str, str]) -> None:
                 or (f"properties are {', '.join(f'`{name}`' for name in list(how)[:12])}",),
             )
     _check_acyclic(by_id, diagnostics)
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
 
 
 def _check_acyclic(by_id: Mapping[str, HazardRow], diagnostics: Diagnostics) -> None:
@@ -329,8 +328,7 @@ def _traced_items(
         shown |= {words[t] for t in by_id[id_].traces_to if t in by_id}
         words[id_] = SUPPORTED if shown == {SUPPORTED} else "open"
     for r in rows:
-        of, word = tuple(reached[r.id]), words[r.id]
-        yield TracedItem(r.kind, r.id, r.text, r.traces_to, of, word)
+        yield TracedItem(r.kind, r.id, r.text, r.traces_to, tuple(reached[r.id]), words[r.id])
 
 
 # ---------------------------------------------------------------- what is open
@@ -350,7 +348,7 @@ def _open_items(items: Sequence[TracedItem], status: dict[str, str]) -> Iterator
             yield OpenItem(i.kind, i.id, "only flights are behind it, which are a sample")
 
 
-def _unasked(properties: Sequence[TracedProperty]) -> Iterator[OpenItem]:
+def _untraced_properties(properties: Sequence[TracedProperty]) -> Iterator[OpenItem]:
     for p in properties:
         if p.wanted and not p.hazards:
             yield OpenItem("property", p.name, "no hazard traces to it")
@@ -374,16 +372,14 @@ def _owner_gaps(assumptions: Sequence[CaseNode], rows: Sequence[HazardRow]) -> I
         else:
             why = "no test was explored" if _is_of_test(r.id) else "no certificate was accepted"
             yield OpenItem("assumption", r.id, f"not known whether it is one: {why}")
-    if diagnostics.has_errors:
-        raise SoterError(diagnostics.items)
+    diagnostics.raise_errors()
 
 
 def _is_of_test(key: str) -> bool:
     return key.startswith("test ")
 
 
-def _unanswered(assumptions: Sequence[CaseNode]) -> Iterator[OpenItem]:
+def _unowned_assumptions(assumptions: Sequence[CaseNode]) -> Iterator[OpenItem]:
     for n in assumptions:
-        lacking = [words for name, words in ANSWERS if not getattr(n, name)]
-        if lacking:
+        if lacking := [words for name, words in ANSWERS if not getattr(n, name)]:
             yield OpenItem("assumption", n.id, ", ".join(lacking))

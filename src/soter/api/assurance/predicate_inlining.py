@@ -21,6 +21,8 @@ from soter.language.model.types import (
     FloatType,
     IntType,
     RecordType,
+    Type,
+    Value,
     show_ns,
 )
 from soter.language.model.values import to_json
@@ -31,7 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.language.model.system import Module, System
-    from soter.language.model.types import Type, Value
 
 
 CONDITIONAL, UNARY, ATOM = 0, 6, 7
@@ -64,12 +65,11 @@ def expanded(system: System, module: Module) -> Iterator[ExpandedPredicate]:
             yield ExpandedPredicate(module.name, name, "")
             continue
         expansion = _Expansion(system, module)
-        text = expansion.whole(predicate)
         yield ExpandedPredicate(
             module.name,
             name,
             " ".join(predicate.span.text.split()),
-            text,
+            expansion.whole(predicate),
             where=tuple(expansion.where),
             constants=tuple(expansion.constants.values()),
             read=tuple(expansion.read.values()),
@@ -214,8 +214,7 @@ class _Expansion:
         fields = getattr(e.type, "fields", None)
         if fields is None:
             return _Text(f"[{', '.join(x.text for x in given)}]")
-        order = e.order or range(len(given))
-        by_field = dict(zip(order, given, strict=True))
+        by_field = dict(zip(e.order or range(len(given)), given, strict=True))
         return _record_text({name: by_field[i] for i, (name, _) in enumerate(fields)})
 
     def atom(self, e: typed.TypedExpr, env: dict[typed.Variable, _Text]) -> str:

@@ -20,8 +20,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.arguments import require_no_certificate
-from soter.api.assurance.certificate_check import command_line, proof_of, provenance_of
-from soter.api.assurance.evidence import Evidence
+from soter.api.assurance.certificate_check import (
+    CertifiedProof,
+    command_line,
+    proof_of,
+    provenance_of,
+)
+from soter.api.assurance.evidence import AssuredProgram, Evidence
 from soter.api.assurance.hazard_traceability import Tracing
 from soter.api.assurance.predicate_inlining import expanded
 from soter.api.rechecking import require_flint
@@ -29,9 +34,9 @@ from soter.diagnostics.diagnostic import SoterError, mistake
 from soter.language.elaborate.derived_systems import faultless
 from soter.language.elaborate.views_for_proofs import systems_by_view
 from soter.language.model import typed
-from soter.language.model.system import claims_nothing, modules_above
+from soter.language.model.system import Module, System, claims_nothing, modules_above
 from soter.language.model.tree_walk import nodes
-from soter.report.atomic_write import ReportError, own_place
+from soter.report.atomic_write import own_place
 from soter.report.safety_case import SUPPORTED, CaseNode, SafetyCase
 from soter.version import VERSION
 
@@ -39,11 +44,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.api.arguments import Progress, Tell
-    from soter.api.assurance.certificate_check import CertifiedProof
-    from soter.api.assurance.evidence import AssuredProgram
     from soter.certificate.folder import Certificate
     from soter.certificate.report import RecheckAssumption, RecheckedModule
-    from soter.language.model.system import Module, System
     from soter.language.model.typed import PlantSymbol
     from soter.verify.deploy.level_tables import GroupTable
     from soter.verify.problem.problem import Problem
@@ -154,27 +156,24 @@ class _ConfirmedModule:
         return self.why or f"the certificate does not confirm {claim}: {', '.join(said)}"
 
 
-def argue(case: SafetyCase, flat: System, proof: CertifiedProof, refuted: list[str]) -> CaseNode:
+def argue(case: SafetyCase, flat: System, proof: CertifiedProof) -> CaseNode:
     """Adds all goals about the certificate to the case, and returns the top goal.
 
-    It adds to `refuted` a rejected certificate, and a compiled DM that differs.
+    It adds to `case.refuted` a rejected certificate, and a compiled DM that differs.
     """
     if proof.rejected:
-        refuted.append(f"the certificate is rejected: {proof.rejected}")
+        case.refuted.append(f"the certificate is rejected: {proof.rejected}")
     shown = [
         _ConfirmedModule(k, m, *proof.of(flat, m, case.params))
         for k, m in enumerate(_claiming(flat), 1)
     ]
     top = case.add(CaseNode("G1", "goal", _top_goal_text(flat)))
-    strategy = case.add(
-        CaseNode("S1", "strategy", MODULES),
-        under=top,
-    )
+    strategy = case.add(CaseNode("S1", "strategy", MODULES), under=top)
     for each in shown:
         _add_module(case, strategy, flat, each, proof)
     _add_returns(case, top, shown, proof)
     _add_laws(case, flat, shown, proof)
-    compiled = _add_compiled(case, flat, shown, proof, refuted)
+    compiled = _add_compiled(case, flat, shown, proof)
     used = [m for each in shown for m in each.reports]
     if proof.report is not None and used:
         rest = [s for s in proof.report.not_covered if s.key != "compiled" or not compiled]
@@ -304,11 +303,7 @@ def _add_laws(
 
 
 def _add_compiled(
-    case: SafetyCase,
-    flat: System,
-    shown: list[_ConfirmedModule],
-    proof: CertifiedProof,
-    refuted: list[str],
+    case: SafetyCase, flat: System, shown: list[_ConfirmedModule], proof: CertifiedProof
 ) -> bool:
     """Adds the goal that the C of each DM switches as the argument assumes; tries it now."""
     from soter.api.assurance.certificate_check import compiler_used  # noqa: PLC0415 - compiles
@@ -326,13 +321,13 @@ def _add_compiled(
             if said or differs:
                 case.provenance["C compiler"] = compiler_used()
             if differs:
-                refuted.append(f"{name}: {why}")
+                case.refuted.append(f"{name}: {why}")
         text = f"the generated C of the decision module of {name} switches as proved"
         child = case.add(CaseNode(f"{COMPILED}.{each.number}", "goal", text), under=goal)
         text = "no evidence" if why else f"{said}, just now"
         leaf = CaseNode(f"Sn.6.{each.number}", "solution", text, checked=not why, why=why)
         case.add(leaf, under=child)
-    return case.status(goal) == "supported"
+    return case.status(goal) == SUPPORTED
 
 
 FILES = ("index.html", "case.json", "case.sdoc")
@@ -401,7 +396,6 @@ def assure(
         parameters_of(flat),
     )
     case.plants = _plant_equations(flat)
-    refuted = case.refuted
     evidence = Evidence.read(program, flat, params, test_report, campaign, tell)
     tracing = Tracing.read(None if hazards is None else Path(hazards), flat)
     case.predicates = tuple(p for m in flat.modules for p in expanded(flat, m))
@@ -417,7 +411,7 @@ def assure(
         "-o": output,
     }
     case.provenance = provenance_of(proof, command_line(program.path, options, params or {}))
-    top = argue(case, flat, proof, refuted)
+    top = argue(case, flat, proof)
     if flat.faults:
         faulty = CaseNode("C-faults", "context", "runs with the `faults` of the system")
         case.add(faulty, beside=top)
@@ -430,10 +424,11 @@ def assure(
         ),
         beside=top,
     )
-    evidence.tests(case, refuted, explored=tests)
-    evidence.campaign(case, refuted, flights)
+    evidence.tests(case, explored=tests)
+    evidence.campaign(case, flights)
     tracing.enter(case)
-    return Assurance(case, _write_files(case, Path(output)), tuple(refuted), proof.not_rechecked)
+    files = _write_files(case, Path(output))
+    return Assurance(case, files, tuple(case.refuted), proof.not_rechecked)
 
 
 def _plant_equations(flat: System) -> dict[str, tuple[str, ...]]:
@@ -467,9 +462,9 @@ def _write_files(case: SafetyCase, folder: Path) -> tuple[Path, ...]:
 
     try:
         page, data, document = (own_place(folder, name) for name in FILES)
-        write_case(case, page)
-        write_text(json.dumps(case.to_json(VERSION), indent=2, sort_keys=True) + "\n", data)
-        write_text(sdoc(case), document)
-    except (ReportError, OSError) as error:
+    except OSError as error:
         raise mistake("D006", str(error)) from error
+    write_case(case, page)
+    write_text(json.dumps(case.to_json(VERSION), indent=2, sort_keys=True) + "\n", data)
+    write_text(sdoc(case), document)
     return page, data, document

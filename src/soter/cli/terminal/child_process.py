@@ -19,15 +19,13 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.console import ChildResult
+from soter.cli.terminal.console import ChildResult, Console
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.workers.child_process import adopt_orphans, end_children, end_with, resume
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from typing import NoReturn
-
-    from soter.cli.terminal.console import Console
 
     Rescue = Callable[[int], tuple[str, ...]]
 
@@ -64,8 +62,7 @@ def in_child_process(console: Console, rescue: Rescue) -> None:
     status, told = _wait(child, {*ending, signal.SIGCHLD, signal.SIGALRM})
     end_children()
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    exception = verdict.found()
-    if exception is not None:
+    if (exception := verdict.found()) is not None:
         raise exception
     saved = rescue(child)
     if told:

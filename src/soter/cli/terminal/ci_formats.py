@@ -22,19 +22,14 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 from xml.etree import ElementTree as ET
 
-from soter.cli.terminal.command_line import of_diagnostics, place
+from soter.cli.terminal.command_line import CiFinding, CommandOutcome, of_diagnostics, place
 from soter.diagnostics.codes import explain, title
-from soter.diagnostics.diagnostic import Severity
-from soter.explore.results import BOUND, VIOLATED
-from soter.report.html import write_text
+from soter.diagnostics.diagnostic import Diagnostic, Severity
+from soter.explore.results import BOUND, VIOLATED, ExploreReport, TestResult
 from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-
-    from soter.cli.terminal.command_line import CiFinding, CommandOutcome
-    from soter.diagnostics.diagnostic import Diagnostic
-    from soter.explore.results import ExploreReport, TestResult
 
 
 NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -69,6 +64,7 @@ SCHEMA = (
     "https://docs.oasis-open.org/sarif/sarif/v2.1.0/errata01/os/schemas/sarif-schema-2.1.0.json"
 )
 LEVELS = {"fail": "error", "open": "error", "warning": "warning"}
+"""Kind of a finding -> how SARIF and GitHub call it."""
 
 
 def written(format_: str, command: str, outcome: CommandOutcome) -> str:
@@ -100,23 +96,20 @@ def sarif(command: str, findings: Sequence[CiFinding], exit_code: int) -> str:
 
 def _rule(code: str) -> dict[str, Any]:
     rule: dict[str, Any] = {"id": code}
-    page = explain(code)
-    if page is not None:
+    if (page := explain(code)) is not None:
         rule["shortDescription"] = {"text": title(code) or code}
         rule["help"] = {"text": page, "markdown": page}
     return rule
 
 
 def _result(finding: CiFinding, rule: int) -> dict[str, Any]:
-    text = "\n".join((finding.text, *finding.details))
     result: dict[str, Any] = {
         "ruleId": finding.rule,
         "ruleIndex": rule,
         "level": LEVELS[finding.kind],
-        "message": {"text": text},
+        "message": {"text": "\n".join((finding.text, *finding.details))},
     }
-    at = place(finding.span)
-    if at is not None:
+    if (at := place(finding.span)) is not None:
         name, line, column, end_line, end_column = at
         region = {
             "startLine": line,
@@ -151,8 +144,7 @@ def junit(command: str, files: Sequence[str], findings: Sequence[CiFinding]) -> 
             _case(suite, name, f)
         if not cases:
             case(suite, name, command)
-        warnings = [_text(f) for f in mine if f.kind == "warning"]
-        if warnings:
+        if warnings := [_text(f) for f in mine if f.kind == "warning"]:
             said(suite, "system-out", "\n\n".join(warnings))
     return document(root)
 
@@ -174,17 +166,14 @@ def _case(suite: ET.Element, file: str, f: CiFinding) -> None:
     if f.kind == "pass":
         said(one, "system-out", "\n".join((f.text, *f.details)))
         return
-    kind = "failure" if f.kind == "fail" else "error"
-    said(one, kind, _text(f), type=f.rule, message=f.text)
+    word = "failure" if f.kind == "fail" else "error"
+    said(one, word, _text(f), type=f.rule, message=f.text)
 
 
 def _text(f: CiFinding) -> str:
     at = place(f.span)
     where = "" if at is None else f"{at[0]}:{at[1]}:{at[2]}: "
     return "\n".join((f"{where}{f.rule}: {f.text}", *f.details))
-
-
-WORDS = {"fail": "error", "open": "error", "warning": "warning"}
 
 
 def github(findings: Sequence[CiFinding]) -> str:
@@ -194,15 +183,14 @@ def github(findings: Sequence[CiFinding]) -> str:
 
 def _command(finding: CiFinding) -> str:
     properties = {"title": f"soter: {finding.rule}"}
-    at = place(finding.span)
-    if at is not None:
+    if (at := place(finding.span)) is not None:
         name, line, column, end_line, end_column = at
         properties |= {"file": name, "line": str(line), "endLine": str(end_line)}
         if line == end_line:  # else GitHub refuses columns
             properties |= {"col": str(column), "endColumn": str(end_column)}
     told = ",".join(f"{key}={_property(value)}" for key, value in properties.items())
     text = "\n".join((finding.text, *finding.details))
-    return f"::{WORDS[finding.kind]} {told}::{_data(text)}"
+    return f"::{LEVELS[finding.kind]} {told}::{_data(text)}"
 
 
 def _data(text: str) -> str:
@@ -252,16 +240,6 @@ def _suite(file: str, figures: dict[str, int], seconds: float) -> tuple[ET.Eleme
     counted = {k: str(v) for k, v in figures.items()} | {"time": f"{seconds:.3f}"}
     suites = ET.Element("testsuites", {"name": "soter test", **counted})
     return suites, ET.SubElement(suites, "testsuite", {"name": clean(file), **counted})
-
-
-def write_problems(file: str, problems: Iterable[Diagnostic], path: str | Path) -> Path:
-    """Writes why no test was explored, and returns the path; `ReportError` if it cannot."""
-    return write_text(document_of_problems(file, problems), path)
-
-
-def write(report: ExploreReport, path: str | Path) -> Path:
-    """Writes the XML of a report, and returns the path; `ReportError` if it cannot."""
-    return write_text(document_of_tests(report), path)
 
 
 def _case_of_test(suite: ET.Element, report: ExploreReport, test: TestResult) -> None:

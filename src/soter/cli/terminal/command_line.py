@@ -21,17 +21,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Protocol, TypeAlias
 
-from soter.cli.terminal.console import LineOfProgress
-from soter.diagnostics.command_records import option, options_of
-from soter.diagnostics.diagnostic import Severity, mistake
+from soter.cli.terminal.console import Console, LineOfProgress
+from soter.diagnostics.command_records import Option, option, options_of
+from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError, Span, mistake
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from soter.api import Program
-    from soter.cli.terminal.console import Console
-    from soter.diagnostics.command_records import Option
-    from soter.diagnostics.diagnostic import Diagnostic, SoterError, Span
 
 
 Pairs: TypeAlias = tuple[tuple[str, str], ...]
@@ -429,10 +426,9 @@ def standard_input() -> str:
     most = MAX_FILE_BYTES
     data = stream.buffer.read(most + 1) if hasattr(stream, "buffer") else stream.read(most + 1)
     if len(data) > most:
-        message = f"cannot read standard input: it is larger than {most >> 20} MiB"
-        raise mistake("D005", message)
+        raise mistake("D005", f"cannot read standard input: it is larger than {most >> 20} MiB")
     try:
         return data if isinstance(data, str) else data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        message = f"standard input is not UTF-8: byte {error.start} is wrong"
-        raise mistake("D005", message) from error
+        what = f"standard input is not UTF-8: byte {error.start} is wrong"
+        raise mistake("D005", what) from error

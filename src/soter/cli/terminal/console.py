@@ -21,7 +21,7 @@ import re
 import shutil
 import sys
 import time
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from threading import Event, Thread
 from typing import IO, TYPE_CHECKING
 
@@ -29,7 +29,6 @@ from soter.diagnostics.current_phase import lasting, listening_to_phases
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
-    from contextlib import AbstractContextManager
     from types import TracebackType
     from typing import NoReturn
 
@@ -97,28 +96,28 @@ def _encoded(error: UnicodeError) -> tuple[str, int]:
 codecs.register_error(PLAIN_ERRORS, _encoded)
 
 
+def _in_units(x: float, step: int, units: Sequence[str], plain: str) -> str:
+    """`x` with three digits in the largest of the units that it fills; `plain` if it fills none."""
+    for k, unit in enumerate(units):
+        factor = step ** (len(units) - k)
+        if x >= 0.9995 * factor:
+            return f"{x / factor:.{3 if x < 999.5 * factor else 4}g} {unit}"
+    return plain
+
+
 def rounded(x: float) -> str:
     """A rate with three digits and a unit: `1.4 M`, `23 k`, `840`."""
-    for unit, factor in (("G", 1e9), ("M", 1e6), ("k", 1e3)):
-        if x >= 0.9995 * factor:
-            return f"{x / factor:.3g} {unit}"
-    return f"{x:.0f}"
+    return _in_units(x, 1000, ("G", "M", "k"), f"{x:.0f}")
 
 
 def size(count: int) -> str:
     """A number of bytes in units of 1024: `9.6 MB`."""
-    for unit, factor in (("GB", 2**30), ("MB", 2**20), ("kB", 2**10)):
-        if count >= 0.9995 * factor:
-            return f"{count / factor:.{3 if count < 999.5 * factor else 4}g} {unit}"
-    return f"{count} bytes"
+    return _in_units(count, 1024, ("GB", "MB", "kB"), f"{count} bytes")
 
 
 def decimal(count: int) -> str:
     """A number of bytes on a disk in units of 1000: `481 MB`."""
-    for unit, factor in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
-        if count >= 0.9995 * factor:
-            return f"{count / factor:.3g} {unit}"
-    return f"{count} bytes"
+    return _in_units(count, 1000, ("GB", "MB", "kB"), f"{count} bytes")
 
 
 class ChildResult(Exception):  # noqa: N818 - no error: the command was done, in the child

@@ -79,8 +79,7 @@ def sections(j: LogJudgement) -> Iterator[PageSection]:
     yield PageSection("What was judged", (_judged_span(j), DISTANCES), PAGE_HEAD, tuple(_rows(j)))
     for m in j.modules:
         yield from _module_sections(m)
-    lost = tuple(text.strip() for text in lost_of(j))
-    if lost:
+    if lost := tuple(text.strip() for text in lost_of(j)):
         yield PageSection("The log", lost)
     if j.derived:
         rows = tuple((d.name, *_errors(d), d.how) for d in j.derived)
@@ -96,8 +95,7 @@ def _module_sections(m: ModuleOfLog) -> Iterator[PageSection]:
     if m.changes:
         rows = tuple((f"{c.time_s:.3f} s", c.to, c.reason) for c in m.changes)
         yield PageSection(f"{m.module}: changes of control", (), ("time", "control", "why"), rows)
-    near = sorted(m.bounds.values(), key=lambda n: n.distance)
-    if near:
+    if near := sorted(m.bounds.values(), key=lambda n: n.distance):
         rows = tuple((f"{n.distance:.3f}", f"{n.time_s:.3f} s", f"`{n.bound}`") for n in near)
         yield PageSection(f"{m.module}: comparisons of `ttf`", (), BOUNDS_HEAD, rows)
 
@@ -115,8 +113,8 @@ def _rows(j: LogJudgement) -> list[tuple[str, ...]]:
             "" if m.unheard else f"{m.ac_share:.1%}",
             _first_switch(m),
             f"{len(m.switches):,}",
-            _near(m.margin),
-            _near(m.clearance),
+            _nearest_text(m.margin),
+            _nearest_text(m.clearance),
         )
         for m in j.modules
         if m.decided
@@ -222,8 +220,7 @@ def lost_of(j: LogJudgement) -> Iterator[str]:
         yield f"\nrefused by the gate: {count:,} samples of {name}; the first: {first}"
     for name, told in j.faulted.items():
         yield f"\n{name} faulted and latched: {told}"
-    damage = {m.damage.told for m in j.modules if m.damage}
-    for told in (*sorted(damage), *j.notes):
+    for told in (*sorted({m.damage.told for m in j.modules if m.damage}), *j.notes):
         yield f"\nof the file: {told}"
 
 
@@ -247,7 +244,7 @@ def _list_item(text: str) -> Iterator[str]:
     yield textwrap.fill(text, WIDTH, initial_indent="  - ", subsequent_indent="    ")
 
 
-def _near(n: NearestMargin | None) -> str:
+def _nearest_text(n: NearestMargin | None) -> str:
     if n is None or not isfinite(n.distance):
         return ""
     return f"{n.distance:.3f} at {n.time_s:.3f} s"

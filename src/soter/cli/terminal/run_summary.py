@@ -18,7 +18,7 @@ from soter.language.load.named_files import CLIP, binding_of
 from soter.report.tables import Entry, Styled, display_width, mode_timeline
 from soter.report.wording import changed_parameters, visible
 from soter.semantics.faults import begins
-from soter.simulate.result import silence_of
+from soter.simulate.result import Run, silence_of
 from soter.simulate.result_assumptions import of_run
 from soter.simulate.run_fields import component_faults
 
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.cli.terminal.console import Console
-    from soter.simulate.result import Run
 
     Timing = dict[str, Any]
 
@@ -74,8 +73,7 @@ def _histograms(timing: Timing) -> Iterator[str]:
             continue  # of a process of its own
         yield _row(f"{name} begins", node["release"])
         yield _row(f"{name} complete", node["completion"])
-        late = [f"{node[k]} {k.replace('_', ' ')}" for k in _LATE if node[k]]
-        if late:
+        if late := [f"{node[k]} {k.replace('_', ' ')}" for k in _LATE if node[k]]:
             yield f"    {', '.join(late)}"
 
 
@@ -98,8 +96,7 @@ def _workers(timing: Timing) -> Iterator[str]:
 
 def _takeovers(timing: Timing) -> Iterator[str]:
     for name, module in timing["modules"].items():
-        causes = [f"{n} by {cause}" for cause, n in module["takeovers"].items() if n]
-        if causes:
+        if causes := [f"{n} by {cause}" for cause, n in module["takeovers"].items() if n]:
             yield f"  takeovers {name}: {', '.join(causes)}"
 
 
@@ -147,8 +144,7 @@ def _headline(run: Run, path: str, console: Console) -> str:
 
 def _params(run: Run, console: Console) -> Iterator[str]:
     """A line with the parameters that do not have their default values."""
-    changes = changed_parameters(run.system)
-    if changes:
+    if changes := changed_parameters(run.system):
         texts = [
             f"{name} = {value} (default {default})" for name, (value, default) in changes.items()
         ]
@@ -233,8 +229,7 @@ def _on_purpose(run: Run, console: Console) -> list[str]:
         key = (f.text, f.component if f.stream and f.slot_ns == 0 else -1)
         if f.on is not None or key in rows:
             continue
-        c = run.system.components[f.component]
-        when = begins(f, c, run.seed, until_ns)
+        when = begins(f, run.system.components[f.component], run.seed, until_ns)
         always = f.kind == "late" and f.slot_ns == 0
         times = "every release" if always else str(len(when))
         first = f"{when[0] / 1e9:.3f} s" if when else ""
@@ -302,8 +297,7 @@ def _modes(run: Run, module: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _proof_lines(run: Run, console: Console) -> Iterator[str]:
-    lines = of_run(run.system, run.proofs)
-    if lines:
+    if lines := of_run(run.system, run.proofs):
         yield "rests on"
         for line in lines:
             yield console.paint("muted", f"  {line}")

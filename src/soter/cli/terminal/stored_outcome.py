@@ -26,7 +26,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.cli.terminal.console import painted
+from soter.cli.terminal.console import Console, painted
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.cache import cache_dir, digest, find_cached, is_ours, soter_sha256, store
 from soter.native.compiler import find
@@ -34,7 +34,6 @@ from soter.native.compiler import find
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from soter.cli.terminal.console import Console
     from soter.report.tables import Styled
 
 NAME = "proof-outcome"
@@ -98,7 +97,9 @@ def stored_outcome(file: str, words: Sequence[str]) -> StoredOutcome | None:
     """The outcome stored for the program in `file` and these words; None if anything differs."""
     try:
         contents = {path: _sha256(path) for path in _stored_files(file)}
-        entry = find_cached(NAME, _content(file, words, contents), (FILE,)) if contents else None
+        entry = (
+            find_cached(NAME, _content_hash(file, words, contents), (FILE,)) if contents else None
+        )
         if entry is None:
             return None
         told = json.loads((entry / FILE).read_text(encoding="utf-8"))
@@ -124,13 +125,13 @@ def store_outcome(
         (at / FILE).write_text(text, encoding="utf-8")
 
     try:
-        store(NAME, _content(file, words, absolute), (FILE,), make)
+        store(NAME, _content_hash(file, words, absolute), (FILE,), make)
         _list(file, list(absolute))
     except (OSError, SoterError):
         return  # the next command computes it again
 
 
-def _content(file: str, words: Sequence[str], contents: Mapping[str, str]) -> str:
+def _content_hash(file: str, words: Sequence[str], contents: Mapping[str, str]) -> str:
     """A hash over everything that an outcome rests on."""
     compiler = find()
     made_by = [soter_sha256(), compiler.identity, *compiler.flags, sys.version, platform.platform()]

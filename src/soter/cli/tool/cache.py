@@ -10,15 +10,11 @@ import argparse
 import re
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from soter.cli.terminal.command_line import CommandOutcome, UsageError
-from soter.cli.terminal.console import decimal
+from soter.cli.terminal.console import Console, decimal
 from soter.diagnostics.command_records import choice, option, read_by
 from soter.native.cache import LIMIT, YOUNG_S, cache_dir, clear, entries, limit, set_limit
-
-if TYPE_CHECKING:
-    from soter.cli.terminal.console import Console
 
 EXAMPLES = f"""\
   soter cache                  where it is, what it holds, how much it may hold
@@ -55,9 +51,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
     if (args.size is None) != (args.action != "limit"):
         wants = "takes a SIZE, such as 500MB" if args.size is None else "takes no SIZE"
         raise UsageError(f"`soter cache {args.action}` {wants}")
-    removed: tuple[int, int] | None = None
-    if args.action == "clear":
-        removed = clear()
+    removed = clear() if args.action == "clear" else None
     if args.size is not None:
         set_limit(args.size)
     cache_entries, (most, said_by) = entries(), limit()
@@ -86,7 +80,6 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
 
 def _ago(seconds: float) -> str:
     for unit, length in (("day", 86_400.0), ("hour", 3_600.0), ("minute", 60.0)):
-        count = int(seconds // length)
-        if count:
+        if count := int(seconds // length):
             return f"{count} {unit}{'s' if count > 1 else ''}"
     return "less than a minute"

@@ -95,25 +95,34 @@ def words_of(
 # ---------------------------------------------------------------- bash
 
 
+BASH_HEAD = """\
+# bash completion of soter; made by `soter completion bash`
+_soter() {
+  local cur=${COMP_WORDS[COMP_CWORD]} prev="" command="" word words="" files=""
+  (( COMP_CWORD > 0 )) && prev=${COMP_WORDS[COMP_CWORD-1]}
+  for word in "${COMP_WORDS[@]:1:COMP_CWORD-1}"; do
+    [[ $word != -* ]] && { command=$word; break; }
+  done
+  COMPREPLY=()
+  case "$command:$prev" in"""
+BASH_TAIL = """\
+  esac
+  COMPREPLY=($(compgen -W "$words" -- "$cur"))
+  [[ -n $files ]] && COMPREPLY+=($(compgen -f -- "$cur"))
+}
+complete -o filenames -F _soter soter"""
+
+
 def bash(commands: list[Words]) -> Iterator[str]:
     """A script for bash 4 and later."""
-    yield "# bash completion of soter; made by `soter completion bash`"
-    yield "_soter() {"
-    yield '  local cur=${COMP_WORDS[COMP_CWORD]} prev="" command="" word words="" files=""'
-    yield "  (( COMP_CWORD > 0 )) && prev=${COMP_WORDS[COMP_CWORD-1]}"
-    yield '  for word in "${COMP_WORDS[@]:1:COMP_CWORD-1}"; do'
-    yield "    [[ $word != -* ]] && { command=$word; break; }"
-    yield "  done"
-    yield "  COMPREPLY=()"
-    yield '  case "$command:$prev" in'
+    yield BASH_HEAD
     for c in commands:
         for o in c.options:
             if o.takes:
                 at = "|".join(f"{c.name}:{n}" for n in o.names)
                 yield f"    {at}) {_bash_reply(o.values, path=o.path)}; return ;;"
-    yield "  esac"
-    yield '  case "$command" in'
     names = " ".join(c.name for c in commands)
+    yield '  esac\n  case "$command" in'
     yield f'    "") words="{names} --help --version -V --json" ;;'
     for c in commands:
         options = " ".join(n for o in c.options for n in o.names)
@@ -121,11 +130,7 @@ def bash(commands: list[Words]) -> Iterator[str]:
         files = "; files=1" if c.path else ""
         yield f'    {c.name}) if [[ $cur == -* ]]; then words="{options}";'
         yield f'      else words="{first}"{files}; fi ;;'
-    yield "  esac"
-    yield '  COMPREPLY=($(compgen -W "$words" -- "$cur"))'
-    yield '  [[ -n $files ]] && COMPREPLY+=($(compgen -f -- "$cur"))'
-    yield "}"
-    yield "complete -o filenames -F _soter soter"
+    yield BASH_TAIL
 
 
 def _bash_reply(values: tuple[str, ...], *, path: bool) -> str:
@@ -137,20 +142,30 @@ def _bash_reply(values: tuple[str, ...], *, path: bool) -> str:
 # ---------------------------------------------------------------- zsh
 
 
+ZSH_HEAD = """\
+#compdef soter
+# zsh completion of soter; made by `soter completion zsh`
+_soter() {
+  local -a commands
+  commands=("""
+ZSH_OPTIONS = """\
+  )
+  if (( CURRENT == 2 )); then _describe command commands; return; fi
+  local command=$words[2]
+  shift words; (( CURRENT-- ))
+  case "$command" in"""
+ZSH_TAIL = """\
+  esac
+}
+if [ "$funcstack[1]" = "_soter" ]; then _soter "$@"; else compdef _soter soter; fi"""
+
+
 def zsh(commands: list[Words]) -> Iterator[str]:
     """A completion function for zsh, to be put into a folder of `fpath`."""
-    yield "#compdef soter"
-    yield "# zsh completion of soter; made by `soter completion zsh`"
-    yield "_soter() {"
-    yield "  local -a commands"
-    yield "  commands=("
+    yield ZSH_HEAD
     for c in commands:
         yield f"    {_quoted(f'{c.name}:{_plain(c.about)}')}"
-    yield "  )"
-    yield "  if (( CURRENT == 2 )); then _describe command commands; return; fi"
-    yield "  local command=$words[2]"
-    yield "  shift words; (( CURRENT-- ))"
-    yield '  case "$command" in'
+    yield ZSH_OPTIONS
     for c in commands:
         rows = [r for o in c.options for r in _zsh_option(o)]
         if c.first:
@@ -161,9 +176,7 @@ def zsh(commands: list[Words]) -> Iterator[str]:
             yield f"    {c.name}) _arguments \\"
             yield from (f"      {row} \\" for row in rows[:-1])
             yield f"      {rows[-1]} ;;"
-    yield "  esac"
-    yield "}"
-    yield 'if [ "$funcstack[1]" = "_soter" ]; then _soter "$@"; else compdef _soter soter; fi'
+    yield ZSH_TAIL
 
 
 def _zsh_option(option: Option) -> Iterator[str]:
@@ -188,11 +201,15 @@ def _quoted(text: str) -> str:
 # ---------------------------------------------------------------- fish
 
 
+FISH_HEAD = """\
+# fish completion of soter; made by `soter completion fish`
+complete -c soter -f
+complete -c soter -n __fish_use_subcommand -s V -l version -d 'the version'"""
+
+
 def fish(commands: list[Words]) -> Iterator[str]:
     """Commands for fish."""
-    yield "# fish completion of soter; made by `soter completion fish`"
-    yield "complete -c soter -f"
-    yield "complete -c soter -n __fish_use_subcommand -s V -l version -d 'the version'"
+    yield FISH_HEAD
     for c in commands:
         yield f"complete -c soter -n __fish_use_subcommand -a {c.name} -d {_fish(c.about)}"
     for c in commands:

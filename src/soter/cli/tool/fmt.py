@@ -65,8 +65,7 @@ def run(args: argparse.Namespace, console: Console) -> CommandOutcome:
         except SoterError as error:
             problems += error.diagnostics
     _say(args, changed, problems, console)
-    looked_only = args.check and bool(changed)
-    code = exit_of(problems) or (DIAGNOSTICS if looked_only else 0)
+    code = exit_of(problems) or (DIAGNOSTICS if args.check and changed else 0)
     fields: dict[str, object] = {"changed": changed}
     if "-" in texts:
         fields["text"] = texts["-"]
@@ -112,8 +111,7 @@ def _replace(path: Path, text: str) -> None:
             os.chmod(stream.fileno(), mode)  # noqa: PTH101 - a descriptor has no path
             stream.write(text.encode("utf-8", "surrogatepass"))
     except OSError as error:
-        message = f"cannot write `{path}`: {reason(error)}"
-        raise mistake("D006", message) from error
+        raise mistake("D006", f"cannot write `{path}`: {reason(error)}") from error
 
 
 def _require_leave(path: Path, mode: int) -> None:
@@ -122,5 +120,4 @@ def _require_leave(path: Path, mode: int) -> None:
         return
     again = shlex.quote(str(path))
     helps = (f"chmod u+w {again} && soter fmt {again}", f"only look: soter fmt --diff {again}")
-    what = f"cannot write `{path}`: it is read-only"
-    raise mistake("D006", what, *helps)
+    raise mistake("D006", f"cannot write `{path}`: it is read-only", *helps)

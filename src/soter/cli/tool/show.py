@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.terminal.command_line import SET, SYSTEM, CommandOutcome, file_option, opened
+from soter.cli.terminal.command_line import SET, SYSTEM, CommandOutcome, Pairs, file_option, opened
 from soter.diagnostics.command_records import option
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.cli.terminal.command_line import Pairs
     from soter.cli.terminal.console import Console
 
 EXAMPLES = """\

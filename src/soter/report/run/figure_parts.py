@@ -293,8 +293,7 @@ def place(flight: Flight, time_s: float, position: Vec3 | None) -> Vec3:
     """Return where an event took place, in m: `position`, else that of the flight at `time_s`."""
     if position is not None:
         return position
-    index = nearest_indices(flight.time_s, [time_s])[0]
-    x, y, z = flight.position[index].tolist()
+    x, y, z = flight.position[nearest_indices(flight.time_s, [time_s])[0]].tolist()
     return (x, y, z)
 
 
@@ -437,7 +436,6 @@ def takeover_density(decisions: Sequence[Decision], axis: str, end_s: float) -> 
         np.histogram(np.clip([d.time_s for d in chosen], 0.0, end_s), edges)[0].tolist()
         for chosen in (takeovers(decisions), givebacks(decisions))
     )
-    parts = zip(edges[:-1], edges[1:], over, back, strict=True)
     return {
         "type": "bar",
         "x": numbers((edges[:-1] + edges[1:]) / 2, 4),
@@ -446,7 +444,7 @@ def takeover_density(decisions: Sequence[Decision], axis: str, end_s: float) -> 
         "yaxis": axis,
         "text": [
             f"{a:.4g} s to {b:.4g} s<br>the DM took over: {n}, gave back: {m}"
-            for a, b, n, m in parts
+            for a, b, n, m in zip(edges[:-1], edges[1:], over, back, strict=True)
         ],
         "textposition": "none",
         "hovertemplate": "%{text}<extra></extra>",

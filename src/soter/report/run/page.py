@@ -21,7 +21,7 @@ from soter.report.run.figure_parts import (
     predicates_text,
     signals_drawn,
 )
-from soter.report.run.live_diagram import led_json, live_json
+from soter.report.run.live_diagram import Control, led_json, live_json
 from soter.report.run.timeline import chart_timeline, flight_timeline
 from soter.report.templates import filled, script_json
 from soter.report.wording import count_text
@@ -29,7 +29,6 @@ from soter.report.wording import count_text
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.report.run.live_diagram import Control
     from soter.report.run.record import (
         Chart,
         Decision,
@@ -103,12 +102,8 @@ def value_text(key: str, value: float | str) -> str:
 
 def _caption(key: str) -> str:
     """Name a figure: known ones in words, others by their key without the unit."""
-    if key in CAPTIONS:
-        return CAPTIONS[key]
-    for suffix in UNITS:
-        if key.endswith(suffix):
-            return key[: -len(suffix)].replace("_", " ")
-    return key.replace("_", " ")
+    unit = next((suffix for suffix in UNITS if key.endswith(suffix)), "")
+    return CAPTIONS.get(key) or key.removesuffix(unit).replace("_", " ")
 
 
 def _is_mixed(summary: Summary) -> bool:

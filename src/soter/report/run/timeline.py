@@ -44,7 +44,7 @@ from soter.report.run.figure_parts import (
     violation_hover,
     violations_title,
 )
-from soter.report.run.record import Figure, Json
+from soter.report.run.record import Chart, Decision, Figure, Flight, Json, Series, Violation
 from soter.report.templates import numbers
 from soter.report.wording import quantity
 
@@ -53,7 +53,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.report.run.record import Chart, Decision, Flight, Series, Violation
 
 BAND_PX, PANEL_PX, GAP_PX, MARGIN_PX, MARGIN_TOP_PX = 16, 132, 30, 62, 20
 NUMBERS_MAX, POINTS_MIN = 20_000, 500
@@ -124,8 +123,7 @@ def flight_timeline(
     stack.add_axis(2, rangemode="tozero", nticks=4)
     notes = [_panel_name(stack, 1, "clearance / m"), _panel_name(stack, 2, "speed / (m/s)")]
     shapes.append(_level(stack, 1, 0.0))
-    index = lowest(flight.clearance_m)
-    if index is not None:
+    if (index := lowest(flight.clearance_m)) is not None:
         mark, note = _lowest_mark(stack, flight, index)
         data.append(mark)
         notes.append(note)
