@@ -255,7 +255,7 @@ def _adapted(entry: dict[str, Any], flat: Any) -> None:  # noqa: ANN401 - a syst
     if "induction" in entry:
         induction = read_induction(flat, entry["module"])
         clocks = {c.name: [c.period_ns, c.phase_ns, 0, 0] for c in induction.actors}
-        entry["induction"].update(clocks=clocks, hyperperiod_ns=induction.turn)
+        entry["induction"].update(clocks=clocks, hyperperiod_ns=induction.hyperperiod)
         lemmas = [" ".join(e.span.text.split()) for e in induction.symbol.verify.lemmas]
         entry["induction"]["lemmas"] = lemmas
         return

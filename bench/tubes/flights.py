@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import soter
-from soter.certificate.flight_check import flights_of
+from soter.certificate.flight_check import open_flights
 from soter.certificate.report import UNCONFIRMED
 from soter.report.mcap_log import DECISIONS_TOPIC, MODES_TOPIC, LogChannel, LogHeader, McapLog
 from soter.report.mcap_reading import messages, metadata
@@ -113,7 +113,7 @@ def with_one_changed(log: Path, other: Path, drawn: random.Random) -> int:
 
 def rechecked(certificate: Path, log: Path) -> FlightReport:
     """What a re-check says of a log."""
-    flights = flights_of(certificate, [str(log)])
+    flights = open_flights(certificate, [str(log)])
     assert flights is not None
     (report,) = flights.check()
     return report

@@ -83,7 +83,7 @@ def test_the_re_checker_confirms_samples_of_every_view(
             at = tuple((a, min(a + 3, n)) for a, n in zip(low, grid.shape, strict=True))
             yield partial(grid_group._answer, what, grid, show, at), 1.0
 
-    monkeypatch.setattr(grid_group, "blocks", some)
+    monkeypatch.setattr(grid_group, "block_tasks", some)
     monkeypatch.setattr(ChainCheck, "leads_in_parts", lambda *_: False)
     report = recheck(proved[0])
     assert report.accepted, report.reason

@@ -51,13 +51,13 @@ def recheck(
     """
     require_flint()
     require_plain()
-    from soter.certificate.flight_check import flights_of  # noqa: PLC0415 - an extra
+    from soter.certificate.flight_check import open_flights  # noqa: PLC0415 - an extra
     from soter.certificate.folder import NotACertificateError  # noqa: PLC0415 - an extra
     from soter.certificate.rechecker import recheck as check  # noqa: PLC0415 - an extra
 
     with telling_shares(progress):
         try:
-            flights = flights_of(Path(folder), list(map(str, logs))) if logs else None
+            flights = open_flights(Path(folder), list(map(str, logs))) if logs else None
             report = check(Path(folder))
         except NotACertificateError as error:
             raise no_certificate(error) from None

@@ -1,7 +1,7 @@
 """The claims of one case, a combination of parameter values, asked of its groups in order.
 
 Purpose: `CaseCheck` asks each claim of each group, and shows the tasks that come of it.
-`claimed_of` says what an entry claims, `static_claims` compares P1 with the program.
+`proved_claims` says what an entry claims, `check_static_claims` compares P1 with the program.
 `TaskProcesses` deals tasks out to processes, which tell what came of each. They see what there was
 when they were forked; only answers come back. There is no thread: this process may fork again.
 `rates_are_defined` shows, over the whole grid at once, each obligation of the rates (a divisor is
@@ -28,15 +28,24 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import wait
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.cell_predicates import certain, published
-from soter.certificate.control_changes import require_entered, slowest_below
+from soter.certificate.cell_predicates import cells_published_in_set, certain_cells
 from soter.certificate.folder import FREE, OF_SETS
-from soter.certificate.reading.case_model import CaseModel, commanded, control_inputs, stepping
+from soter.certificate.handovers import require_entered
+from soter.certificate.reading.case_model import (
+    CaseModel,
+    command_term,
+    control_inputs,
+    step_of_sc,
+)
 from soter.certificate.reading.left_out_states import nothing_reads
-from soter.certificate.reading.module_facts import bounded_topics, number_of, read_by_sc
+from soter.certificate.reading.module_facts import (
+    bounded_topics,
+    number_of,
+    topics_read_by_sc,
+)
 from soter.certificate.reading.module_times import DELAYS
 from soter.certificate.reading.sc_locals_and_modes import any_mode
-from soter.certificate.reading.symbolic_operations import filled, flat
+from soter.certificate.reading.symbolic_operations import scalar_leaves, value_of_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain
 from soter.certificate.terms.linear_enclosures import exact
@@ -52,7 +61,6 @@ if TYPE_CHECKING:
     from soter.certificate.cell_sets import Axes, Cells
     from soter.certificate.groups import Extents, Group, GroupCheck, Task
     from soter.certificate.reading.module_facts import Facts
-    from soter.certificate.terms.terms import Linear
     from soter.language.model import typed
     from soter.language.model.system import Module, System, Topic
 
@@ -64,7 +72,7 @@ PROVED = "proved"
 VERDICTS = ("proved", "assumed", "undecided", "refuted")
 
 
-def claimed_of(given: object) -> set[str]:
+def proved_claims(given: object) -> set[str]:
     """The properties that are said to be proved; RejectedError for unknown ones, or none."""
     if not isinstance(given, dict):
         raise RejectedError("`claims` is not as it should be")
@@ -77,13 +85,13 @@ def claimed_of(given: object) -> set[str]:
     return claims
 
 
-def of_the_module(system: System, module: Module, given: dict[str, str]) -> None:
+def check_module_claims(system: System, module: Module, given: dict[str, str]) -> None:
     """P1a, P1b, and that a DM can give control back; `RejectedError` where they overstate."""
     ac, sc = (system.components[i] for i in (module.ac, module.sc))
     latch = module.symbol.latch
     if given.get("P2b") == PROVED and latch is not None and latch.topic is None:
         raise RejectedError("P2b: the DM never gives control back (`returns never`)")
-    below = 0 if module.over is None else slowest_below(system, module)
+    below = 0 if module.over is None else _slowest_below(system, module)
     if given.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns, below) > module.period_ns:
         raise RejectedError("P1a: a controller is slower than the DM")
     outputs = [{*c.writes} for c in (ac, sc) if c.node]
@@ -100,9 +108,20 @@ def p1c_of(facts: Facts) -> str:
     return "proved" if declared and not facts.ways.undeclared else "assumed"
 
 
-def static_claims(facts: Facts, given: dict[str, str]) -> None:
+def _slowest_below(system: System, module: Module) -> int:
+    """The longest period in ns of its SC and of all that stands in the place of its AC."""
+    parts = {system.components[module.sc].period_ns, system.components[module.ac].period_ns}
+    below = module.over
+    while below is not None:
+        m = system.modules[below]
+        parts |= {system.components[i].period_ns for i in (m.dm, m.sc, m.ac)}
+        below = m.over
+    return max(parts)
+
+
+def check_static_claims(facts: Facts, given: dict[str, str]) -> None:
     """Compare P1a, P1b and P1c with the program; `RejectedError` where they overstate."""
-    of_the_module(facts.flying, facts.flying_module, given)
+    check_module_claims(facts.flying, facts.flying_module, given)
     if given.get("failsafe") == PROVED and len(facts.tower) > 1:
         raise RejectedError("failsafe: other modules of a tower command the same actuators")
     if given.get("P2b") == PROVED and facts.above is not None:
@@ -206,7 +225,7 @@ class CaseCheck:
     def check(self) -> None:
         """Collect what is to be shown, and show it; RejectedError where it does not hold."""
         self._collect()
-        self._show()
+        self._run_tasks()
 
     def _collect(self) -> None:
         facts, claims = self.model.facts, self.claims
@@ -216,46 +235,46 @@ class CaseCheck:
         if facts.unbounded:
             nothing_reads(self.model, len(self.groups))
         each = zip(self.groups, self.checks, strict=True)
-        rates_are_defined(self.model, [g.states for g, check in each if check.sees_rates])
+        rates_are_defined(self.model, [g.states for g, check in each if check.shows_rates_defined])
         if claims & OF_SETS:
-            self._kernel()
+            self._ask_core()
         if claims & FREE:
-            self._ask(c.free(facts.times["H_ns"]) for c in self.checks)
+            self._add_tasks(c.show_free(facts.times["H_ns"]) for c in self.checks)
             if facts.computed:
-                self._ask(c.levels(facts.between_ns) for c in self.checks)
+                self._add_tasks(c.show_levels(facts.between_ns) for c in self.checks)
             else:
-                self._predicates()
+                self._ask_predicates()
         if "P2b" in claims:
-            self._return()
+            self._ask_return()
         if "start" in claims:
-            self._start()
+            self._ask_start()
 
-    def _ask(self, tasks: Iterable[Iterable[Task]]) -> None:
+    def _add_tasks(self, tasks: Iterable[Iterable[Task]]) -> None:
         for some in tasks:
             self.tasks += some
 
-    def _certain(self, expr: typed.TypedExpr, *, errors: bool) -> list[Cells]:
+    def _certain_cells(self, expr: typed.TypedExpr, *, errors: bool) -> list[Cells]:
         """For each group the cells of its part on which a predicate certainly holds."""
-        parts = [g.part(errors=errors) for g in self.groups]
-        inside = narrowed(self.model.extents, parts)
+        parts = [g.cells_asked(errors=errors) for g in self.groups]
+        inside = narrowed_extents(self.model.extents, parts)
         model = CaseModel(self.model.facts, self.model.parameter, inside)
-        return certain(model, parts, expr, errors=errors)
+        return certain_cells(model, parts, expr, errors=errors)
 
-    def _kernel(self) -> None:
+    def _ask_core(self) -> None:
         """Ask for K: SC keeps `safe` from it, and what is published in its set, and leads back."""
         facts = self.model.facts
-        shown = self._certain(facts.symbol.safe, errors=False)
+        shown = self._certain_cells(facts.symbol.safe, errors=False)
         for check, cells in zip(self.checks, shown, strict=True):
-            check.safe(cells)
-        parts = [g.part(errors=False) for g in self.groups]
+            check.note_safe_cells(cells)
+        parts = [g.cells_asked(errors=False) for g in self.groups]
         for topic in bounded_topics(facts):
-            shown = published(self.model, parts, topic)
+            shown = cells_published_in_set(self.model, parts, topic)
             each = zip(self.checks, shown, strict=True)
-            inside = [c.published(topic, cells, self.checks) for c, cells in each]
+            inside = [c.stays_in_topic_set(topic, cells, self.checks) for c, cells in each]
             facts.in_sets[topic] = all(inside) and facts.in_sets.get(topic, True)
-        self._ask(c.core() for c in self.checks)
+        self._add_tasks(c.show_core() for c in self.checks)
 
-    def _predicates(self) -> None:
+    def _ask_predicates(self) -> None:
         """Ask P3: where `ttf` may be false or `safer` true on an estimate, the state is in R(H)."""
         symbol = self.model.facts.symbol
         predicates = ("ttf", self.model.facts.ttf, False), ("safer", symbol.safer, True)
@@ -264,16 +283,16 @@ class CaseCheck:
                 continue
             if expr is None:
                 raise NotRecheckedError("computed predicates are not rechecked yet")
-            self._ask(c.admits(name, expr, admits=admits) for c in self.checks)
+            self._add_tasks(c.show_predicate(name, expr, admits=admits) for c in self.checks)
 
-    def _return(self) -> None:
+    def _ask_return(self) -> None:
         """Ask for P2b: SC keeps Q, within `safer`, and leads there from all of K by way of W."""
-        self._recover()
+        self._compare_recover_time()
         safer, count = self.model.facts.symbol.safer, len(self.checks)
-        calm = [None] * count if safer is None else self._certain(safer, errors=True)
-        self._ask(c.home(cells) for c, cells in zip(self.checks, calm, strict=True))
+        calm = [None] * count if safer is None else self._certain_cells(safer, errors=True)
+        self._add_tasks(c.show_return(cells) for c, cells in zip(self.checks, calm, strict=True))
 
-    def _recover(self) -> None:
+    def _compare_recover_time(self) -> None:
         """RejectedError where SC may take longer to return than declared, by any group."""
         facts, wanted = self.model.facts, self.entry["recover_ns"]
         declared = facts.symbol.verify.recover
@@ -283,13 +302,13 @@ class CaseCheck:
             return
         if wanted != number_of(facts, declared):
             raise RejectedError("the time to return is another one in the program")
-        longest = max((c.holds for c in self.checks), default=0)
+        longest = max((c.holds_to_return for c in self.checks), default=0)
         bound = longest * facts.times["delta_ns"] + facts.jitter_ns  # a_N is late by j at most
         bound += facts.decide_ns
         if bound > wanted:
             raise RejectedError("SC may take longer to return than the program allows")
 
-    def _start(self) -> None:
+    def _ask_start(self) -> None:
         """Ask that the declared initial states stay in K until SC acts, whatever acts before."""
         facts = self.model.facts
         if facts.above is not None:
@@ -298,12 +317,12 @@ class CaseCheck:
         pairs = zip(facts.parameters, self.model.parameter, strict=True)
         if not all(v in p.begins for p, v in pairs):
             return  # no run starts with these values
-        self._ask(c.start(facts.start_ns) for c in self.checks)
+        self._add_tasks(c.show_start(facts.start_ns) for c in self.checks)
         for c in facts.controls:
-            if not c.low <= flat(facts.system.topics[c.owner].default)[c.leaf] <= c.high:
+            if not c.low <= scalar_leaves(facts.system.topics[c.owner].default)[c.leaf] <= c.high:
                 raise RejectedError(f"the default of `{c.name}` is outside its set")
 
-    def _show(self) -> None:
+    def _run_tasks(self) -> None:
         self.tasks = self.tasks[::-1]  # the long ones first: ranks are asked for last
         workers = min(self.workers, len(self.tasks))
         answers: Generator[tuple[int, str]] = ((k, f()) for k, (f, _) in enumerate(self.tasks))
@@ -313,9 +332,9 @@ class CaseCheck:
             ).answers()
         with closing(answers):  # processes end where a claim fails
             for k, failed in answers:
-                self._note(k, failed)
+                self._note_answer(k, failed)
 
-    def _note(self, k: int, failed: str) -> None:
+    def _note_answer(self, k: int, failed: str) -> None:
         if failed != "":  # only an empty text says that the task showed its part
             case = ", ".join(
                 f"{p.name} = {v}"
@@ -337,25 +356,20 @@ def rates_are_defined(model: CaseModel, seen_to: Sequence[Sequence[int]]) -> Non
         return  # a map's obligations are demanded of every cell
     terms, states = model.new_terms()
     model.rates(terms, states, control_inputs(model.facts, terms))
-    shown = [{_atom(states[i]) for i in members} for members in seen_to]
+    shown = [{states[i].atom for i in members} for members in seen_to]
     left = []
     for truth in terms.obligations:
         inputs = inputs_of(terms, [truth])
         if any(inputs & own for own in shown):
             continue
-        if shown and not inputs & {_atom(x) for x in states}:
+        if shown and not inputs & {x.atom for x in states}:
             continue  # about commands and disturbances alone: every such group asks it
         left.append(truth)
     if not all_certain(terms, left):
         raise NotRecheckedError("a plant's equation that is not defined everywhere on the grid")
 
 
-def _atom(x: Linear) -> int:
-    (index,) = x.terms
-    return index
-
-
-def narrowed(extents: Extents, parts: Iterable[Axes]) -> Extents:
+def narrowed_extents(extents: Extents, parts: Iterable[Axes]) -> Extents:
     """Ranges of all states in which those of some groups are the ends of their grids."""
     ends = list(extents)
     for part in parts:
@@ -394,12 +408,12 @@ def _harmless_before(facts: Facts) -> None:
     at_once = len({p.clocks[-1].name for p in every}) == 1
     at_once = at_once and not any(p.may_publish_nothing(setting.silent) for p in every)
     terms, known = Terms(), {}
-    for symbol in read_by_sc(sc):
+    for symbol in topics_read_by_sc(sc):
         topic = facts.system.topics[sc.scope.topics[symbol]]
         running = facts.flying.topics[facts.running[topic.index]].name
         only_default = at_once and running in paths
         known[symbol] = _any_value(terms, topic, READ_EARLY, default=only_default)
-    if not harmless(facts, terms, known):
+    if not is_step_harmless(facts, terms, known):
         raise NotRecheckedError(
             "SC may step before anything was published, and fault on what it then reads"
         )
@@ -415,20 +429,20 @@ def _require_total_answer(facts: Facts) -> None:
     if sc.node.locals:
         raise NotRecheckedError("an SC with locals below another module")
     terms, known = Terms(), {}
-    for symbol in read_by_sc(sc):
+    for symbol in topics_read_by_sc(sc):
         topic = facts.system.topics[sc.scope.topics[symbol]]
         known[symbol] = _any_value(terms, topic, READ_ELSEWHERE, default=False)
-    if not harmless(facts, terms, known):
+    if not is_step_harmless(facts, terms, known):
         raise NotRecheckedError("SC may fault on what is published while it has no control")
 
 
-def harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -> bool:
+def is_step_harmless(facts: Facts, terms: Terms, known: dict[typed.TopicSymbol, Any]) -> bool:
     """Whether a step of SC on these values surely publishes all it should, in its sets."""
     sc = facts.sc
     assert sc.node is not None
-    published = stepping(terms, sc, known, any_mode(terms, sc.node.step))({})
+    published = step_of_sc(terms, sc, known, any_mode(terms, sc.node.step))({})
     for control in facts.controls:
-        commanded(terms, control, [published])
+        command_term(terms, control, [published])
     return all_certain(terms, terms.obligations)
 
 
@@ -443,8 +457,8 @@ def _any_value(terms: Terms, topic: Topic, why: str, *, default: bool) -> Any:  
             raise NotRecheckedError(f"SC may read of `{topic.name}` {why}, and it has no set")
         return topic.default
     parts = [
-        terms.input("box", topic.name, exact(b.low), exact(b.high))
+        terms.add_input("box", topic.name, exact(b.low), exact(b.high))
         for b in topic.bounds
         if b is not None
     ]
-    return filled(topic.type, parts)
+    return value_of_leaves(topic.type, parts)

@@ -1,7 +1,8 @@
 """On which cells predicates certainly hold, by the re-checker's own evaluation.
 
-Purpose: `certain` finds cells on which `safe` or `safer` holds, `published` those on which what
-plants publish is in its set; `admitted` shows that `ttf` and `safer` let AC only where R(H) is.
+Purpose: `certain_cells` finds cells on which `safe` or `safer` holds, `cells_published_in_set`
+those on which what plants publish is in its set; `cells_wrongly_admitted` shows that `ttf` and
+`safer` let AC only where R(H) is.
 Non-goals: computed predicates (`grid/estimates_and_shield.py`), which claims there are
 (`case_check.py`).
 """
@@ -18,14 +19,14 @@ from flint import arb
 from soter.certificate.cell_sets import (
     Cells,
     block_index,
-    finer,
+    cells_uncovered,
     halves,
-    uncovered,
+    holds_in_parts,
     volume,
 )
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.linear_enclosures import exact
-from soter.certificate.terms.straight_line import content_of
+from soter.certificate.terms.straight_line import key_of_constant
 from soter.certificate.terms.terms import (
     FALSE,
     TRUE,
@@ -61,11 +62,7 @@ CERTAIN_CELLS_MAX = 2**26
 """Cells of the sets that are remembered, a byte each."""
 
 
-def _grid_boxes(model: CaseModel) -> list[tuple[arb, arb]]:
-    return [(exact(low), exact(high)) for low, high in model.extents]
-
-
-def certain(
+def certain_cells(
     model: CaseModel, groups: Sequence[Axes], expr: typed.TypedExpr, *, errors: bool
 ) -> list[Cells]:
     """For each group the cells on which its share of a predicate certainly holds.
@@ -80,10 +77,10 @@ def certain(
     return _cells_by_share(model, groups, terms, states, truth)
 
 
-def published(model: CaseModel, groups: Sequence[Axes], topic: int) -> list[Cells]:
+def cells_published_in_set(model: CaseModel, groups: Sequence[Axes], topic: int) -> list[Cells]:
     """For each group the cells on which what plants publish on a topic is in its declared set.
 
-    That of every estimate: outside of its set the plant stops. Shared out as by `certain`.
+    That of every estimate: outside of its set the plant stops. Shared out as by `certain_cells`.
     """
     terms, states = model.new_terms(ENDLESS)
     return _cells_by_share(model, groups, terms, states, model.in_set(terms, states, topic))
@@ -98,23 +95,18 @@ def _cells_by_share(
 ) -> list[Cells]:
     """The cells of each group on which its share of a proposition certainly holds."""
     shares: list[list[Proposition]] = [[] for _ in groups]
-    atoms = {next(iter(x.terms)): i for i, x in enumerate(states)}
+    atoms = [x.atom for x in states]
     for part in [*conjuncts(truth), *terms.obligations]:
-        weights = [
-            influence(terms, part, [a for a, i in atoms.items() if i in g.states]) for g in groups
-        ]
+        weights = [influence(terms, part, [atoms[i] for i in g.states]) for g in groups]
         owner = max(range(len(groups)), key=lambda k: float(weights[k]))
         shares[owner].append(part)
-    cells = []
-    for group, share in zip(groups, shares, strict=True):
-        whole = both_all(share)
-        cells.append(
-            _certain_cells(model, group, terms, [next(iter(x.terms)) for x in states], whole)
-        )
-    return cells
+    return [
+        _remembered_cells(model, group, terms, atoms, conjunction_of(share))
+        for group, share in zip(groups, shares, strict=True)
+    ]
 
 
-def both_all(parts: Sequence[Proposition]) -> Proposition:
+def conjunction_of(parts: Sequence[Proposition]) -> Proposition:
     """The proposition that all of them hold."""
     conjunction = TRUE
     for p in parts:
@@ -139,7 +131,8 @@ class Decision:
         truth: Proposition,
     ) -> None:
         places = [atoms[i] for i in states]
-        boxes = dict(zip(atoms, _grid_boxes(model), strict=True))
+        grids = [(exact(low), exact(high)) for low, high in model.extents]
+        boxes = dict(zip(atoms, grids, strict=True))
         read = inputs_of(terms, [truth])
         free = sorted(i for i in read if terms.atoms[i].kind == "box")
         self.ranges = [(terms.atoms[i].low, terms.atoms[i].high) for i in free]
@@ -149,28 +142,30 @@ class Decision:
     @property
     def content(self) -> object:
         """A key, equal only for decisions that say the same of every box."""
-        return self._written.content, content_of(tuple(self.ranges)), self.reads
+        return self._written.content, key_of_constant(tuple(self.ranges)), self.reads
 
-    def of(self, box: list[tuple[arb, arb]]) -> int:
+    def bits_on_box(self, box: list[tuple[arb, arb]]) -> int:
         """Its bits on a box: it may fail, it may hold."""
         bits: int = self._written(form_of_box(box, symbols=False))[0]
         return bits
 
-    def of_cell(self, grid: Grid, block: Block) -> int:
+    def bits_on_block(self, grid: Grid, block: Block) -> int:
         """Its bits on a block of cells, with all that lies beyond axes without ends."""
         boxes = grid.whole_boxes(block, self.reads)
-        return reduce(or_, (self.of([*box, *self.ranges]) for box in boxes))
+        return reduce(or_, (self.bits_on_box([*box, *self.ranges]) for box in boxes))
 
-    def holds(self, box: list[tuple[arb, arb]], splits: int) -> bool:
+    def holds_on_box(self, box: list[tuple[arb, arb]], splits: int) -> bool:
         """Whether it certainly does on a box of states; it and the errors are halved so often."""
-        return finer([*box, *self.ranges], lambda part: self.of(part) == HOLDS, splits)
+        return holds_in_parts(
+            [*box, *self.ranges], lambda part: self.bits_on_box(part) == HOLDS, splits
+        )
 
-    def holds_in(self, grid: Grid, block: Block, splits: int) -> bool:
+    def holds_on_block(self, grid: Grid, block: Block, splits: int) -> bool:
         """Whether it certainly holds on a block, with all that lies beyond axes without ends."""
-        return all(self.holds(box, splits) for box in grid.whole_boxes(block, self.reads))
+        return all(self.holds_on_box(box, splits) for box in grid.whole_boxes(block, self.reads))
 
 
-def _certain_cells(
+def _remembered_cells(
     model: CaseModel, group: Axes, terms: Terms, atoms: Sequence[int], truth: Proposition
 ) -> Cells:
     """Cells on which a proposition certainly holds, whatever the other groups do."""
@@ -195,10 +190,12 @@ def _decided_cells(decision: Decision, grid: Grid) -> NDArray[np.bool_]:
     waiting = [grid.whole]
     while waiting:
         block = waiting.pop()
-        bits = decision.of_cell(grid, block)
+        bits = decision.bits_on_block(grid, block)
         if bits == NEITHER and volume(block) > 1:
             waiting.extend(halves(block))
-        elif bits == HOLDS or (bits == NEITHER and decision.holds_in(grid, block, SPLITS_OF_SETS)):
+        elif bits == HOLDS or (
+            bits == NEITHER and decision.holds_on_block(grid, block, SPLITS_OF_SETS)
+        ):
             members[block_index(block)] = True
     return members
 
@@ -223,17 +220,19 @@ class AdmitCheck:
         fails = FALSE
         if not anywhere:
             safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
-            fails = both(negation(safe), both_all(terms.obligations))
+            fails = both(negation(safe), conjunction_of(terms.obligations))
             terms.obligations.clear()
         told = model.predicate(terms, states, expr, errors=True)
-        sound_told = both_all(terms.obligations)
+        sound_told = conjunction_of(terms.obligations)
         refused = negation(told) if admits else told
         fine = either(fails, both(refused, sound_told))
-        atoms = [next(iter(x.terms)) for x in states]
+        atoms = [x.atom for x in states]
         self.decision = Decision(model, group.states, terms, atoms, fine)
 
 
-def admitted(check: AdmitCheck, free: NDArray[np.bool_], block: Block) -> Iterator[Block]:
+def cells_wrongly_admitted(
+    check: AdmitCheck, free: NDArray[np.bool_], block: Block
+) -> Iterator[Block]:
     """Cells outside R where `safe` may hold and, on an estimate, the predicate gives AC control.
 
     `free`: shaped as the grid.
@@ -242,6 +241,6 @@ def admitted(check: AdmitCheck, free: NDArray[np.bool_], block: Block) -> Iterat
 
     def attempt(at: Block) -> bool:
         splits = SPLITS_OF_PREDICATES if volume(at) == 1 else 0
-        return check.decision.holds_in(grid, at, splits)
+        return check.decision.holds_on_block(grid, at, splits)
 
-    return uncovered(~free, block, attempt, volume(grid.whole))
+    return cells_uncovered(~free, block, attempt, volume(grid.whole))

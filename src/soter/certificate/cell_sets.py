@@ -1,7 +1,8 @@
 """Sets of cells of a grid, and what lies in one.
 
 Purpose: a `Grid` has breakpoints on each axis; `Cells` is a set of its cells, and says whether a
-box lies in it. `unshown` and `uncovered` walk over blocks of cells, and try large ones first.
+box lies in it. `cells_unshown` and `cells_uncovered` walk over blocks of cells, and try large ones
+first.
 Non-goals: what is tried on a block; where tables come from (`folder.py`).
 
 Cells are closed boxes: a box that ends exactly at an edge needs only the cells on its own side.
@@ -199,7 +200,7 @@ def _cells_around(edges: Sequence[float], low: float, high: float) -> tuple[int,
     return first % count, first % count + last - first
 
 
-def brought_back(edges: Sequence[float], low: float, high: float) -> tuple[float, float]:
+def turned_back(edges: Sequence[float], low: float, high: float) -> tuple[float, float]:
     """An interval less so many whole turns that it begins on an axis, rounded outwards.
 
     As it is where it lies on the axis, or where it is so far away that nothing is known there; all
@@ -302,7 +303,7 @@ def parts(block: Block, count: int) -> list[Block]:
     return blocks
 
 
-def unshown(
+def cells_unshown(
     todo: NDArray[np.bool_],
     block: Block,
     attempt: Callable[[Block, NDArray[np.bool_]], NDArray[np.bool_]],
@@ -321,7 +322,7 @@ def unshown(
         wanted = left[block_index(at, base)]
         if not wanted.any():
             continue
-        at = around(wanted, at)
+        at = smallest_block(wanted, at)
         wanted = left[block_index(at, base)]
         size = volume(at)
         if size <= limit:
@@ -335,10 +336,12 @@ def unshown(
             waiting.extend((half, limit) for half in halves(at))
 
 
-def uncovered(
+def cells_uncovered(
     todo: NDArray[np.bool_], block: Block, attempt: Callable[[Block], bool], largest: int
 ) -> Iterator[Block]:
-    """As `unshown`, where what holds of a block holds of its cells, which all have to be wanted.
+    """As `cells_unshown`, for an attempt on a block of which every cell is in `todo`.
+
+    What holds of the block holds of its cells.
 
     `todo`: shaped as the grid.
     """
@@ -346,10 +349,10 @@ def uncovered(
     def whole(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         return wanted if wanted.all() and attempt(at) else np.zeros_like(wanted)
 
-    return unshown(todo, block, whole, largest)
+    return cells_unshown(todo, block, whole, largest)
 
 
-def finer(
+def holds_in_parts(
     box: list[tuple[arb, arb]], attempt: Callable[[list[tuple[arb, arb]]], bool], splits: int
 ) -> bool:
     """Whether the attempt works on all parts of a box, halving where it does not."""
@@ -361,7 +364,7 @@ def finer(
     low, high = box[axis]
     middle = ((low + high) * HALF).mid()
     return all(
-        finer([*box[:axis], half, *box[axis + 1 :]], attempt, splits - 1)
+        holds_in_parts([*box[:axis], half, *box[axis + 1 :]], attempt, splits - 1)
         for half in ((low, middle), (middle, high))
     )
 
@@ -372,7 +375,7 @@ def block_index(block: Block, base: Sequence[int] | None = None) -> tuple[slice,
     return tuple(slice(low - b, high - b) for (low, high), b in zip(block, starts, strict=True))
 
 
-def around(wanted: NDArray[np.bool_], block: Block) -> Block:
+def smallest_block(wanted: NDArray[np.bool_], block: Block) -> Block:
     """The smallest block around the cells that are wanted, of the shape of `block`."""
     ranges = []
     for axis, (low, _) in enumerate(block):

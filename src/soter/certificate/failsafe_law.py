@@ -1,8 +1,8 @@
 """The fail-safe law of a module in the place of its SC, checked again: an extra.
 
-Purpose: `law_of` makes the problem of the law, of which K_fs is a core ("When the trusted part
-stops"): the same module, plants and times, with constants for what SC computes. `law_in` reads what
-a certificate says of it; `kept_by_law` shows that the law keeps K_fs, in which SC has to stay.
+Purpose: `law_problem` makes the problem of the law, of which K_fs is a core ("When the trusted part
+stops"): the same module, plants and times, with constants for what SC computes. `read_law` reads
+what a certificate says of it; `check_law` shows that the law keeps K_fs, in which SC has to stay.
 Non-goals: sharing code with the prover's `verify/problem/verification_system.py`.
 """
 
@@ -36,7 +36,7 @@ BEGINS = ("P1c", "P2a", "P3", "start")
 """The claims by which the law begins in K; P1c may rest on assumed times, as it may for SC."""
 
 
-def law_in(
+def read_law(
     facts: Facts,
     entry: dict[str, Any],
     claims: set[str],
@@ -53,17 +53,17 @@ def law_in(
     groups = [read(case) for case in entry["law"]]
     for of_case in groups:
         for g in of_case:
-            g.kept_by(of_case)
-    return law_of(facts), groups
+            g.cells_kept_by_law(of_case)
+    return law_problem(facts), groups
 
 
-def kept_by_law(law: Law, k: int, of_sc: CaseCheck) -> list[Cells]:
+def check_law(law: Law, k: int, of_sc: CaseCheck) -> list[Cells]:
     """K_fs of each group of case k, of which it is shown that the law keeps it."""
     facts, groups = law[0], law[1][k]
     model = CaseModel(facts, of_sc.model.parameter, of_sc.model.extents)
     with telling(None):
         CaseCheck(model, groups, {"P2a"}, of_sc.entry, of_sc.workers).check()
-    return [g.kept_by(groups) for g in of_sc.groups]
+    return [g.cells_kept_by_law(groups) for g in of_sc.groups]
 
 
 def _subscribed(flying: System, c: Component) -> set[int | None]:
@@ -72,7 +72,7 @@ def _subscribed(flying: System, c: Component) -> set[int | None]:
     return {*read, *(flying.topics[index].queue_of for index in read)}
 
 
-def law_of(facts: Facts) -> Facts:
+def law_problem(facts: Facts) -> Facts:
     """The problem of the law, held to the times of the module; DiffersError where there is none.
 
     Nothing is read by the law, so how old its reads are says nothing; its outputs act in windows

@@ -31,8 +31,8 @@ from typing import TYPE_CHECKING, Any
 
 from soter.certificate.case_check import TaskProcesses, can_fork
 from soter.certificate.folder import program_of, read_certificate
-from soter.certificate.reading.symbolic_operations import flat
-from soter.certificate.rechecker import in_words
+from soter.certificate.reading.symbolic_operations import scalar_leaves
+from soter.certificate.rechecker import failure_reason
 from soter.certificate.report import (
     CONTRADICTED,
     REJECTED,
@@ -42,7 +42,7 @@ from soter.certificate.report import (
     NotRecheckedError,
     RejectedError,
 )
-from soter.certificate.tubes.check_rest import rest_of
+from soter.certificate.tubes.check_rest import tube_of_entry
 from soter.diagnostics.current_phase import phase, share_done
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.language.check.constants_and_types import Calculator
@@ -144,9 +144,10 @@ class _Verdicts:
             began, ended = (time_ns - release + said.get(at, 0) for at in ("late_ns", "done_ns"))
             yield from self._late_doubts(began, ended)
         if self.said is not None and self.said != before and release == self.next:
-            yield f"{_mode(before)} had control before it, and {_mode(self.said)} by the one before"
+            had, by_last = _mode_name(before), _mode_name(self.said)
+            yield f"{had} had control before it, and {by_last} by the one before"
         if after != self.in_ac:
-            yield f'it says "{_mode(after)}", and {_mode(self.in_ac)} has control'
+            yield f'it says "{_mode_name(after)}", and {_mode_name(self.in_ac)} has control'
         predicates = said["predicates"]
         # SC gives control back after a fault of AC, too (docs/semantics.md)
         false = [name for name in (*AGAINST, *["gate_fault"] * before) if predicates[name]]
@@ -178,7 +179,7 @@ def _response_ns(module: Module) -> int:
     return given if isinstance(given, int) else 0
 
 
-def _mode(in_ac: bool) -> str:
+def _mode_name(in_ac: bool) -> str:
     return "AC" if in_ac else "SC"
 
 
@@ -251,7 +252,7 @@ class _Reader:
         topic, age = self.topics[name], read["age_ns"]
         value = from_json(topic.type, read["value"], name)
         if not has_list(topic.type):
-            pairs = zip(leaves(topic.type), flat(value), strict=True)
+            pairs = zip(leaves(topic.type), scalar_leaves(value), strict=True)
             estimate.update(
                 {leaf_name(name, p): x for (p, t), x in pairs if isinstance(t, FloatType)}
             )
@@ -292,7 +293,7 @@ PARAMETER = "param "
 """The beginning, in a log, of the name of a parameter that is not at its default."""
 
 
-def flights_of(folder: Path, logs: Sequence[str]) -> Flights | None:
+def open_flights(folder: Path, logs: Sequence[str]) -> Flights | None:
     """Make `Flights` of logs and the certificate in a folder; None where that cannot be read.
 
     SoterError D006 of what is no log, D007 where `mcap` is not installed, D023 of a log that the
@@ -401,10 +402,10 @@ class Flights:
         if missing:
             return f"the log does not say what it read of {', '.join(missing)}"
         try:
-            why = known.good(verdict.estimate) or ""
-            return ANY_COMMAND + why if why and known.judges else why
+            why = known.why_not_good(verdict.estimate) or ""
+            return ANY_COMMAND + why if why and known.judges_commands else why
         except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
-            return in_words(error)
+            return failure_reason(error)
 
     def _tube_of(self, system: str, module: str) -> ModuleTube | str:
         """The tube of a module, made once; or why there is none."""
@@ -413,9 +414,9 @@ class Flights:
             proved = self._proved[system], module
             entry = next(e for e in self._entries if (e["system"], e["module"]) == proved)
             try:
-                self._followers[key] = rest_of(self._flat_of(proved[0]), entry)
+                self._followers[key] = tube_of_entry(self._flat_of(proved[0]), entry)
             except Exception as error:  # noqa: BLE001 - as above
-                self._followers[key] = in_words(error)
+                self._followers[key] = failure_reason(error)
         return self._followers[key]
 
     # ------------------------------------------------------------ of which program

@@ -147,11 +147,11 @@ def read_certificate(folder: Path) -> Certificate:
         raise NotACertificateError(f"`{folder}` is not a folder")
     if not (folder / MANIFEST).is_file() or not (folder / SEAL).is_file():
         raise NotACertificateError(f"`{folder}` holds no `{MANIFEST}` and `{SEAL}`")
-    contents = {name: _read(folder, name, size) for name, size in _sizes(folder).items()}
+    contents = {name: _read(folder, name, size) for name, size in _file_sizes(folder).items()}
     raw, seal = contents.pop(MANIFEST), contents.pop(SEAL)
     if seal != (hashlib.sha256(raw).hexdigest() + "\n").encode():
         raise RejectedError("the seal does not fit the manifest")
-    manifest = _parsed(raw)
+    manifest = _parse_manifest(raw)
     _require_this_format(manifest.get("schema"))
     files = manifest.get("files")
     if not isinstance(files, dict):
@@ -175,7 +175,7 @@ def _require_this_format(given: object) -> None:
         raise NotRecheckedError(f"{other}: make it again with `soter verify --cert`")
 
 
-def _sizes(folder: Path) -> dict[str, int]:
+def _file_sizes(folder: Path) -> dict[str, int]:
     """The size of every file in bytes, by its name, in the order of names; no file is read yet.
 
     RejectedError for anything but plain files and needed folders, NotRecheckedError where it is
@@ -234,7 +234,7 @@ def _read(folder: Path, name: str, size: int) -> bytes:
     return data
 
 
-def _parsed(raw: bytes) -> dict[str, Any]:
+def _parse_manifest(raw: bytes) -> dict[str, Any]:
     try:
         manifest = json.loads(raw.decode("utf-8"))
         again = canonical(manifest)
@@ -270,11 +270,11 @@ def program_of(certificate: Certificate) -> tuple[CheckResult, dict[str, Any]]:
         raise SoterError(checked.diagnostics.items)
     if checked.program.sha256 != certificate.manifest["program_sha256"]:
         raise RejectedError("the program is another one than the manifest says")
-    _as_sealed(certificate, checked)
+    _require_sealed_bytes(certificate, checked)
     return checked, overrides
 
 
-def _as_sealed(certificate: Certificate, checked: CheckResult) -> None:
+def _require_sealed_bytes(certificate: Certificate, checked: CheckResult) -> None:
     """RejectedError where a file that the front end read anew has other bytes than were sealed."""
     assert checked.loaded is not None
     root = certificate.folder.resolve()
@@ -325,11 +325,11 @@ def _overrides(certificate: Certificate, program: TypedProgram) -> dict[str, Any
         param = program.param(name)
         if param is None or not has_param(program, program.systems.values(), name):
             raise RejectedError(f"the program has no parameter `{name}`")
-        value_by_name[name] = _value(param.type, value, name)
+        value_by_name[name] = _parameter_value(param.type, value, name)
     return value_by_name
 
 
-def _value(of: object, value: object, name: str) -> object:
+def _parameter_value(of: object, value: object, name: str) -> object:
     if isinstance(of, FloatType):
         return hexadecimal(value, name)
     kind = {BoolType: bool, IntType: int, DurationType: int, EnumType: int}.get(type(of))

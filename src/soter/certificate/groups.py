@@ -60,12 +60,12 @@ class Group(ABC):
         return []
 
     @abstractmethod
-    def part(self, *, errors: bool) -> Axes:
+    def cells_asked(self, *, errors: bool) -> Axes:
         """The cells on which `safe` is asked; with `errors` those for `safer`, of all estimates."""
 
     @abstractmethod
     def check(self, model: CaseModel, lawful: Cells | None) -> GroupCheck:
-        """The check of its claims; `lawful`: the cells that the fail-safe law keeps (`kept_by`)."""
+        """The check of its claims; `lawful`: what `cells_kept_by_law` gives, None without a law."""
 
     @abstractmethod
     def compare(
@@ -76,33 +76,33 @@ class Group(ABC):
         `same`: this group in all cases.
         """
 
-    def kept_by(self, law: Sequence[Group]) -> Cells:
+    def cells_kept_by_law(self, law: Sequence[Group]) -> Cells:
         """K_fs, which the fail-safe law keeps, on this group's cells; `law`: the law's groups."""
         del law
         raise NotRecheckedError(f"a fail-safe law on {self.kind}s is not rechecked")
 
     @abstractmethod
-    def tell(self, report: RecheckedModule) -> None:
+    def add_size_to(self, report: RecheckedModule) -> None:
         """Add to a report how large K is."""
 
     @property
     @abstractmethod
-    def unentered(self) -> str:
-        """Why `entered` cannot be asked of its R(H); "": it can."""
+    def why_no_entry(self) -> str:
+        """Why `where_entered_outside` cannot be asked of this group; "": it can."""
 
-    def entered(self, model: CaseModel, expr: typed.TypedExpr) -> str:
+    def where_entered_outside(self, model: CaseModel, expr: typed.TypedExpr) -> str:
         """Where `expr` may hold of an estimate of a state outside R(H); "": nowhere."""
         raise NotImplementedError
 
     @abstractmethod
-    def never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
+    def why_ac_never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
         """(why the DM's table never gives or leaves AC control, why that was not looked at), or "".
 
         `drawn`: points of this group's K, one number a state; none where none is known.
         """
 
     @abstractmethod
-    def drawn(self, facts: Facts, chance: np.random.Generator) -> Iterator[Any]:
+    def random_points(self, facts: Facts, chance: np.random.Generator) -> Iterator[Any]:
         """Random points of its K, one number a state, without end; none where none is known."""
 
 
@@ -114,58 +114,58 @@ class GroupCheck(ABC):
     """
 
     @property
-    def sees_rates(self) -> bool:
+    def shows_rates_defined(self) -> bool:
         """Whether its tasks show what makes rates defined, where that is about its states."""
         return False
 
     @abstractmethod
-    def tried(self, claims: set[str]) -> None:
+    def prepare(self, claims: set[str]) -> None:
         """Make ready what these claims need, and look at a few cells for what is not understood.
 
         Nothing is shown by it.
         """
 
     @abstractmethod
-    def safe(self, cells: Cells) -> None:
-        """Take note that `safe` is certain on these cells of `Group.part`: SC must stay in them."""
+    def note_safe_cells(self, cells: Cells) -> None:
+        """Note that `safe` is certain on these of `Group.cells_asked`: SC must stay in them."""
 
     @abstractmethod
-    def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
+    def stays_in_topic_set(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
         """Whether what plants publish, of all states that SC keeps, is surely in the declared set.
 
-        It is so on these `cells` of `Group.part`. `checks`: those of all groups.
+        It is so on these `cells` of `Group.cells_asked`. `checks`: those of all groups.
         """
 
     @abstractmethod
-    def core(self) -> Iterable[Task]:
+    def show_core(self) -> Iterable[Task]:
         """Tasks for P2a: from each state of K SC keeps `safe`, and leads back to K."""
 
     @abstractmethod
-    def free(self, horizon_ns: int) -> Iterable[Task]:
+    def show_free(self, horizon_ns: int) -> Iterable[Task]:
         """Tasks for R(H): no command leads from it out of K within H."""
 
     @abstractmethod
-    def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
+    def show_predicate(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
         """Tasks for P3 of a predicate: where it may be `admits` on an estimate, R has the state."""
 
     @abstractmethod
-    def levels(self, between_ns: int) -> Iterable[Task]:
+    def show_levels(self, between_ns: int) -> Iterable[Task]:
         """Tasks for the sets S of computed predicates: `ttf` outside S_0, `safer` in S_(m-2)."""
 
     @property
     @abstractmethod
-    def holds(self) -> int:
+    def holds_to_return(self) -> int:
         """The number of holds of SC that suffices to come to Q."""
 
     @abstractmethod
-    def home(self, calm: Cells | None) -> Iterable[Task]:
+    def show_return(self, calm: Cells | None) -> Iterable[Task]:
         """Tasks for P2b: Q is kept where `safer` holds, and SC leads there from all of K.
 
-        `calm`: the cells of `part` for it; None: what the DM holds says so.
+        `calm`: those of `cells_asked` on which `safer` is certain; None: what the DM holds says so.
         """
 
     @abstractmethod
-    def start(self, until_ns: int) -> Iterable[Task]:
+    def show_start(self, until_ns: int) -> Iterable[Task]:
         """Tasks for `start`: declared initial states stay in K until then, whatever acts."""
 
 

@@ -67,13 +67,13 @@ def _inductions() -> ModuleMethod:
         raise SoterError((Diagnostic("D007", what, helps=helps),))
     from soter.certificate.induction import check_claims  # noqa: PLC0415 - an extra
 
-    return ModuleMethod(check_claims.recheck_induction, check_claims.read_all)
+    return ModuleMethod(check_claims.recheck_induction, check_claims.read_entry)
 
 
 def _rest() -> ModuleMethod:
     from soter.certificate.tubes import check_rest  # noqa: PLC0415 - see the head
 
-    return ModuleMethod(check_rest.recheck_rest, check_rest.read_all)
+    return ModuleMethod(check_rest.recheck_rest, check_rest.read_entry)
 
 
 GROUPS = {

@@ -8,10 +8,10 @@ does and makes ready what each claim needs, but it looks only at a few cells.
 Non-goals: finding sets or witnesses: there is no search and no fixpoint here, one pass only.
 
 The argument: of each module that a manifest names, the problem is read off the program that lies
-beside it (`facts_of`); each figure of the manifest is that of the problem, or a time that is no
-shorter (`compare`); there is one case for every combination of parameter values, the groups of a
-case hold each state once (`groups_of`), and every claim is asked of every group (`case_check.py`).
-A claim that is not asked is not confirmed, and whatever raises is not accepted.
+beside it (`read_problem`); each figure of the manifest is that of the problem, or a time that is no
+shorter (`compare_figures`); there is one case for every combination of parameter values, the groups
+of a case hold each state once (`read_groups`), and every claim is asked of every group
+(`case_check.py`). A claim that is not asked is not confirmed, and whatever raises is not accepted.
 """
 
 from __future__ import annotations
@@ -29,14 +29,13 @@ from typing import TYPE_CHECKING, Any
 from soter.certificate.case_check import (
     CLAIMS,
     CaseCheck,
-    claimed_of,
-    narrowed,
-    static_claims,
+    check_static_claims,
+    narrowed_extents,
+    proved_claims,
     survives_the_start,
 )
 from soter.certificate.cell_sets import Axes, Grid
-from soter.certificate.control_changes import jumps_of, read_above
-from soter.certificate.failsafe_law import kept_by_law, law_in
+from soter.certificate.failsafe_law import check_law, read_law
 from soter.certificate.folder import (
     MANIFEST_KEYS,
     OF_SETS,
@@ -48,6 +47,7 @@ from soter.certificate.folder import (
     read_certificate,
     refuse_cells,
 )
+from soter.certificate.handovers import jumps_of
 from soter.certificate.proof_methods import GROUPS, MODULES, refuse_unclaimed
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.left_out_states import (
@@ -58,9 +58,9 @@ from soter.certificate.reading.left_out_states import (
 )
 from soter.certificate.reading.module_facts import Facts, Input, bounded_topics
 from soter.certificate.reading.module_times import compare_times
-from soter.certificate.reading.problem import read_facts
+from soter.certificate.reading.problem import read_above, read_facts
 from soter.certificate.reading.supported_constructs import check_supported
-from soter.certificate.reading.view_predicates import left_out
+from soter.certificate.reading.view_predicates import why_views_leave_out
 from soter.certificate.report import (
     ACCEPTED,
     NOT_RECHECKED,
@@ -72,12 +72,12 @@ from soter.certificate.report import (
 )
 from soter.certificate.scope import (
     assumptions_of,
-    confirmed_of,
+    confirmed_facts,
     open_questions,
-    otherwise_in_program,
+    other_values_in_program,
     parameters_of,
 )
-from soter.certificate.vacuous_proofs import of_those_above, vacuous
+from soter.certificate.vacuous_proofs import enter_vacuous_above, why_vacuous
 from soter.diagnostics.current_phase import between, phase, telling
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.evaluate.arithmetic import StepFault
@@ -109,7 +109,7 @@ def recheck(folder: Path, workers: int | None = None) -> Report:
     try:
         certificate = read_certificate(folder)
         report.seal = certificate.seal
-        _check(certificate, report, workers or os.cpu_count() or 1)
+        _check_certificate(certificate, report, workers or os.cpu_count() or 1)
         _conclude(report)
     except NotACertificateError:
         raise
@@ -120,7 +120,7 @@ def recheck(folder: Path, workers: int | None = None) -> Report:
             raise  # nothing is known of the certificate
         report.verdict, report.reason = REJECTED, f"the program of the certificate: {error}"
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is accepted
-        report.reason = in_words(error)
+        report.reason = failure_reason(error)
     report.reason = visible(report.reason)
     report.seconds = time.perf_counter() - started
     return report
@@ -132,7 +132,7 @@ def _conclude(report: Report) -> None:
     report.verdict, report.reason = (NOT_RECHECKED if left else ACCEPTED), "; ".join(left)
 
 
-def in_words(error: Exception) -> str:
+def failure_reason(error: Exception) -> str:
     """The reason why something was not re-checked, in words, from what was raised."""
     if isinstance(error, NotRecheckedError):
         return str(error)
@@ -146,7 +146,7 @@ def in_words(error: Exception) -> str:
     return f"the re-checker itself failed ({name}: {error})"
 
 
-def _check(certificate: Certificate, report: Report, workers: int) -> None:
+def _check_certificate(certificate: Certificate, report: Report, workers: int) -> None:
     manifest = certificate.manifest
     only_keys(manifest, MANIFEST_KEYS, "the manifest")
     report.program = visible(str(manifest["main"]))
@@ -161,26 +161,26 @@ def _check(certificate: Certificate, report: Report, workers: int) -> None:
         phase(f"checking module {k + 1} of {len(modules)}")
         try:
             with between(k / len(modules), (k + 1) / len(modules)):
-                module = _entry(certificate, checked, overrides, covered, entry, workers)
+                module = _check_entry(certificate, checked, overrides, covered, entry, workers)
         except (RejectedError, SoterError):
             raise
         except Exception as error:  # noqa: BLE001 - the others are checked all the same
             view = f" as {entry['view']}" if entry.get("view") else ""
             name, system = f"{entry.get('module')}{view}", str(entry.get("system"))
-            module = RecheckedModule(name, {}, system=system, not_rechecked=in_words(error))
+            module = RecheckedModule(name, {}, system=system, not_rechecked=failure_reason(error))
         if all((m.system, m.name) != (module.system, module.name) for m in report.modules):
             report.modules.append(module)
-    of_those_above(report.modules)
+    enter_vacuous_above(report.modules)
     report.not_covered = open_questions(checked, overrides, covered)
     if any(m.not_rechecked for m in report.modules):
         return  # some tables were not read, and some views not looked at
     for facts in covered:
-        _in_all_views(facts, covered)
+        _require_all_views(facts, covered)
     for name in certificate.unused:
         raise RejectedError(f"no claim rests on `{name}`")
 
 
-def _entry(
+def _check_entry(
     certificate: Certificate,
     checked: CheckResult,
     overrides: dict[str, Any],
@@ -192,40 +192,41 @@ def _entry(
     facts: Covered
     whole = [of for key, of in MODULES.items() if isinstance(entry, dict) and key in entry]
     if whole:
-        with _understood("a module"):
-            system = _system(checked, overrides, entry)
+        with _rejecting_malformed("a module"):
+            system = _system_of_entry(checked, overrides, entry)
             facts, report = whole[0]().check(system, entry)
     else:
         only_keys(entry, MODULE_KEYS, "a module", "levels tables view law wraps")
-        with _understood("a module"):
-            facts = facts_of(_system(checked, overrides, entry), entry)
-    if any(_key(f) == _key(facts) for f in covered):
+        with _rejecting_malformed("a module"):
+            facts = read_problem(_system_of_entry(checked, overrides, entry), entry)
+    if any(_proved_as(f) == _proved_as(facts) for f in covered):
         raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
     covered.append(facts)
     if not whole:
         assert isinstance(facts, Facts)
-        report = _module(certificate, facts, entry, workers)
+        report = _check_module(certificate, facts, entry, workers)
     report.parameters = parameters_of(facts.flying)
-    report.otherwise, report.contradicted = otherwise_in_program(checked, facts.flying)
+    report.otherwise, report.contradicted = other_values_in_program(checked, facts.flying)
     return report
 
 
-def _key(facts: Covered) -> tuple[str, str, str]:
+def _proved_as(facts: Covered) -> tuple[str, str, str]:
     view = facts.view if isinstance(facts, Facts) else ""
     return facts.flying.name, facts.flying_module.name, view
 
 
-def _in_all_views(facts: Covered, covered: list[Covered]) -> None:
+def _require_all_views(facts: Covered, covered: list[Covered]) -> None:
     """RejectedError where a module is proved in some of its views, but not in all."""
     if isinstance(facts, Facts) and facts.view:
-        same = [f for f in covered if isinstance(f, Facts) and _key(f)[:2] == _key(facts)[:2]]
+        own = _proved_as(facts)[:2]
+        same = [f for f in covered if isinstance(f, Facts) and _proved_as(f)[:2] == own]
         assert facts.whole is not None
-        if why := left_out(facts.whole, [f.view for f in same]):
+        if why := why_views_leave_out(facts.whole, [f.view for f in same]):
             raise RejectedError(why)
 
 
 @contextmanager
-def _understood(what: str) -> Iterator[None]:
+def _rejecting_malformed(what: str) -> Iterator[None]:
     """In this block a value of the wrong kind in the manifest becomes a RejectedError."""
     try:
         yield
@@ -233,7 +234,9 @@ def _understood(what: str) -> Iterator[None]:
         raise RejectedError(f"{what} of the manifest is not as it should be: {error}") from None
 
 
-def _system(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any]) -> System:
+def _system_of_entry(
+    checked: CheckResult, overrides: dict[str, Any], entry: dict[str, Any]
+) -> System:
     if entry["system"] not in checked.systems:
         raise RejectedError(f"the program has no system `{entry['system']}`")
     return system_to_prove(checked, entry["system"], overrides, exact=False)
@@ -242,7 +245,7 @@ def _system(checked: CheckResult, overrides: dict[str, Any], entry: dict[str, An
 # ---------------------------------------------------------------- a module
 
 
-def facts_of(flat: System, entry: dict[str, Any]) -> Facts:
+def read_problem(flat: System, entry: dict[str, Any]) -> Facts:
     """The problem of the module of an entry in a system, all of which is understood.
 
     RejectedError where there is none, NotRecheckedError where it is not understood.
@@ -282,11 +285,11 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
 
     RejectedError where they differ, NotRecheckedError where there are too many cases.
     """
-    claims = claimed_of(entry["claims"])
-    with _understood("a module"):
-        compare(facts, entry)
+    claims = proved_claims(entry["claims"])
+    with _rejecting_malformed("a module"):
+        compare_figures(facts, entry)
         given = [c["parameter"] for c in entry["cases"]]
-    static_claims(facts, entry["claims"])
+    check_static_claims(facts, entry["claims"])
     if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
         raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
     if given != [*map(list, facts.cases())]:
@@ -296,15 +299,15 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
         only_keys(case, "parameter groups", "a case")
         if not (case["groups"] or claims & OF_SETS):
             raise NotRecheckedError("no sets were found: P2a, P3 and the start were not proved")
-        with _understood("a group"):
+        with _rejecting_malformed("a group"):
             refuse_unclaimed(case["groups"], claims, computed=computed)
-            return groups_of(certificate, facts, case["groups"])
+            return read_groups(certificate, facts, case["groups"])
 
     groups = [read(case, claims, computed=facts.computed) for case in entry["cases"]]
     if ("tables" in entry) != facts.computed:
         raise RejectedError("a module has tables of its DM where its predicates are computed")
     if facts.computed and (entry["tables"] or claims & OF_SETS):  # else K is empty: no table
-        with _understood("a table of the DM"):
+        with _rejecting_malformed("a table of the DM"):
             compare_tables(certificate, facts, groups, entry["tables"])
     cells = [core for of_case in groups for g in of_case for core in g.cells]
     refuse_cells(cells, claims, entry["recover_ns"])
@@ -312,18 +315,18 @@ def read_claimed(certificate: Certificate, facts: Facts, entry: dict[str, Any]) 
         raise RejectedError("a module has sets of its law where `failsafe` is claimed")
     law = None
     if "law" in entry:
-        with _understood("a law"):
-            law = law_in(facts, entry, claims, partial(read, claims={"P2a"}, computed=False))
+        with _rejecting_malformed("a law"):
+            law = read_law(facts, entry, claims, partial(read, claims={"P2a"}, computed=False))
     return Claimed(claims, groups, law)
 
 
-def _module(
+def _check_module(
     certificate: Certificate, facts: Facts, entry: dict[str, Any], workers: int
 ) -> RecheckedModule:
     """Show every claim of a module, and make the report of what that is about."""
     claimed = read_claimed(certificate, facts, entry)
     groups, name = claimed.groups, f"{entry['module']}{f' as {facts.view}' * bool(facts.view)}"
-    asked = partial(_cases, facts, claimed, entry, workers)
+    asked = partial(_check_cases, facts, claimed, entry, workers)
     try:  # where there is a choice, with reads that are older than any
         asked()
     except (RejectedError, NotRecheckedError):
@@ -335,22 +338,24 @@ def _module(
     report = RecheckedModule(name, dict(entry["claims"]), system=entry["system"])
     report.confirmed = [c for c in CLAIMS if c in claimed.claims]
     jumps = jumps_of(facts, groups, claimed.claims) if facts.view else {}
-    report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_of(facts, jumps)
+    report.assumptions, report.shown = assumptions_of(facts, jumps), confirmed_facts(facts, jumps)
     report.stays, report.above = bool(facts.symbol.stays), getattr(facts.above, "name", "")
     report.safe = " ".join(facts.symbol.safe.span.text.split())
-    report.vacuous, report.unseen = vacuous(facts, groups)
+    report.vacuous, report.unseen = why_vacuous(facts, groups)
     report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
     for g in (g for of_case in groups for g in of_case):
-        g.tell(report)
+        g.add_size_to(report)
     return report
 
 
-def _cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers: int) -> None:
+def _check_cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers: int) -> None:
     """Show every claim for every combination of parameter values; and that the law keeps K_fs."""
     cases = list(facts.cases())
     for k, (values, own) in enumerate(zip(cases, claimed.groups, strict=True)):
         model = CaseModel(
-            facts, values, narrowed(facts.extents, [g.part(errors=False) for g in own])
+            facts,
+            values,
+            narrowed_extents(facts.extents, [g.cells_asked(errors=False) for g in own]),
         )
         if facts.left_out:
             refuse_read(model)
@@ -358,7 +363,7 @@ def _cases(facts: Facts, claimed: Claimed, entry: dict[str, Any], workers: int) 
             refuse_turns_read(model)
         case = CaseCheck(model, own, claimed.claims, entry, workers)
         if claimed.law is not None:
-            case.lawful = kept_by_law(claimed.law, k, case)
+            case.lawful = check_law(claimed.law, k, case)
         with between(k / len(cases), (k + 1) / len(cases)):
             case.check()
 
@@ -375,7 +380,7 @@ def compare_tables(
         same[0].compare(certificate, facts, same, entry)
 
 
-def compare(facts: Facts, entry: dict[str, Any]) -> None:
+def compare_figures(facts: Facts, entry: dict[str, Any]) -> None:
     """Compare each figure of the manifest with the program, or RejectedError; enter the extents."""
     parameters = [{"name": p.name, "values": list(p.values)} for p in facts.parameters]
     if entry["plants"] != [c.name for c in facts.plants]:
@@ -391,12 +396,14 @@ def compare(facts: Facts, entry: dict[str, Any]) -> None:
         leave_out(facts, [s.name for s in facts.states if s.name not in there])
     if len(inputs) != len(facts.states) + len(others):
         raise RejectedError("the inputs are others in the program")
-    facts.extents = tuple(_extents(facts, zip(inputs, [*facts.states, *others], strict=True)))
+    facts.extents = tuple(_state_extents(facts, zip(inputs, [*facts.states, *others], strict=True)))
     if "wraps" in entry:
         read_turning(facts, entry["wraps"])
 
 
-def _extents(facts: Facts, pairs: Iterable[tuple[Any, Input]]) -> Iterator[tuple[float, float]]:
+def _state_extents(
+    facts: Facts, pairs: Iterable[tuple[Any, Input]]
+) -> Iterator[tuple[float, float]]:
     """The ranges of the states by the manifest; RejectedError where another range differs."""
     for i, (given, known) in enumerate(pairs):
         only_keys(given, "name kind low high", "an input")
@@ -411,7 +418,9 @@ def _extents(facts: Facts, pairs: Iterable[tuple[Any, Input]]) -> Iterator[tuple
             raise RejectedError(f"the range of {known.name} is another one in the program")
 
 
-def groups_of(certificate: Certificate, facts: Facts, entries: list[dict[str, Any]]) -> list[Group]:
+def read_groups(
+    certificate: Certificate, facts: Facts, entries: list[dict[str, Any]]
+) -> list[Group]:
     """The groups of a case, in the order of the methods.
 
     RejectedError where they do not fit the program, NotRecheckedError of another kind.
@@ -454,30 +463,30 @@ def why_not_recheckable(flat: System, entry: dict[str, Any], files: dict[str, by
         if whole:
             whole[0]().read(flat, entry)
         else:
-            _over_sets(flat, entry, Certificate(Path(), {}, files, set()))
+            _try_sets(flat, entry, Certificate(Path(), {}, files, set()))
     except (RejectedError, SoterError) as error:
         return f"the re-checker finds something else: {error}"
     except Exception as error:  # noqa: BLE001 - as a re-check does
-        return in_words(error)
+        return failure_reason(error)
     return ""
 
 
-def _over_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> None:
-    facts = facts_of(flat, entry)
+def _try_sets(flat: System, entry: dict[str, Any], certificate: Certificate) -> None:
+    facts = read_problem(flat, entry)
     claimed, values = read_claimed(certificate, facts, entry), list(facts.cases())
     for k in sorted({0, len(values) - 1}):  # the first and the last
         groups = claimed.groups[k]
-        ranges = narrowed(facts.extents, [g.part(errors=False) for g in groups])
+        ranges = narrowed_extents(facts.extents, [g.cells_asked(errors=False) for g in groups])
         model = CaseModel(facts, values[k], ranges)
         case = CaseCheck(model, groups, set(), entry, 1)
         with telling(None):
             case.check()
-        _predicates(model)
+        _read_predicates(model)
         for check in case.checks if claimed.claims & OF_SETS else ():
-            check.tried(claimed.claims)
+            check.prepare(claimed.claims)
 
 
-def _predicates(model: CaseModel) -> None:
+def _read_predicates(model: CaseModel) -> None:
     """Read every predicate and declared set that a claim asks of states or estimates."""
     facts: Facts = model.facts
     symbol = facts.symbol

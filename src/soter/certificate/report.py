@@ -93,7 +93,7 @@ IN_FLIGHT = ("P3", "ttf", "safer")
 def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
     """The properties that safety needs and a certificate does not establish; P1c may be assumed.
 
-    An assumed P1c is H >= H* with delays taken for zero: `static_claims` compares them.
+    An assumed P1c is H >= H* with delays taken for zero: `check_static_claims` compares them.
     """
     held = {*confirmed, *(n for n in ("P1c",) if claims.get(n) == "assumed")}
     return [n for n in SAFETY if n not in held]

@@ -2,10 +2,10 @@
 
 Purpose: `parameters_of` names the values that were checked, `open_questions` what a reader might
 think is covered: other systems, modules and values, and what nothing here looks at.
-`assumptions_of` and `confirmed_of` derive assumptions again from the program: keys for programs,
+`assumptions_of` and `confirmed_facts` derive assumptions again from the program: keys for programs,
 texts for people.
-Non-goals: what a manifest says about them: nothing is read there. What an extra rests on is said
-where that is (`control_changes.py`, `reading/`).
+Non-goals: what a manifest says about them: nothing is read there. What hand-overs, modes and nodes
+on the way rest on is said where that is (`handovers.py`, `reading/`).
 
 The argument: each part of the problem that the claims do not show is named here: the world and the
 inputs with their ranges, the times, the machine. An assumption that is always made is always said.
@@ -15,15 +15,23 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
-from soter.certificate import control_changes
-from soter.certificate.reading import node_paths, sc_locals_and_modes, verification_system
-from soter.certificate.reading.module_facts import Facts, bounded_topics, number_of, read_by
+from soter.certificate import handovers
+from soter.certificate.reading import node_paths, sc_locals_and_modes
+from soter.certificate.reading.module_facts import (
+    Facts,
+    bounded_topics,
+    driven_topics,
+    number_of,
+    topics_read,
+)
 from soter.certificate.reading.module_times import DELAYS
 from soter.certificate.reading.supported_constructs import equations, parts_of
 from soter.certificate.report import RecheckAssumption
 from soter.diagnostics.diagnostic import SoterError
+from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.front_end import system_to_prove
 from soter.language.model.system import holder_of
+from soter.language.model.tree_walk import topic_reads
 from soter.language.model.typed import FunSymbol
 from soter.language.model.types import DurationType, FloatType, leaf_name, leaves, show_ns
 from soter.language.prelude.function_error_bounds import BOUNDS
@@ -31,8 +39,8 @@ from soter.language.prelude.function_error_bounds import BOUNDS
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from soter.certificate.control_changes import Jumps
-    from soter.certificate.reading.module_facts import Input
+    from soter.certificate.handovers import Jumps
+    from soter.certificate.reading.module_facts import Input, ModuleAbove
     from soter.certificate.report import Said
     from soter.language.front_end import CheckResult
     from soter.language.model import typed
@@ -65,7 +73,7 @@ def _value_text(program: TypedProgram, name: str, value: Value) -> str:
     return plain if isinstance(value, (bool, int)) else repr(value)
 
 
-def otherwise_in_program(checked: CheckResult, system: System) -> tuple[dict[str, str], bool]:
+def other_values_in_program(checked: CheckResult, system: System) -> tuple[dict[str, str], bool]:
     """(parameters with another value in the program alone, by name; whether a `set` gives one).
 
     The values checked are those of `system`; a value that a `set` gives is no default.
@@ -178,24 +186,24 @@ def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[RecheckAssu
     """Everything that is taken for granted about one module; `jumps`: what was tried to confirm."""
     links = bool(facts.symbol.verify.abstracts)
     parts = (
-        verification_system.assumed(facts) if links else (),
-        control_changes.assumed(facts, jumps or {}) if facts.view else (),
+        _abstraction_conforms(facts) if links else (),
+        handovers.jump_assumptions(facts, jumps or {}) if facts.view else (),
         _plant_behaviour(facts),
         _input_bounds(facts),
-        sc_locals_and_modes.assumed(facts) if facts.modes else (),
-        node_paths.assumed(facts.ways) if facts.ways.notes else (),
+        sc_locals_and_modes.mode_assumptions(facts) if facts.modes else (),
+        node_paths.node_assumptions(facts.ways) if facts.ways.notes else (),
         _timing_assumptions(facts),
         _machine_assumptions(facts),
-        verification_system.judged(facts) if links else (),
+        _judged_as_driven(facts) if links else (),
         _open_ends(facts),
         _left_out_states(facts),
         _turning_axes(facts),
-        control_changes.assumed_of_above(facts.above) if facts.above is not None else (),
+        _below_another(facts.above) if facts.above is not None else (),
     )
     return [RecheckAssumption(key, text) for part in parts for key, text in part]
 
 
-def confirmed_of(facts: Facts, jumps: Jumps) -> list[RecheckAssumption]:
+def confirmed_facts(facts: Facts, jumps: Jumps) -> list[RecheckAssumption]:
     """The facts that are confirmed beside the claims, and no assumptions any more."""
     entries = []
     for index, inside in facts.in_sets.items():
@@ -203,7 +211,7 @@ def confirmed_of(facts: Facts, jumps: Jumps) -> list[RecheckAssumption]:
             name = facts.system.topics[index].name
             text = f"what plants publish lies in the declared set of {name} for every state that "
             entries.append((f"set {name}", text + "SC keeps, errors included"))
-    entries += control_changes.confirmed(facts, jumps) if jumps else ()
+    entries += handovers.confirmed_jumps(facts, jumps) if jumps else ()
     return [RecheckAssumption(key, text) for key, text in entries]
 
 
@@ -227,6 +235,39 @@ def _plant_behaviour(facts: Facts) -> Said:
     for p in facts.parameters:
         text = f"{p.name} changes only while the estimate lies in S_0 of the new value, whichever"
         yield f"changes {p.name}", f"{text} mode; DM and SC read the new value from that instant on"
+
+
+def _abstraction_conforms(facts: Facts) -> Said:
+    """The assumptions that the vehicle behaves like the plants that abstract it."""
+    for link in facts.symbol.verify.abstracts:
+        known = start_behind(facts.flying, facts.flying_module, link) is not None
+        begins = f"the start of {link.instance}" if known else f"the initial states of {link.name}"
+        text = f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance"
+        key = f"conforms {link.instance} {link.name}"
+        yield key, f"{text} within its bounds, from {begins} on"
+
+
+def _judged_as_driven(facts: Facts) -> Said:
+    """Topics of `safe` that plants of the proof drive, and that no other part of it reads."""
+    read = {i for of in topics_read(facts) for i in of}
+    driven = driven_topics(facts)
+    for symbol in topic_reads(facts.symbol.safe):
+        index = facts.module.scope.topics.get(symbol, -1)
+        if index in driven and index not in read:
+            name, plant = facts.system.topics[index].name, driven[index][0].name
+            text = f"what `safe` says of {name} is judged on what {plant} drives: what is published"
+            yield f"judged {name} {plant}", f"{text} there is not looked at"
+
+
+def _below_another(above: ModuleAbove) -> Said:
+    """The times that claims of a module below another one speak of, and what these rest on."""
+    name = above.name
+    text = f"`safe` is kept while {name} is in AC, from each time on at which it gives control back"
+    yield f"while {name}", f"{text}; not before the first, and not while it is in SC"
+    text = f"a verdict of {name} by which it gives control back is in force at most"
+    yield f"verdict of {name}", f"{text} {show_ns(above.back_ns)} after the state that it is about"
+    text = f"while {name} is in SC, too, what plants publish lies in the declared sets"
+    yield f"sets while {name}", f"{text} (else they stop)"
 
 
 def _open_ends(facts: Facts) -> Said:
@@ -266,7 +307,7 @@ def _input_bounds(facts: Facts) -> Said:
         text = f"measurement errors stay within their bounds: {e.name} within {e.high:g}{_unit(e)}"
         yield f"error {e.name} {e.high:g}", text
     measured = {(e.owner, e.leaf) for e in facts.errors}
-    by_dm, by_sc = read_by(facts)
+    by_dm, by_sc = topics_read(facts)
     for index in dict.fromkeys([*by_dm, *by_sc]):
         topic = facts.system.topics[index]
         for k, (path, of) in enumerate(leaves(topic.type)):
@@ -350,10 +391,10 @@ def _timing_assumptions(facts: Facts) -> Said:
         late = f"within {show_ns(facts.times['L_ns'])}, and they take nothing that comes later"
         yield "lease", f"{held}, {late}"
     yield "fresh", "P2b: what the DM reads is fresh, and no gate fault keeps AC out"
-    yield from acknowledged(facts.symbol)
+    yield from acknowledgement_assumption(facts.symbol)
 
 
-def acknowledged(symbol: typed.ModuleSymbol) -> Said:
+def acknowledgement_assumption(symbol: typed.ModuleSymbol) -> Said:
     """The assumption about a DM that gives control back only after a press."""
     if symbol.latch is not None and symbol.latch.topic is not None:
         name = symbol.latch.topic.name

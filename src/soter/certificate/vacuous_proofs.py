@@ -1,6 +1,6 @@
 """Claims that hold and say next to nothing, as AC never, or hardly ever, can have control.
 
-Purpose: `vacuous` asks this of a module for the report, of the tables of its DM, or of its
+Purpose: `why_vacuous` asks this of a module for the report, of the tables of its DM, or of its
 predicates on states drawn from K. It reads nothing that the prover says about it. A share of drawn
 states is a measurement, and is called so.
 Non-goals: verdicts, as such a proof is a proof; inductions (`induction/check_claims.py`).
@@ -50,7 +50,7 @@ GETS = "AC never has control"
 KEEPS = "AC never keeps control"
 
 
-def vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
+def why_vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
     """(why the claims about a module say next to nothing, why that was not looked at), or ""."""
     safe, scope = facts.symbol.safe, facts.module.scope
     if not topic_reads(safe):
@@ -60,7 +60,7 @@ def vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
     for values, of_case in zip(facts.cases(), groups, strict=True):
         try:
             if facts.computed:
-                found, unseen = _of_tables(facts, of_case)
+                found, unseen = _vacuous_tables(facts, of_case)
             elif _taken_by_age(facts):
                 found, unseen = f"{KEEPS} (`ttf` holds of whatever is fresh)", ""
             else:
@@ -75,10 +75,10 @@ def vacuous(facts: Facts, groups: Groups) -> tuple[str, str]:
     return "", ""
 
 
-def _of_tables(facts: Facts, groups: Sequence[Group]) -> tuple[str, str]:
-    """`vacuous` of computed predicates: S_0 leaves AC in control, S_(m-2) gives control back."""
+def _vacuous_tables(facts: Facts, groups: Sequence[Group]) -> tuple[str, str]:
+    """`why_vacuous` of tables: on S_0 AC keeps control, on S_(m-2) it gets control back."""
     for g in groups:
-        found, unseen = g.never(_random_states(facts, np.random.default_rng(0), [g]))
+        found, unseen = g.why_ac_never(_random_states(facts, np.random.default_rng(0), [g]))
         if found or unseen:
             return found, unseen
     return "", ""
@@ -90,7 +90,7 @@ def _never_given(facts: Facts, values: tuple[int, ...]) -> str:
         return ""
     safer = _admit_check(facts, values, facts.symbol.safer, admits=True)
     box = [(exact(i.low), exact(i.high)) for i in facts.states] + safer.decision.ranges
-    if safer.decision.of(box) & FAILS:
+    if safer.decision.bits_on_box(box) & FAILS:
         return ""
     why = f"at the start `safer` does not hold, and P2b is not asked: `{facts.symbol.stays}`"
     return f"nothing says that AC ever gets control ({why})"
@@ -125,7 +125,7 @@ def _taken_by_age(facts: Facts) -> bool:
 def _vacuous_conditions(
     facts: Facts, values: tuple[int, ...], groups: Sequence[Group]
 ) -> tuple[str, str]:
-    """`vacuous` of `ttf` and `safer`, on estimates of states drawn from K, all groups together."""
+    """`why_vacuous` of `ttf` and `safer`, on estimates of states drawn from K of all groups."""
     ttf, safer = facts.ttf, facts.symbol.safer
     if ttf is None or safer is None:
         return "", "predicates that are not there are not looked at"
@@ -152,8 +152,8 @@ def _vacuous_conditions(
     return "", ""
 
 
-def of_those_above(modules: Sequence[RecheckedModule]) -> None:
-    """Enter as `vacuous` a module whose claims are about times when one above is hardly in AC."""
+def enter_vacuous_above(modules: Sequence[RecheckedModule]) -> None:
+    """Enter as `vacuous` modules whose claims are about times when one above is hardly in AC."""
     by_name = {(m.system, m.name): m for m in modules}
 
     def enter(m: RecheckedModule) -> str:
@@ -181,7 +181,7 @@ def _random_states(
     facts: Facts, chance: np.random.Generator, groups: Sequence[Group]
 ) -> Iterator[NDArray[np.float64]]:
     """Random states, of each group's K together; a state without a group anywhere in its range."""
-    parts = [g.drawn(facts, chance) for g in groups]
+    parts = [g.random_points(facts, chance) for g in groups]
     for _ in range(DRAWN):
         x = np.array([chance.uniform(*ends) for ends in facts.extents])
         for g, part in zip(groups, parts, strict=True):
@@ -198,4 +198,4 @@ def _is_ac_admitted(check: AdmitCheck, x: NDArray[np.float64], chance: np.random
     for low, high in check.decision.ranges:
         end = (low, high)[int(chance.integers(2))]
         box.append((end, end))
-    return not check.decision.of(box) & HOLDS
+    return not check.decision.bits_on_box(box) & HOLDS

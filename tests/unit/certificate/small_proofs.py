@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.case_check import CLAIMS, p1c_of
-from soter.certificate.cell_predicates import certain
+from soter.certificate.cell_predicates import certain_cells
 from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.folder import FORMAT, canonical
 from soter.certificate.grid.group_claims import ChainCheck, FreeCheck, GroupTables
@@ -173,7 +173,7 @@ def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40)
         grid = Grid(tuple(even_edges(*extents[i], n) for i, n in enumerate(shape[0])))
         none = np.zeros(grid.shape, dtype=np.uint8)
         group = GroupTables(groups_of[0], grid, none)
-        safe = certain(model, [group], facts.symbol.safe, errors=False)[0]
+        safe = certain_cells(model, [group], facts.symbol.safe, errors=False)[0]
         check = ChainCheck(model, group)
         walks: Walks = {}
         core = kernel(check, safe, holds_max, walks)
@@ -184,7 +184,7 @@ def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40)
             box = grid.box(tuple((i, i + 1) for i in cell))
             free[cell] = bool(core[cell]) and phase.stays(box, cells, 4)
         assert facts.symbol.safer is not None
-        calm = certain(model, [group], facts.symbol.safer, errors=True)[0]
+        calm = certain_cells(model, [group], facts.symbol.safer, errors=True)[0]
         home = kernel(check, calm, holds_max, walks)
         rank, holds = ranks(check, Cells(grid, home > 0), core, holds_max, walks)
         stem = f"sets/{k}_"

@@ -13,9 +13,10 @@ import pytest
 from flint import arb
 
 from soter.certificate import cell_predicates
-from soter.certificate.cell_sets import Cells, Grid, finer
+from soter.certificate.cell_sets import Cells, Grid, holds_in_parts
+from soter.certificate.grid.estimates_and_shield import axes_seen_by_dm
 from soter.certificate.grid.flow_enclosures import LocalFlow
-from soter.certificate.grid.grid_group import GridCheck, _looked_at
+from soter.certificate.grid.grid_group import GridCheck
 from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.reading.left_out_states import FARTHEST
 from soter.certificate.report import NotRecheckedError
@@ -120,7 +121,7 @@ def test_a_box_is_halved_as_often_as_is_allowed() -> None:
             return width <= 1 / 8
 
         square = [(exact(0.0), exact(1.0))] * 2
-        assert finer(square, attempt, splits) is (splits >= 3)
+        assert holds_in_parts(square, attempt, splits) is (splits >= 3)
         assert min(seen) == 2.0 ** -min(splits, 3)
 
 
@@ -157,9 +158,9 @@ def test_a_run_that_may_leave_the_set_on_its_way_reaches_nothing(outside: int | 
     check: Any = SimpleNamespace(
         chain=lambda *_: chain, group=SimpleNamespace(states=(0,)), _parts=lambda form: [form]
     )
-    check._after = lambda *of: ChainCheck._after(check, *of)
+    check._boxes_at_switch = lambda *of: ChainCheck._boxes_at_switch(check, *of)
     box = [(exact(0.5), exact(0.75))]
-    found = [n for n, _ in ChainCheck.reached(check, box, [1, 2, 3], cells, 1)]
+    found = [n for n, _ in ChainCheck.follow(check, box, [1, 2, 3], cells, 1)]
     until = outside if isinstance(outside, int) else 3 if outside is None else 0
     assert found == [1, 2, 3][:until]
 
@@ -186,11 +187,11 @@ def test_what_holds_on_the_grid_alone_does_not_hold_beyond_its_open_end() -> Non
     model: Any = SimpleNamespace(extents=((-2.0, 2.0),))
     for unbounded, members in (((False,), [True] * 4), ((True,), [False, True, True, True])):
         terms = Terms()
-        x = terms.input("state", "x", -FARTHEST, FARTHEST)
-        inside = terms.below(terms.combine(((-ONE, x),), exact(-5.0)))
+        x = terms.add_input("state", "x", -FARTHEST, FARTHEST)
+        inside = terms.below_zero(terms.combine(((-ONE, x),), exact(-5.0)))
         grid = Grid(((-2.0, -1.0, 0.0, 1.0, 2.0),), unbounded)
         group: Any = SimpleNamespace(grid=grid, states=(0,))
-        found = cell_predicates._certain_cells(model, group, terms, [0], inside)
+        found = cell_predicates._remembered_cells(model, group, terms, [0], inside)
         assert found.members.tolist() == members
 
 
@@ -198,7 +199,7 @@ def test_a_state_that_the_dm_does_not_see_has_one_cell() -> None:
     states = [SimpleNamespace(name=n) for n in "xy"]
     facts: Any = SimpleNamespace(leaves={0: None}, states=states)
     group: Any = SimpleNamespace(states=(0, 1), grid=SimpleNamespace(shape=(4, 1)))
-    assert _looked_at(facts, group) == [0]
+    assert axes_seen_by_dm(facts, group) == [0]
     group.grid.shape = (4, 2)
     with pytest.raises(NotRecheckedError, match=r"no topic shows `y`.* write `/ 1`"):
-        _looked_at(facts, group)
+        axes_seen_by_dm(facts, group)

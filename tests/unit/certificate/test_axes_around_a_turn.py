@@ -18,7 +18,7 @@ import pytest
 import soter
 from generators.turning_systems import Drawn
 from soter.api import recheck
-from soter.certificate.cell_sets import SEAM, Cells, Grid, brought_back
+from soter.certificate.cell_sets import SEAM, Cells, Grid, turned_back
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.left_out_states import read_turning, refuse_turns_read
 from soter.certificate.report import NotRecheckedError, RejectedError
@@ -182,14 +182,14 @@ def test_what_is_brought_back_by_whole_turns_holds_what_there_was(low: float) ->
     for _ in range(300):
         start = float(chance.uniform(-(2**13), 2**13) * chance.choice([1e-3, 1.0]))
         width = float(chance.choice([0.0, 0.3, 2.9, 7.0]))
-        first, last = brought_back(edges, start, start + width)
+        first, last = turned_back(edges, start, start + width)
         assert edges[0] - 1e-9 <= first <= edges[-1]
         assert last <= edges[-1] + math.pi
         for x in (start, start + width):
             turns = Fraction(x) // EXACT_TURN
             places = [Fraction(x) - (turns + k) * EXACT_TURN for k in range(-3, 4)]
             assert any(Fraction(first) <= p <= Fraction(last) for p in places)
-    assert brought_back(edges, 2.0**15, 2.0**15) == (2.0**15, 2.0**15), "nothing is known there"
+    assert turned_back(edges, 2.0**15, 2.0**15) == (2.0**15, 2.0**15), "nothing is known there"
 
 
 @pytest.mark.parametrize("start", ["{h} + 6.0 * PI", "in [{h} - 0.1 - 80.0 * PI, {h} - 80.0 * PI]"])

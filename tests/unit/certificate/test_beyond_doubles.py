@@ -84,7 +84,7 @@ def test_what_never_runs_is_no_number_that_leaves(tmp_path: Path, name: str) -> 
 def test_the_obligation_is_that_of_the_machine(ends: tuple[float, float]) -> None:
     """exp(400 x), read for x in [-3, 3], is a double on a box, or nobody says that it is."""
     terms = Terms()
-    x = terms.input("state", "x", exact(-3.0), exact(3.0))
+    x = terms.add_input("state", "x", exact(-3.0), exact(3.0))
     value = Operations(terms, rounded=True).prelude("exp", terms.combine(((exact(400.0), x),)))
     (index,) = x.terms
     decide = compile_truths(terms, [index], terms.obligations, {})

@@ -13,13 +13,13 @@ from soter.certificate.cell_sets import (
     WIDER,
     Cells,
     Grid,
-    around,
     block_index,
-    finer,
+    cells_uncovered,
+    cells_unshown,
     halves,
+    holds_in_parts,
     parts,
-    uncovered,
-    unshown,
+    smallest_block,
     volume,
 )
 from soter.certificate.reading.left_out_states import FARTHEST
@@ -241,7 +241,7 @@ def test_a_block_around_what_is_wanted() -> None:
         for cell in chosen:
             wanted[cell] = True
         (a, b), (c, d) = zip(*chosen, strict=True)
-        assert around(wanted, block) == (
+        assert smallest_block(wanted, block) == (
             (2 + min(a, b), 3 + max(a, b)),
             (1 + min(c, d), 2 + max(c, d)),
         )
@@ -264,7 +264,7 @@ def test_what_no_attempt_showed_is_left(largest: int, seed: int) -> None:
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         assert (wanted == (todo & ~done)[block_index(at)]).all()
-        assert around(wanted, at) == at
+        assert smallest_block(wanted, at) == at
         asked.append(volume(at))
         shown = np.zeros_like(wanted)
         for cell in cells_in(at):
@@ -273,7 +273,7 @@ def test_what_no_attempt_showed_is_left(largest: int, seed: int) -> None:
                 done[cell] = True
         return shown
 
-    left = list(unshown(todo, block, attempt, largest))
+    left = list(cells_unshown(todo, block, attempt, largest))
     assert all(volume(cell) == 1 for cell in left)
     wanted = {c for c in cells_in(block) if todo[c] and shown_from[c] == 0}
     assert {tuple(a for a, _ in cell) for cell in left} == wanted
@@ -293,12 +293,14 @@ def test_a_block_is_covered_where_all_of_it_is_wanted() -> None:
         asked.append(at)
         return volume(at) <= 2 and (1, 2) not in cells_in(at)
 
-    assert list(uncovered(todo, ((0, 2), (0, 3)), attempt, 100)) == [((1, 2), (2, 3))]
-    assert list(uncovered(np.zeros_like(todo), ((0, 2), (0, 3)), attempt, 100)) == []
-    assert list(uncovered(todo, ((0, 2), (0, 1)), lambda _: True, 100)) == []
+    assert list(cells_uncovered(todo, ((0, 2), (0, 3)), attempt, 100)) == [((1, 2), (2, 3))]
+    assert list(cells_uncovered(np.zeros_like(todo), ((0, 2), (0, 3)), attempt, 100)) == []
+    assert list(cells_uncovered(todo, ((0, 2), (0, 1)), lambda _: True, 100)) == []
     four = np.ones((2, 2), dtype=np.bool_)
     tried: list[int] = []
-    assert not list(uncovered(four, ((0, 2), (0, 2)), lambda at: not tried.append(volume(at)), 4))  # type: ignore[func-returns-value]
+    four_cells = ((0, 2), (0, 2))
+    walk = cells_uncovered(four, four_cells, lambda at: not tried.append(volume(at)), 4)  # type: ignore[func-returns-value]
+    assert not list(walk)
     assert tried == [4]
 
 
@@ -317,13 +319,13 @@ def test_parts_of_a_box_are_all_of_it(splits: int) -> None:
             return True
         return False
 
-    assert finer(box, attempt, splits) is (splits >= 2)
+    assert holds_in_parts(box, attempt, splits) is (splits >= 2)
     area = sum((b - a) * (d - c) for a, b, c, d in done)
     assert splits < 2 or area == 32.0
     assert len(set(seen)) == len(seen)
     assert len(seen) == (7 if splits >= 2 else splits + 1)
     fails: list[Any] = []
-    assert not finer(box, lambda part: bool(fails.append(part)), splits)  # type: ignore[func-returns-value]
+    assert not holds_in_parts(box, lambda part: bool(fails.append(part)), splits)  # type: ignore[func-returns-value]
     assert len(fails) == splits + 1  # the first half of the first half ...
     last = fails[-1]
     assert math.isclose(float(last[0][1] * last[1][1]), 32.0 / 2**splits)

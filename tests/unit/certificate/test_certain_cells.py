@@ -23,13 +23,13 @@ ERROR = 0.05
 
 def _stops(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
     """|x| + v^2/6 + e < 1.5 and |v| <= 2."""
-    far = terms.function("abs", x)
+    far = terms.apply_function("abs", x)
     square = terms.multiply(v, v)
     room = terms.combine(
         [(exact(1.0), far), (exact(1.0) / 6, square), (exact(1.0), e)], exact(-1.5)
     )
-    slow = terms.combine([(exact(1.0), terms.function("abs", v))], exact(-2.0))
-    return both(terms.below(room), terms.below(slow, strict=False))
+    slow = terms.combine([(exact(1.0), terms.apply_function("abs", v))], exact(-2.0))
+    return both(terms.below_zero(room), terms.below_zero(slow, strict=False))
 
 
 def _beside(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
@@ -38,7 +38,8 @@ def _beside(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
     product = terms.subtract(v, terms.multiply(x, v))
     least = terms.combine([(exact(1.0), terms.minimum(x, v))], exact(1.25))
     return either(
-        terms.below(gap), either(negation(terms.below(product)), terms.below(least, strict=False))
+        terms.below_zero(gap),
+        either(negation(terms.below_zero(product)), terms.below_zero(least, strict=False)),
     )
 
 
@@ -47,20 +48,20 @@ def _edges(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
     del e
     right = terms.combine([(exact(1.0), x)], exact(-0.5))
     low = terms.combine([(exact(-1.0), v)], exact(-1.5))
-    return either(terms.below(right, strict=False), terms.below(low, strict=False))
+    return either(terms.below_zero(right, strict=False), terms.below_zero(low, strict=False))
 
 
 def _root(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
     """sqrt(x + 3) sin(v) < 1 + e."""
-    root = terms.function("sqrt", terms.combine([(exact(1.0), x)], exact(3.0)))
-    wave = terms.multiply(root, terms.function("sin", v))
-    return terms.below(terms.combine([(exact(1.0), wave), (exact(-1.0), e)], exact(-1.0)))
+    root = terms.apply_function("sqrt", terms.combine([(exact(1.0), x)], exact(3.0)))
+    wave = terms.multiply(root, terms.apply_function("sin", v))
+    return terms.below_zero(terms.combine([(exact(1.0), wave), (exact(-1.0), e)], exact(-1.0)))
 
 
 def _near(terms: Terms, x: Linear, v: Linear, e: Linear) -> Proposition:
     """|x| + |v| + e < 4: so it is on outer cells, and not beyond them."""
-    sizes = [(exact(1.0), terms.function("abs", z)) for z in (x, v)]
-    return terms.below(terms.combine([*sizes, (exact(1.0), e)], exact(-4.0)))
+    sizes = [(exact(1.0), terms.apply_function("abs", z)) for z in (x, v)]
+    return terms.below_zero(terms.combine([*sizes, (exact(1.0), e)], exact(-4.0)))
 
 
 PROPOSITIONS = {"near": _near, "stops": _stops, "beside": _beside, "edges": _edges, "root": _root}
@@ -69,11 +70,11 @@ PROPOSITIONS = {"near": _near, "stops": _stops, "beside": _beside, "edges": _edg
 def decision_of(name: str, ends: Any = EXTENTS) -> Decision:
     """A proposition over x, v and an error e."""
     terms = Terms()
-    x, v = (terms.input("state", n, *map(exact, e)) for n, e in zip("xv", ends, strict=True))
-    e = terms.input("box", "e", exact(-ERROR), exact(ERROR))
+    x, v = (terms.add_input("state", n, *map(exact, e)) for n, e in zip("xv", ends, strict=True))
+    e = terms.add_input("box", "e", exact(-ERROR), exact(ERROR))
     truth = PROPOSITIONS[name](terms, x, v, e)
     model: Any = SimpleNamespace(extents=EXTENTS)
-    return Decision(model, (0, 1), terms, [next(iter(s.terms)) for s in (x, v)], truth)
+    return Decision(model, (0, 1), terms, [s.atom for s in (x, v)], truth)
 
 
 @pytest.mark.parametrize("name", sorted(PROPOSITIONS))
@@ -90,7 +91,9 @@ def test_what_holds_on_a_cell_holds_at_its_points(name: str) -> None:
         states += [[a, b] for a in (low[0], high[0]) for b in (low[1], high[1])]
         errors = draw.choice([-ERROR, 0.0, ERROR], len(states))
         bits = {
-            decision.of([(exact(z), exact(z)) for z in (*s, e)[: 2 + len(decision.ranges)]])
+            decision.bits_on_box(
+                [(exact(z), exact(z)) for z in (*s, e)[: 2 + len(decision.ranges)]]
+            )
             for s, e in zip(states, errors, strict=True)
         }
         assert bits == {HOLDS} or not members[cell], cell
@@ -99,12 +102,12 @@ def test_what_holds_on_a_cell_holds_at_its_points(name: str) -> None:
 def test_cells_that_touch_a_bound_belong_to_it() -> None:
     """Their ends are no short binary numbers."""
     terms, edges = Terms(), even_edges(-2.0, 2.0, 40)
-    x, y = (terms.input("state", n, exact(-2.0), exact(2.0)) for n in "xy")
-    near = terms.combine([(exact(1.0), terms.function("abs", x))], exact(-1.0))
+    x, y = (terms.add_input("state", n, exact(-2.0), exact(2.0)) for n in "xy")
+    near = terms.combine([(exact(1.0), terms.apply_function("abs", x))], exact(-1.0))
     left = terms.combine([(exact(1.0), x), (exact(-1.0), y)])
-    truth = either(terms.below(near, strict=False), terms.below(left, strict=False))
+    truth = either(terms.below_zero(near, strict=False), terms.below_zero(left, strict=False))
     model: Any = SimpleNamespace(extents=((-2.0, 2.0), (-2.0, 2.0)))
-    decision = Decision(model, (0, 1), terms, [next(iter(s.terms)) for s in (x, y)], truth)
+    decision = Decision(model, (0, 1), terms, [s.atom for s in (x, y)], truth)
     grid = Grid((edges, edges))
     members = cell_predicates._decided_cells(decision, grid)
     assert members[34, 35], "x from 1.4 to 1.5, y from 1.5 on"
@@ -125,16 +128,16 @@ def test_cells_are_remembered_for_the_same_question_only(monkeypatch: pytest.Mon
 
     def cells(grid: Grid, bound: float, error: float, speed: float, axes: str) -> Cells:
         terms = Terms()
-        x = terms.input("state", "x", *map(exact, EXTENTS[0]))
-        v = terms.input("state", "v", *map(exact, EXTENTS[1]))
-        e = terms.input("box", "e", exact(-error), exact(error))
+        x = terms.add_input("state", "x", *map(exact, EXTENTS[0]))
+        v = terms.add_input("state", "v", *map(exact, EXTENTS[1]))
+        e = terms.add_input("box", "e", exact(-error), exact(error))
         parts = {"x": x, "v": v, "e": e}
-        sizes = [(exact(1.0), terms.function("abs", parts[a])) for a in axes]
-        fast = terms.below(terms.combine([(exact(1.0), v)], exact(-speed)))
-        truth = both(terms.below(terms.combine(sizes, exact(-bound))), fast)
+        sizes = [(exact(1.0), terms.apply_function("abs", parts[a])) for a in axes]
+        fast = terms.below_zero(terms.combine([(exact(1.0), v)], exact(-speed)))
+        truth = both(terms.below_zero(terms.combine(sizes, exact(-bound))), fast)
         group: Any = SimpleNamespace(grid=grid, states=(0, 1))
-        atoms = [next(iter(s.terms)) for s in (x, v)]
-        return cell_predicates._certain_cells(model, group, terms, atoms, truth)
+        atoms = [s.atom for s in (x, v)]
+        return cell_predicates._remembered_cells(model, group, terms, atoms, truth)
 
     asked = (GRID, 1.3, 0.05, 2.0, "xve")
     moved = Grid((GRID.edges[0], (*GRID.edges[1][:5], np.nextafter(-0.5, 0), *GRID.edges[1][6:])))

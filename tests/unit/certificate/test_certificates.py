@@ -17,7 +17,7 @@ from long_tests import examples, seeds
 from soter.api import recheck
 from soter.certificate.case_check import CLAIMS
 from soter.certificate.folder import FORMAT
-from soter.certificate.grid.estimates_and_shield import tops_of
+from soter.certificate.grid.estimates_and_shield import read_tops
 from soter.certificate.report import RejectedError
 from soter.diagnostics.diagnostic import SoterError
 from unit.certificate import small_proofs
@@ -198,10 +198,10 @@ def test_what_nothing_reads_is_rejected(copied: Path, name: str) -> None:
 
 def test_a_shield_names_no_greatest_cell_below_the_least() -> None:
     grid: Any = SimpleNamespace(grid=SimpleNamespace(shape=(1,)))
-    assert tops_of(bytes([3, 0, 3, 4]), grid, 4).tolist() == [[3, 0, 3, 4]]
+    assert read_tops(bytes([3, 0, 3, 4]), grid, 4).tolist() == [[3, 0, 3, 4]]
     for wrong in ([3, 1, 3, 4], [3, 0, 2, 4], [3, 0, 3, 3]):
         with pytest.raises(RejectedError, match="below the least one"):
-            tops_of(bytes(wrong), grid, 4)
+            read_tops(bytes(wrong), grid, 4)
 
 
 # ---------------------------------------------------------------- the manifest

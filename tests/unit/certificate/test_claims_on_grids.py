@@ -10,14 +10,8 @@ import pytest
 
 from soter.certificate.cell_sets import Cells, Grid, volume
 from soter.certificate.grid import grid_group, group_claims
-from soter.certificate.grid.grid_group import (
-    BLOCKS,
-    SMALL,
-    GridCheck,
-    blocks,
-    levels_of,
-    packed,
-)
+from soter.certificate.grid.estimates_and_shield import least_levels, packed_levels
+from soter.certificate.grid.grid_group import BLOCKS, SMALL, GridCheck, block_tasks
 from soter.certificate.groups import LOOK
 from soter.certificate.report import RejectedError
 from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
@@ -40,13 +34,13 @@ def test_two_bits_a_cell(count: int) -> None:
     draw = np.random.default_rng(count)
     for _ in range(5):
         levels = draw.integers(0, 3, count).astype(np.uint8)
-        data = packed(levels)
+        data = packed_levels(levels)
         assert len(data) == (count + 3) // 4
         whole = int.from_bytes(data, "little")
         assert [(whole >> (2 * k)) & 3 for k in range(count)] == levels.tolist()
         assert whole < 4**count
     plane = np.array([[0, 1], [2, 1]], dtype=np.uint8)
-    assert packed(plane) == packed(plane.reshape(-1))
+    assert packed_levels(plane) == packed_levels(plane.reshape(-1))
 
 
 def test_the_level_of_a_cell_is_the_least_of_all_cases() -> None:
@@ -54,15 +48,15 @@ def test_the_level_of_a_cell_is_the_least_of_all_cases() -> None:
         return tables([1] * 4, levels=list(levels))
 
     outer, inner = bools(1, 1, 1, 0), bools(1, 0, 1, 0)
-    assert levels_of([of(outer, inner)]).tolist() == [2, 1, 2, 0]
-    assert levels_of([of(outer, bools(1, 1, 0, 0), inner)]).tolist() == [2, 1, 2, 0]
-    assert levels_of([of(inner)]).tolist() == [2, 0, 2, 0]
+    assert least_levels([of(outer, inner)]).tolist() == [2, 1, 2, 0]
+    assert least_levels([of(outer, bools(1, 1, 0, 0), inner)]).tolist() == [2, 1, 2, 0]
+    assert least_levels([of(inner)]).tolist() == [2, 0, 2, 0]
     other = of(bools(1, 1, 0, 1), bools(0, 1, 0, 1))
     for cases in ([of(outer, inner), other], [other, of(outer, inner)]):
-        assert levels_of(cases).tolist() == [1, 1, 0, 0]
+        assert least_levels(cases).tolist() == [1, 1, 0, 0]
     for cases in ([of()], [of(outer), of()]):
         with pytest.raises(RejectedError, match="tables S"):
-            levels_of(cases)
+            least_levels(cases)
 
 
 # ---------------------------------------------------------------- claims in blocks
@@ -80,7 +74,7 @@ def test_a_claim_is_dealt_out_with_its_work() -> None:
                 yield from (((0, 1),), ((1, 2),))
 
         for given in (None, holds):
-            tasks = list(blocks("no way from", grid, show, given))
+            tasks = list(block_tasks("no way from", grid, show, given))
             assert len(tasks) == (BLOCKS if cells > SMALL else 1)
             extra = 0 if given is None else int(holds.sum())
             assert sum(work for _, work in tasks) == LOOK * cells + extra
@@ -97,7 +91,7 @@ def test_a_claim_is_dealt_out_with_its_work() -> None:
 def test_k_lies_where_safe_and_the_law_are_certain() -> None:
     group = tables([0, 1, 2, 0])
     assert "K is empty" in fails(
-        lambda: check_of(tables([0] * 4)).safe(Cells(LINE, bools(1, 1, 1, 1))) or ()
+        lambda: check_of(tables([0] * 4)).note_safe_cells(Cells(LINE, bools(1, 1, 1, 1))) or ()
     )
     for safe, lawful, fine in (
         ((1, 1, 1, 1), None, True),
@@ -109,16 +103,16 @@ def test_k_lies_where_safe_and_the_law_are_certain() -> None:
         for kept in (True, False):
             check = check_of(group, kept=kept)
             check.lawful = None if lawful is None else Cells(LINE, bools(*lawful))
-            check.safe(Cells(LINE, bools(*safe)))
-            said = fails(check.core)
+            check.note_safe_cells(Cells(LINE, bools(*safe)))
+            said = fails(check.show_core)
             assert ("K holds cells" in said) is not fine
             assert not said or ("law" in said) is (lawful is not None)
             if fine:
-                assert len(list(check.core())) == 1
+                assert len(list(check.show_core())) == 1
                 assert check.allowed.tolist() == (bools(*safe) & bools(*(lawful or safe))).tolist()
     whole = tables([1] * 4)
-    assert list(check_of(whole, kept=True).core()) == []
-    assert len(list(check_of(whole, kept=False).core())) == 1
+    assert list(check_of(whole, kept=True).show_core()) == []
+    assert len(list(check_of(whole, kept=False).show_core())) == 1
 
 
 def test_what_is_published_lies_in_its_set_on_all_of_k() -> None:
@@ -126,20 +120,20 @@ def test_what_is_published_lies_in_its_set_on_all_of_k() -> None:
     for members, fine in (((0, 1, 1, 0), True), ((1, 1, 0, 1), False)):
         check = check_of(tables([0, 1, 1, 0]), system=topic)
         if fine:
-            assert check.published(3, Cells(LINE, bools(*members)), []) is True
+            assert check.stays_in_topic_set(3, Cells(LINE, bools(*members)), []) is True
             assert check.allowed.tolist() == [False, True, True, False]
         else:
             with pytest.raises(RejectedError, match="`seen` lies"):
-                check.published(3, Cells(LINE, bools(*members)), [])
+                check.stays_in_topic_set(3, Cells(LINE, bools(*members)), [])
 
 
 def test_a_free_phase_is_shown_where_something_may_be_left(monkeypatch: pytest.MonkeyPatch) -> None:
     cut: list[int] = []
     monkeypatch.setattr(grid_group, "FreeCheck", lambda *_: SimpleNamespace(phase=cut.append))
     every = bools(1, 1, 1, 1)
-    assert "needs R" in fails(lambda: check_of(tables([1] * 4)).free(5))
+    assert "needs R" in fails(lambda: check_of(tables([1] * 4)).show_free(5))
     for core, kept, tasks in (([1] * 4, True, 0), ([1] * 4, False, 1), ([0, 1, 1, 1], True, 1)):
-        assert len(list(check_of(tables(core, free=every), kept=kept).free(5))) == tasks
+        assert len(list(check_of(tables(core, free=every), kept=kept).show_free(5))) == tasks
     assert cut == [group_claims.FREE_PIECES[0]] * 2
 
 
@@ -151,7 +145,7 @@ def test_where_ac_may_act_everywhere_nothing_is_left_to_show(
     for members, tasks in ((bools(1, 1, 1, 1), 0), (bools(1, 0, 1, 1), 1)):
         for admits in (True, False):
             check = check_of(tables([1] * 4, free=members))
-            assert len(list(check.admits("ttf", "expr", admits=admits))) == tasks
+            assert len(list(check.show_predicate("ttf", "expr", admits=admits))) == tasks
             assert not tasks or asked.pop() == ("expr", {"admits": admits})
 
 
@@ -160,7 +154,7 @@ def test_where_ac_may_act_everywhere_nothing_is_left_to_show(
 
 def test_levels_begin_in_r_and_lie_in_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(grid_group, "FreeCheck", lambda *_: None)
-    monkeypatch.setattr(grid_group, "eroded", lambda _m, _g, cells: cells)
+    monkeypatch.setattr(grid_group, "eroded_cells", lambda _m, _g, cells: cells)
     free_ = bools(1, 1, 1, 1)
     good = [bools(1, 1, 1, 0), bools(0, 1, 1, 0)]
     for levels, said, tasks in (
@@ -173,23 +167,23 @@ def test_levels_begin_in_r_and_lie_in_each_other(monkeypatch: pytest.MonkeyPatch
         ([good[0], bools(1, 1, 1, 1)], "S_1 is no part of S_0", 0),
     ):
         check = check_of(tables([1] * 4, free=free_, levels=levels))
-        assert said in fails(lambda check=check: check.levels(5))  # type: ignore[misc]
+        assert said in fails(lambda check=check: check.show_levels(5))  # type: ignore[misc]
         if not said:
-            assert len(list(check.levels(5))) == tasks
+            assert len(list(check.show_levels(5))) == tasks
     three = [*good, bools(0, 1, 0, 0)]
     check = check_of(tables([1] * 4, free=free_, levels=three), levels=4)
-    assert len(list(check.levels(5))) == 3
+    assert len(list(check.show_levels(5))) == 3
     three[2] = bools(1, 0, 0, 0)
-    assert "S_2 is no part of S_1" in fails(lambda: check.levels(5))
+    assert "S_2 is no part of S_1" in fails(lambda: check.show_levels(5))
     # what nothing leaves need not be shown to stay
     whole = [bools(1, 1, 1, 1), bools(0, 1, 0, 0)]
     for kept, tasks in ((True, 1), (False, 2)):
         check = check_of(tables([1] * 4, free=free_, levels=whole), kept=kept)
-        assert len(list(check.levels(5))) == tasks
+        assert len(list(check.show_levels(5))) == tasks
     shown = [("of commands", lambda _: iter(()))] * 2
-    monkeypatch.setattr(grid_group, "to_show", lambda *_: shown)
+    monkeypatch.setattr(grid_group, "shield_inclusions", lambda *_: shown)
     check = check_of(tables([1] * 4, free=free_, levels=good), symbol=SimpleNamespace(shield=1))
-    assert len(list(check.levels(5))) == 4
+    assert len(list(check.show_levels(5))) == 4
 
 
 def test_each_level_is_shown_from_the_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,11 +196,11 @@ def test_each_level_is_shown_from_the_one_before(monkeypatch: pytest.MonkeyPatch
         return iter(())
 
     monkeypatch.setattr(grid_group, "FreeCheck", lambda *of: of)
-    monkeypatch.setattr(grid_group, "eroded", lambda _m, _g, cells: cells)
-    monkeypatch.setattr(grid_group, "levels_hold", noted)
-    monkeypatch.setattr(grid_group, "driven_estimates", noted)
+    monkeypatch.setattr(grid_group, "eroded_cells", lambda _m, _g, cells: cells)
+    monkeypatch.setattr(grid_group, "estimates_of_outside", noted)
+    monkeypatch.setattr(grid_group, "estimates_driven_out", noted)
     check = check_of(group, levels=4)
-    assert [task() for task, _ in check.levels(7)] == [""] * 3
+    assert [task() for task, _ in check.show_levels(7)] == [""] * 3
     first, *others = shown
     assert first[:2] == (check.model, group)
     assert first[2] is levels[0]
@@ -252,16 +246,16 @@ def test_the_way_home_takes_the_longest_of_every_rank() -> None:
         ([1, 2, 5, 5], [0, 1, 2, 3], 4), ([2, 2, 2, 2], [200] * 4, 200),
         ([1, 2, 3, 4], [0, 200, 200, 200], 600),
     ):  # fmt: skip
-        assert check_of(with_ranks([1, 0, 0, 0], rank, holds)).holds == total
+        assert check_of(with_ranks([1, 0, 0, 0], rank, holds)).holds_to_return == total
     for missing in ("rank", "rank_holds"):
         group = with_ranks([1, 0, 0, 0], [1, 2, 2, 2], [0, 1, 1, 1])
         setattr(group, missing, None)
         with pytest.raises(RejectedError, match="Q and W"):
-            _ = check_of(group).holds
+            _ = check_of(group).holds_to_return
 
 
 def test_which_ranks_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grid_group, "eroded", lambda _m, _g, cells: cells)
+    monkeypatch.setattr(grid_group, "eroded_cells", lambda _m, _g, cells: cells)
     calm = Cells(LINE, bools(1, 1, 0, 0))
     good = ([1, 0, 0, 0], [1, 2, 3, 0], [0, 1, 2, 0], [1, 1, 1, 0])
     for args, said in (
@@ -277,25 +271,25 @@ def test_which_ranks_fit(monkeypatch: pytest.MonkeyPatch) -> None:
         (([1, 0, 0, 0], [1, 1, 3, 0], [0, 1, 2, 0], [1, 1, 1, 0]), "nowhere to go"),
     ):
         check = check_of(with_ranks(*args))
-        found = fails(lambda check=check: check.home(calm))  # type: ignore[misc]
+        found = fails(lambda check=check: check.show_return(calm))  # type: ignore[misc]
         assert (said in found) if said else not found
         if not said:
-            assert len(list(check.home(calm))) == 2
+            assert len(list(check.show_return(calm))) == 2
     for missing in ("home", "rank", "rank_holds"):
         group = with_ranks(*good)
         setattr(group, missing, None)
-        assert "Q and W" in fails(lambda group=group: check_of(group).home(calm))  # type: ignore[misc]
+        assert "Q and W" in fails(lambda group=group: check_of(group).show_return(calm))  # type: ignore[misc]
     group = with_ranks(*good)
-    assert "table of the DM" in fails(lambda: check_of(group).home(None))
+    assert "table of the DM" in fails(lambda: check_of(group).show_return(None))
     group.given_back = bools(1, 0, 0, 0)
-    assert len(list(check_of(group).home(None))) == 2
+    assert len(list(check_of(group).show_return(None))) == 2
     group.given_back = bools(0, 1, 1, 1)
-    assert "Q holds cells" in fails(lambda: check_of(group).home(None))
+    assert "Q holds cells" in fails(lambda: check_of(group).show_return(None))
     everywhere = Cells(LINE, bools(1, 1, 1, 1))
     whole = with_ranks([1] * 4, [1] * 4, [0] * 4)
     for kept, tasks in ((True, 0), (False, 2)):
-        assert len(list(check_of(whole, kept=kept).home(everywhere))) == tasks
-    assert len(list(check_of(with_ranks(*good), kept=True).home(calm))) == 2
+        assert len(list(check_of(whole, kept=kept).show_return(everywhere))) == tasks
+    assert len(list(check_of(with_ranks(*good), kept=True).show_return(calm))) == 2
 
 
 # ---------------------------------------------------------------- the start
@@ -321,7 +315,7 @@ def test_a_start_is_looked_at_unless_nothing_leaves(
         asked.clear()
         states = [SimpleNamespace(low=1.0, high=high, name="x")]
         check = check_of(tables(core), kept=kept, states=states)
-        said = fails(lambda check=check: check.start(5))  # type: ignore[misc]
+        said = fails(lambda check=check: check.show_start(5))  # type: ignore[misc]
         assert ("may leave K" in said) is (looked and not stays)
         finest = group_claims.FREE_PIECES[-1]
         assert asked == ([(1.0, high, sum(core), finest)] if looked else [])

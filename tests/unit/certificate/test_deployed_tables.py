@@ -17,7 +17,8 @@ from bench.recheck.models import Cart
 import soter
 from soter.api import recheck
 from soter.certificate.cell_sets import Grid
-from soter.certificate.grid.grid_group import GridGroup, levels_of, packed
+from soter.certificate.grid.estimates_and_shield import least_levels, packed_levels
+from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.grid.group_claims import GroupTables
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.rechecker import compare_tables
@@ -171,7 +172,7 @@ def test_a_larger_set_with_a_table_that_fits_is_rejected(
     grid = Grid(tuple(tuple(float(k) for k in range(n + 1)) for n in CELLS))
     made = GroupTables((0, 1), grid, np.zeros(CELLS, dtype=np.uint8), levels=levels)
     (table,) = entry_of(copied_proof)["tables"]
-    (copied_proof / table["levels"]).write_bytes(packed(levels_of([made])))
+    (copied_proof / table["levels"]).write_bytes(packed_levels(least_levels([made])))
     reason = resealed(copied_proof, lambda _: None)
     assert "S_" in reason
     assert "that of S" not in reason
@@ -207,8 +208,8 @@ def test_the_table_is_what_holds_in_every_case() -> None:
         return GroupTables((0,), grid, none, levels=levels)
 
     cases = [group([1, 1, 1, 0, 1], [1, 0, 1, 0, 1]), group([1, 1, 1, 1, 0], [1, 1, 0, 1, 0])]
-    assert levels_of(cases).tolist() == [2, 1, 1, 0, 0]
-    assert packed(levels_of(cases)) == bytes([2 + 4 + 16, 0])
+    assert least_levels(cases).tolist() == [2, 1, 1, 0, 0]
+    assert packed_levels(least_levels(cases)) == bytes([2 + 4 + 16, 0])
 
 
 def test_the_dm_has_one_table_for_each_group_whatever_the_case() -> None:

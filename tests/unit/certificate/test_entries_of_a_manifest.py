@@ -61,14 +61,14 @@ def entry_of(facts: Facts) -> dict[str, Any]:
 
 def test_the_figures_of_the_program_are_let_through(two: Facts) -> None:
     facts = copy.copy(two)
-    rechecker.compare(facts, entry_of(two))
+    rechecker.compare_figures(facts, entry_of(two))
     assert facts.extents == tuple(two.axes[i] for i in range(2))
 
 
 def test_an_extent_that_is_open_is_that_of_the_manifest(two: Facts) -> None:
     facts = copy.copy(two)
     facts.axes = {1: two.axes[1]}
-    rechecker.compare(facts, entry_of(facts))
+    rechecker.compare_figures(facts, entry_of(facts))
     assert facts.extents == ((-9.0, 9.0), two.axes[1])
 
 
@@ -98,7 +98,7 @@ def test_another_figure_is_rejected(two: Facts, word: str) -> None:
     entry = copy.deepcopy(entry_of(two))
     WRONG[word](entry)
     with pytest.raises(RejectedError, match=word.split(" (", maxsplit=1)[0]):
-        rechecker.compare(copy.copy(two), entry)
+        rechecker.compare_figures(copy.copy(two), entry)
 
 
 # ---------------------------------------------------------------- groups
@@ -137,7 +137,7 @@ def read_groups(
     for name, value in kinds.items():
         setattr(facts, name, value)
     certificate: Any = SimpleNamespace(edges=tuple)
-    return rechecker.groups_of(certificate, facts, entries)
+    return rechecker.read_groups(certificate, facts, entries)
 
 
 def test_groups_hold_each_state_once(two: Facts, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -231,8 +231,8 @@ def test_why_something_is_not_rechecked() -> None:
         (MemoryError("much"), "memoryerror: much"),
         (ValueError("odd"), "the re-checker itself failed (ValueError: odd)"),
     ):
-        assert rechecker.in_words(error).startswith(words)
-        assert ("itself failed" in rechecker.in_words(error)) is isinstance(error, ValueError)
+        assert rechecker.failure_reason(error).startswith(words)
+        assert ("itself failed" in rechecker.failure_reason(error)) is isinstance(error, ValueError)
 
 
 @pytest.mark.parametrize("reasons", [[""], ["", ""], ["x"], ["", "x"], ["x", "y"]])
@@ -258,7 +258,7 @@ def rechecked(monkeypatch: pytest.MonkeyPatch, says: object, **more: Any) -> tup
     clock = iter((10.0, 12.5))
     monkeypatch.setattr(rechecker, "time", SimpleNamespace(perf_counter=lambda: next(clock)))
     monkeypatch.setattr(rechecker, "read_certificate", lambda _: SimpleNamespace(seal="seal"))
-    monkeypatch.setattr(rechecker, "_check", check)
+    monkeypatch.setattr(rechecker, "_check_certificate", check)
     none: Any = None
     return rechecker.recheck(none, **more), asked
 
@@ -314,10 +314,10 @@ class Checked:
         program = SimpleNamespace(sha256="hash")
         checked = SimpleNamespace(program=program)
         monkeypatch.setattr(rechecker, "program_of", lambda _: (checked, {}))
-        monkeypatch.setattr(rechecker, "_entry", self.entry)
-        monkeypatch.setattr(rechecker, "of_those_above", lambda _: None)
+        monkeypatch.setattr(rechecker, "_check_entry", self.entry)
+        monkeypatch.setattr(rechecker, "enter_vacuous_above", lambda _: None)
         monkeypatch.setattr(rechecker, "open_questions", lambda *_: [])
-        monkeypatch.setattr(rechecker, "_in_all_views", lambda f, _: self.looked_at.append(f))
+        monkeypatch.setattr(rechecker, "_require_all_views", lambda f, _: self.looked_at.append(f))
 
     def entry(self, _: object, __: object, ___: object, covered: list[Any], *____: object) -> Any:
         said = next(self.says)
@@ -333,7 +333,7 @@ class Checked:
         ]
         certificate: Any = SimpleNamespace(manifest={**keys, "modules": modules}, unused=unused)
         report = Report()
-        rechecker._check(certificate, report, 1)
+        rechecker._check_certificate(certificate, report, 1)
         return report
 
 
@@ -383,21 +383,21 @@ def test_a_module_stands_there_once(monkeypatch: pytest.MonkeyPatch) -> None:
         return own
 
     rows = [("S", "M", ""), ("S", "M", "near"), ("T", "M", ""), ("S", "N", ""), ("S", "M", None)]
-    for name in ("_system", "parameters_of"):
+    for name in ("_system_of_entry", "parameters_of"):
         monkeypatch.setattr(rechecker, name, lambda *_: None)
-    monkeypatch.setattr(rechecker, "otherwise_in_program", lambda *_: ([], []))
-    monkeypatch.setattr(rechecker, "_module", lambda *_: SimpleNamespace())
+    monkeypatch.setattr(rechecker, "other_values_in_program", lambda *_: ([], []))
+    monkeypatch.setattr(rechecker, "_check_module", lambda *_: SimpleNamespace())
     entry: Any = dict.fromkeys(rechecker.MODULE_KEYS.split())
     none: Any = None
     for one, other in itertools.product(rows[:4], rows):
         known = [covered(*other)]
-        monkeypatch.setattr(rechecker, "facts_of", lambda *_, one=one: covered(*one))
+        monkeypatch.setattr(rechecker, "read_problem", lambda *_, one=one: covered(*one))
         same = (one[0], one[1], one[2]) == (other[0], other[1], other[2] or "")
         if same:
             with pytest.raises(RejectedError, match="twice"):
-                rechecker._entry(none, none, none, known, entry, 1)
+                rechecker._check_entry(none, none, none, known, entry, 1)
         else:
-            rechecker._entry(none, none, none, known, entry, 1)
+            rechecker._check_entry(none, none, none, known, entry, 1)
             assert len(known) == 2
 
 
@@ -407,10 +407,10 @@ def test_a_module_of_a_whole_proof_is_checked_by_its_method(
     facts = SimpleNamespace(
         flying=SimpleNamespace(name="S"), flying_module=SimpleNamespace(name="M")
     )
-    monkeypatch.setattr(rechecker, "_system", lambda *_: "system")
+    monkeypatch.setattr(rechecker, "_system_of_entry", lambda *_: "system")
     monkeypatch.setattr(rechecker, "parameters_of", lambda of: of)
-    monkeypatch.setattr(rechecker, "otherwise_in_program", lambda *_: (["a"], ["b"]))
-    monkeypatch.setattr(rechecker, "_module", lambda *_: pytest.fail("no groups there"))
+    monkeypatch.setattr(rechecker, "other_values_in_program", lambda *_: (["a"], ["b"]))
+    monkeypatch.setattr(rechecker, "_check_module", lambda *_: pytest.fail("no groups there"))
     asked = []
     for key in MODULES:
 
@@ -421,7 +421,7 @@ def test_a_module_of_a_whole_proof_is_checked_by_its_method(
         monkeypatch.setitem(MODULES, key, partial(SimpleNamespace, check=check))
         known: list[Any] = []
         none: Any = None
-        report: Any = rechecker._entry(none, none, none, known, {key: 1}, 1)
+        report: Any = rechecker._check_entry(none, none, none, known, {key: 1}, 1)
         assert asked[-1] == ("system", {key: 1})
         assert known == [facts]
         assert (report.parameters, report.otherwise, report.contradicted) == (
@@ -432,7 +432,7 @@ def test_a_module_of_a_whole_proof_is_checked_by_its_method(
     others: tuple[Any, ...] = (None, [], "text")
     for wrong in others:
         with pytest.raises(RejectedError, match="a module is not"):
-            rechecker._entry(none, none, none, [], wrong, 1)
+            rechecker._check_entry(none, none, none, [], wrong, 1)
 
 
 @pytest.mark.parametrize("why", ["", "`near` is left out"])
@@ -450,17 +450,17 @@ def test_a_module_is_proved_in_all_its_views(monkeypatch: pytest.MonkeyPatch, wh
         asked.append((whole, views))
         return why
 
-    monkeypatch.setattr(rechecker, "left_out", left_out)
+    monkeypatch.setattr(rechecker, "why_views_leave_out", left_out)
     covered = [of("M", "near"), of("M", "far"), of("N", "near"), of("M", "near", "T"), of("O", "")]
     covered.append(SimpleNamespace())
     if why:
         with pytest.raises(RejectedError, match="left out"):
-            rechecker._in_all_views(covered[0], covered)
+            rechecker._require_all_views(covered[0], covered)
     else:
-        rechecker._in_all_views(covered[0], covered)
+        rechecker._require_all_views(covered[0], covered)
     assert asked == [("all of M", ["near", "far"])]
     for facts in covered[-2:]:
-        rechecker._in_all_views(facts, covered)
+        rechecker._require_all_views(facts, covered)
     assert len(asked) == 1
 
 
@@ -473,14 +473,17 @@ def test_a_system_of_the_program(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(rechecker, "system_to_prove", prepared)
     checked: Any = SimpleNamespace(systems={"S": None})
-    flat: Any = rechecker._system(checked, {"a": 1}, {"system": "S"})
+    flat: Any = rechecker._system_of_entry(checked, {"a": 1}, {"system": "S"})
     assert flat == "flat"
     assert asked == [((checked, "S", {"a": 1}), False)]
     with pytest.raises(RejectedError, match="no system `T`"):
-        rechecker._system(checked, {}, {"system": "T"})
+        rechecker._system_of_entry(checked, {}, {"system": "T"})
 
 
 @pytest.mark.parametrize("error", [KeyError("x"), TypeError(), AttributeError(), IndexError()])
 def test_a_manifest_that_is_not_understood_is_at_fault(error: Exception) -> None:
-    with pytest.raises(RejectedError, match="not as it should be"), rechecker._understood("it"):
+    with (
+        pytest.raises(RejectedError, match="not as it should be"),
+        rechecker._rejecting_malformed("it"),
+    ):
         raise error

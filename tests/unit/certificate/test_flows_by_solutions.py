@@ -18,8 +18,8 @@ from soter.certificate.grid.flow_enclosures import (
     LocalFlow,
     SolvedFlow,
     integral_of,
-    outwards,
-    size_of,
+    largest_row_sum,
+    rounded_outwards,
 )
 from soter.certificate.reading.linear_flows import LinearFlow
 from soter.certificate.report import NotRecheckedError
@@ -59,8 +59,8 @@ def local(
     KeptEnds.__init__(flow, MODEL, (0, 1), kept)
     flow.may_branch = False
     terms = Terms()
-    x, y = (terms.input("state", n, exact(-4.0), exact(8.0)) for n in "xy")
-    u = terms.input("box", "u", -ONE, ONE)
+    x, y = (terms.add_input("state", n, exact(-4.0), exact(8.0)) for n in "xy")
+    u = terms.add_input("box", "u", -ONE, ONE)
     outputs = rates(terms, x, y, u)
     flow.moves, flow.domain, flow.ranges = [0], balls([(-4.0, 8.0)] * 2), balls([(-1.0, 1.0)])
     flow.written = compile_lines(terms, [0, 1, 2], 0, outputs, must(terms, x), {})
@@ -91,14 +91,16 @@ def test_a_box_is_cut_at_kept_ends_alone(kept: tuple[bool, ...]) -> None:
             box, [(-2.0, 6.0), (-4.0, 4.0)], (kept[:2], kept[2:]), strict=True
         )
     ]
-    assert floats(ends.clipped(balls(box))) == wanted
+    assert floats(ends.clip(balls(box))) == wanted
     inside = [(-1.0, 1.0), (0.0, 2.0)]
-    assert floats(ends.clipped(balls(inside))) == inside
-    assert floats(KeptEnds(MODEL, (1, 0), ()).clipped(balls(box))) == box
+    assert floats(ends.clip(balls(inside))) == inside
+    assert floats(KeptEnds(MODEL, (1, 0), ()).clip(balls(box))) == box
 
 
 def test_a_flow_is_asked_where_it_is_defined_alone() -> None:
-    flow = local(lag, must=lambda terms, x: [terms.below(terms.combine(((ONE, x),), exact(-7.0)))])
+    flow = local(
+        lag, must=lambda terms, x: [terms.below_zero(terms.combine(((ONE, x),), exact(-7.0)))]
+    )
     command = balls([(-1.0, 1.0)])
     for first, fine in (((-4.0, 6.5), True), ((-4.0, 7.0), False), ((-4.5, 1.0), False),
                         ((2.0, 1.0), False), ((1.0, 1.0), True)):  # fmt: skip
@@ -118,12 +120,12 @@ def test_states_move_as_far_as_rates_say(start: float, end: float) -> None:
     flow = local(lag)
     for p, q in itertools.combinations_with_replacement((-2.0, -1.0, 0.0, 0.5, 4.0), 2):
         box = [(-1.0, 1.0), (2.0, 2.0)]
-        moved = flow._moved(balls(box), balls([(p, q)] * 2), exact(start), exact(end))
+        moved = flow._moved_box(balls(box), balls([(p, q)] * 2), exact(start), exact(end))
         ways = [t * r for t in (start, 0.0, end) for r in (p, q)]
         wanted = [(low + min(ways), high + max(ways)) for low, high in box]
         assert floats(moved) == wanted
     kept = local(lag, kept=[(True, False), (False, True)])
-    moved = kept._moved(balls([(-4.0, 4.0)] * 2), balls([(-9.0, 9.0)] * 2), ZERO, ONE)
+    moved = kept._moved_box(balls([(-4.0, 4.0)] * 2), balls([(-9.0, 9.0)] * 2), ZERO, ONE)
     assert floats(moved) == [(-4.0, 13.0), (-13.0, 6.0)]
 
 
@@ -131,7 +133,7 @@ def test_a_box_is_enlarged_by_a_tenth_and_by_a_hair_of_its_axis() -> None:
     flow = local(lag)
     box, moved = [(-1.0, 1.0), (0.0, 2.0)], [(-2.0, 4.0), (0.0, 2.0)]
     for hair in (0.0, 0.25):
-        got = floats(flow._looser(balls(box), balls(moved), hair=exact(hair)))
+        got = floats(flow._looser_box(balls(box), balls(moved), hair=exact(hair)))
         wanted = [(-1.0 - 1.1 - 8 * hair, 1.0 + 3.3 + 8 * hair), (-8 * hair, 2.0 + 8 * hair)]
         assert np.allclose(got, wanted, atol=1e-12)
 
@@ -148,9 +150,9 @@ def test_what_is_around_a_box_holds_what_its_own_rates_make_of_it(
         low = draw.uniform(-1.5, 1.0, 2)
         box = [(float(a), float(a + s)) for a, s in zip(low, draw.uniform(0, 1, 2), strict=True)]
         command = [(-1.0, float(draw.uniform(-1, 1)))]
-        found = flow.around(balls(box), balls(command), *span)
+        found = flow.enclose(balls(box), balls(command), *span)
         lines = flow.lines(found.box, balls(command))
-        own = flow._moved(balls(box), flow.rates(lines), exact(span[0]), exact(span[1]))
+        own = flow._moved_box(balls(box), flow.rates(lines), exact(span[0]), exact(span[1]))
         for (a, b), (c, d), (e, f) in zip(found.box, own, box, strict=True):
             assert a <= c <= e
             assert f <= d <= b
@@ -163,28 +165,28 @@ def test_what_is_around_a_box_holds_what_its_own_rates_make_of_it(
 def test_of_a_flow_that_runs_away_nothing_is_around_a_box() -> None:
     flow = local(lambda terms, x, y, _: [terms.multiply(x, x), y])
     with pytest.raises(NotCertainError):
-        flow.around(balls([(1.0, 2.0), (0.0, 0.0)]), balls([(0.0, 0.0)]), Fraction(0), Fraction(1))
+        flow.enclose(balls([(1.0, 2.0), (0.0, 0.0)]), balls([(0.0, 0.0)]), Fraction(0), Fraction(1))
 
 
 def test_a_box_has_to_hold_what_comes_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is larger by hairs where time runs backwards."""
-    flow, looser = local(lag), LocalFlow._looser
+    flow, looser = local(lag), LocalFlow._looser_box
     hairs: list[Any] = []
 
     def noted(self: LocalFlow, box: Any, moved: Any, hair: Any) -> Any:
         hairs.append(hair)
         return looser(self, box, moved, hair)
 
-    monkeypatch.setattr(LocalFlow, "_looser", noted)
+    monkeypatch.setattr(LocalFlow, "_looser_box", noted)
     box, command = balls([(0.0, 1.0), (0.0, 1.0)]), balls([(-1.0, 1.0)])
     for start in (Fraction(0), Fraction(-1, 16)):
         hairs.clear()
-        flow.around(box, command, start, Fraction(1, 16))
+        flow.enclose(box, command, start, Fraction(1, 16))
         assert hairs
         assert all(hair > 0 if start < 0 else hair.is_zero() for hair in hairs)
     monkeypatch.setattr(flow_enclosures, "_within", lambda *_: False)
     with pytest.raises(NotCertainError):
-        flow.around(box, command, Fraction(0), Fraction(1, 1024))
+        flow.enclose(box, command, Fraction(0), Fraction(1, 1024))
 
 
 def test_a_linear_model_is_that_of_the_rows_and_stands_where_nothing_moves() -> None:
@@ -246,13 +248,13 @@ def test_into_how_many_steps_a_span_is_cut(rate: float, span: float, count: int)
 
 
 def test_outwards_is_without_a_radius_and_holds_both_ends() -> None:
-    low, high = outwards(exact(Fraction(1, 3)), exact(Fraction(2, 3)))
+    low, high = rounded_outwards(exact(Fraction(1, 3)), exact(Fraction(2, 3)))
     assert low.rad().is_zero()
     assert high.rad().is_zero()
     assert not low > exact(Fraction(1, 3))
     assert not high < exact(Fraction(2, 3))
     assert abs(high - low - exact(Fraction(1, 3))) < 1e-30
-    assert size_of(matrix([[1, -2], [-4, 0.5]])) == 4.5
+    assert largest_row_sum(matrix([[1, -2], [-4, 0.5]])) == 4.5
     assert flow_enclosures._within(balls([(0, 1)] * 2), balls([(0, 1), (-1, 1)]))
     for box in ([(-0.1, 1), (0, 1)], [(0, 1.1), (0, 1)], [(0, 1), (-1.1, 1)], [(0, 1), (0, 1.1)]):
         assert not flow_enclosures._within(balls(box), balls([(0, 1), (-1, 1)]))
@@ -292,7 +294,7 @@ def test_integrals_of_exponentials(a: Any) -> None:
             for x, wanted in zip(row, whole[i], strict=True):
                 assert not abs(x - exact(float(wanted))) > 1e-12
                 assert float(x.rad()) < (1e-10 if theta * time < 2 else 1e-3)
-        law = flow.solved(enclosure, time)
+        law = flow.solution_over(enclosure, time)
         state = np.eye(2) + np.asarray(a) @ whole
         for i in range(2):
             for got, wanted in zip(
@@ -368,7 +370,7 @@ def test_a_linear_flow_has_the_controls_that_it_feels() -> None:
     assert [float(x) for x in flow.disturbed] == [0.25, 0.0]
     assert flow.steps(Fraction(5)) == 1
     assert (SolvedFlow.apart, LocalFlow.apart) == (True, False)
-    law = flow.solved(None, Fraction(1, 2))  # type: ignore[arg-type]
+    law = flow.solution_over(None, Fraction(1, 2))  # type: ignore[arg-type]
     decay = math.exp(-0.5)
     assert float(law.state[0][0]) == pytest.approx(decay)
     assert float(law.control[0][0]) == pytest.approx(2 * (1 - decay))
@@ -382,7 +384,7 @@ def test_a_linear_flow_has_the_controls_that_it_feels() -> None:
 def test_a_linear_flow_is_around_its_solutions_and_little_else(start: int, end: int) -> None:
     flow, span = solved(), (Fraction(start, 4), Fraction(end, 4))
     box, commands = [(-0.5, 1.0), (2.0, 3.0)], [(-1.0, 2.0)]
-    found = flow.around(balls(box), balls(commands), *span)
+    found = flow.enclose(balls(box), balls(commands), *span)
     values = []
     for t in np.linspace(float(span[0]), float(span[1]), 17):
         decay = math.exp(-t)
@@ -407,14 +409,14 @@ def test_a_linear_flow_is_around_its_solutions_and_little_else(start: int, end: 
     assert float(noise) == pytest.approx(max(far) * (0.25 + 2 * 1.5), rel=0.05)
     assert float(noise) >= max(far) * 3.25 - 1e-9
     assert still == 0
-    risen = flow.around(balls(box), balls([(2.0, 2.0)]), *span).box[0]
+    risen = flow.enclose(balls(box), balls([(2.0, 2.0)]), *span).box[0]
     for t in span:
         decay = math.exp(-t)
         for x, w in itertools.product(box[0], (-0.25, 0.25)):
             at = x * decay + (4.5 + w) * (1 - decay)
             assert float(risen[0].lower()) <= at + 1e-12
             assert at - 1e-12 <= float(risen[1].upper())
-    cut = solved([(True, True), (True, True)]).around(
+    cut = solved([(True, True), (True, True)]).enclose(
         balls([(3.9, 4.0), (5.0, 6.0)]), balls([(3.0, 3.0)]), *span
     )
     assert float(cut.box[0][1].upper()) == pytest.approx(4.0)

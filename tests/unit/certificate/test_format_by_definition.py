@@ -132,12 +132,12 @@ def test_canonical_is_one_way_to_write_it() -> None:
 )
 def test_a_manifest_that_is_none(raw: bytes) -> None:
     with pytest.raises(RejectedError, match="manifest"):
-        folders._parsed(raw)
+        folders._parse_manifest(raw)
 
 
 def test_a_manifest_is_what_it_says() -> None:
     manifest = {"a": [1, {"b": 2.5}], "c": ""}
-    assert folders._parsed(canonical(manifest)) == manifest
+    assert folders._parse_manifest(canonical(manifest)) == manifest
 
 
 @pytest.mark.parametrize("given", [True, False, "2", 2.0, None, [], 0, -1])
@@ -241,10 +241,10 @@ def test_so_many_files_and_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     for most in range(4, 7):
         monkeypatch.setattr(folders, "ENTRIES_MAX", most)
         if most >= 5:
-            assert list(folders._sizes(tmp_path)) == ["a/b/y", "a/x", "z"]
+            assert list(folders._file_sizes(tmp_path)) == ["a/b/y", "a/x", "z"]
         else:
             with pytest.raises(NotRecheckedError, match="more than 4 files"):
-                folders._sizes(tmp_path)
+                folders._file_sizes(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -261,10 +261,10 @@ def test_a_file_is_no_larger_than_its_kind_may_be(
     for size in (most - 1, most, most + 1):
         path.write_bytes(b"x" * size)
         if size <= most:
-            assert folders._sizes(tmp_path) == {name: size}
+            assert folders._file_sizes(tmp_path) == {name: size}
         else:
             with pytest.raises(NotRecheckedError, match="too many to be read"):
-                folders._sizes(tmp_path)
+                folders._file_sizes(tmp_path)
 
 
 def test_all_files_together_are_so_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -273,19 +273,19 @@ def test_all_files_together_are_so_large(tmp_path: Path, monkeypatch: pytest.Mon
     for most in (6, 7, 8):
         monkeypatch.setattr(folders, "BYTES_MAX", most)
         if most >= 7:
-            assert folders._sizes(tmp_path) == {"a": 3, "b": 4}
+            assert folders._file_sizes(tmp_path) == {"a": 3, "b": 4}
         else:
             with pytest.raises(NotRecheckedError, match="larger than 6"):
-                folders._sizes(tmp_path)
+                folders._file_sizes(tmp_path)
 
 
 def test_a_folder_is_needed_by_a_file(tmp_path: Path) -> None:
     (tmp_path / "a/b/c").mkdir(parents=True)
     (tmp_path / "a/b/c/file").write_bytes(b"")
-    assert folders._sizes(tmp_path) == {"a/b/c/file": 0}
+    assert folders._file_sizes(tmp_path) == {"a/b/c/file": 0}
     (tmp_path / "a/d").mkdir()
     with pytest.raises(RejectedError, match="`a/d` is empty"):
-        folders._sizes(tmp_path)
+        folders._file_sizes(tmp_path)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="POSIX has pipes and links that are files")
@@ -302,7 +302,7 @@ def test_only_a_plain_file_is_read(tmp_path: Path, kind: str) -> None:
         (path / "file").write_bytes(b"")
     if kind != "folder":
         with pytest.raises(RejectedError, match="neither a file nor a folder"):
-            folders._sizes(tmp_path)
+            folders._file_sizes(tmp_path)
     with pytest.raises((RejectedError, NotRecheckedError)):
         folders._read(tmp_path, "x", 0)
 

@@ -15,22 +15,22 @@ from soter.certificate.grid.chain_form_layout import (
     CommandRows,
     FormLayout,
     StateRows,
+    absolute_sum,
     hull_of,
-    spread_of,
 )
 from soter.certificate.grid.flow_chains import DEPTH_MAX, FlowChain, Times, _greatest_gap
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import exact
 from soter.certificate.terms.straight_line import (
     Builder,
-    beside,
     dot,
-    plus,
+    plus_scaled,
     product,
+    side_by_side,
     sum_of_sizes,
-    times,
+    times_column,
     total,
-    units,
+    unit_rows,
 )
 from tables import all_rows
 
@@ -67,17 +67,19 @@ def test_rows_are_matrices() -> None:
     mixed[2][1] = make.constant(mixed[2][1])
     for left, right in ((matrix(a), matrix(b)), (values, matrix(b)), (matrix(a), mixed)):
         assert (np.array(numbers(product(left, right))) == a @ b).all()
-    assert (np.array(numbers([times(matrix(a), matrix(b.T)[0])])) == (a @ b[:, 0])).all()
-    assert (np.array(numbers(plus(matrix(a), matrix(b.T)))) == a + b.T).all()
-    assert (np.array(numbers(plus(matrix(a), matrix(b.T), exact(-2.0)))) == a - 2 * b.T).all()
-    assert numbers(beside(matrix(a), matrix(b.T))) == np.hstack([a, b.T]).tolist()
-    assert numbers(units(2)) == np.eye(2).tolist()
-    assert numbers(units(2, width=4, first=1)) == np.eye(4)[1:3].tolist()
+    assert (np.array(numbers([times_column(matrix(a), matrix(b.T)[0])])) == (a @ b[:, 0])).all()
+    assert (np.array(numbers(plus_scaled(matrix(a), matrix(b.T)))) == a + b.T).all()
+    assert (
+        np.array(numbers(plus_scaled(matrix(a), matrix(b.T), exact(-2.0)))) == a - 2 * b.T
+    ).all()
+    assert numbers(side_by_side(matrix(a), matrix(b.T))) == np.hstack([a, b.T]).tolist()
+    assert numbers(unit_rows(2)) == np.eye(2).tolist()
+    assert numbers(unit_rows(2, width=4, first=1)) == np.eye(4)[1:3].tolist()
     assert float(dot(matrix(a)[0], matrix(a)[1])) == a[0] @ a[1]
     assert float(total(matrix(a)[0])) == a[0].sum()
     assert float(sum_of_sizes(matrix(a)[0], matrix(abs(a))[1])) == abs(a[0]) @ abs(a[1])
     assert sum_of_sizes(matrix(a)[0], []) == 0
-    assert float(spread_of(matrix(a)[0])) == abs(a[0]).sum()
+    assert float(absolute_sum(matrix(a)[0])) == abs(a[0]).sum()
     assert floats([hull_of(balls([(0.0, 1.0), (-2.0, 0.5), (-1.0, 3.0)]))]) == [(-2.0, 3.0)]
     assert floats([hull_of(balls([(0.0, 1.0)]))]) == [(0.0, 1.0)]
     for one, other, gap in (
@@ -104,7 +106,7 @@ def test_a_form_is_opened_and_closed_with_all_that_is_in_it(q: int, depth: int) 
     ranges = [(float(-k - 1), float(k + 1)) for k in range(count)]
     flat = [*(x for r in ranges for x in r), *centre, *symbols.reshape(-1), *rests]
     form = tuple(exact(float(x)) for x in (*flat, *common.reshape(-1)))
-    start = layout.opened(form, None)
+    start = layout.open(form, None)
     assert floats(start.ranges) == ranges
     width = 1 + n + count + q
 
@@ -127,7 +129,7 @@ def test_a_form_is_opened_and_closed_with_all_that_is_in_it(q: int, depth: int) 
     box = balls([(-10.0, 10.0), (-20.0, 20.0)])
     way = StateRows(matrix(rows), [exact(float(x)) for x in rest], box)
     new = CommandRows(matrix(answers), balls([(-30.0 - k, 30.0) for k in range(q)]))
-    after = layout.closed(start, way, new)
+    after = layout.close(start, way, new)
     assert len(after) == layout.length(fresh=False)
     made = np.array([float(x) for x in after])
     wanted_ranges = [*floats(box), *(floats(new.ranges) if depth else [])]

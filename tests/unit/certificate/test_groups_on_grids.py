@@ -11,11 +11,9 @@ import pytest
 
 from soter.certificate.cell_sets import Grid
 from soter.certificate.folder import FREE
-from soter.certificate.grid import grid_group
-from soter.certificate.grid.grid_group import (
-    GridGroup,
-    packed,
-)
+from soter.certificate.grid import estimates_and_shield, grid_group
+from soter.certificate.grid.estimates_and_shield import packed_levels
+from soter.certificate.grid.grid_group import GridGroup
 from soter.certificate.grid.group_claims import (
     GroupTables,
 )
@@ -27,21 +25,21 @@ from unit.certificate.grid_tables import LINE, bools, check_of, fails, tables
 def test_what_a_group_says_of_itself() -> None:
     group = GridGroup(tables([1, 0, 1, 0]))
     assert group.states == (0,)
-    assert group.unentered == "there is no R(H)"
+    assert group.why_no_entry == "there is no R(H)"
     group.tables.free = bools(0, 0, 0, 0)
-    assert group.unentered == ""
+    assert group.why_no_entry == ""
     told: Any = SimpleNamespace(cells=5)
-    group.tell(told)
+    group.add_size_to(told)
     assert told.cells == 9
-    assert group.never(iter(())) == ("", "")
+    assert group.why_ac_never(iter(())) == ("", "")
     group.tables.given_back = bools(0, 0, 0, 0)
-    assert "on no estimate" in group.never(iter(()))[0]
+    assert "on no estimate" in group.why_ac_never(iter(()))[0]
     group.tables.given_back = bools(0, 1, 0, 0)
-    assert group.never(iter(())) == ("", "")
+    assert group.why_ac_never(iter(())) == ("", "")
     for members, said in ((bools(0, 0, 0, 0), True), (bools(0, 1, 0, 0), False)):
         group.tables.levels = [members, bools(0, 0, 0, 0)]
-        assert ("in control on no estimate" in group.never(iter(()))[0]) is said
-    draws = group.drawn(None, np.random.default_rng(1))  # type: ignore[arg-type]
+        assert ("in control on no estimate" in group.why_ac_never(iter(()))[0]) is said
+    draws = group.random_points(None, np.random.default_rng(1))  # type: ignore[arg-type]
     points = [next(draws)[0] for _ in range(200)]
     assert all(0 <= x < 1 or 2 <= x < 3 for x in points)
     assert {int(x) for x in points} == {0, 2}
@@ -52,12 +50,12 @@ def test_the_law_is_looked_at_on_the_cells_of_sc() -> None:
     own = GridGroup(tables([1, 1, 0, 0]))
     law = GridGroup(tables([0, 2, 1, 0]))
     others: Any = SimpleNamespace(tables=None)
-    assert own.kept_by([others, law]).members.tolist() == [False, True, True, False]
+    assert own.cells_kept_by_law([others, law]).members.tolist() == [False, True, True, False]
     shifted = GroupTables((0,), Grid(((0.0, 1.0, 2.0, 3.0, 5.0),)), law.tables.core)
     beside = GroupTables((1,), LINE, law.tables.core)
     for wrong in ([], [others], [GridGroup(shifted)], [GridGroup(beside)]):
         with pytest.raises(RejectedError, match="other cells"):
-            own.kept_by(wrong)
+            own.cells_kept_by_law(wrong)
 
 
 def test_tables_are_read_where_they_are_named() -> None:
@@ -91,7 +89,7 @@ def test_a_table_of_the_dm_is_that_of_all_cases() -> None:
     facts: Any = SimpleNamespace(
         symbol=SimpleNamespace(shield=None), states=[SimpleNamespace(name="x")], leaves={0: None}
     )
-    data = packed(np.array([2, 1, 1, 0], dtype=np.uint8))
+    data = packed_levels(np.array([2, 1, 1, 0], dtype=np.uint8))
 
     def said(entry: Any, *groups: GroupTables, plain: bytes = data, edges: Any = None) -> str:
         given: Any = SimpleNamespace(
@@ -130,13 +128,13 @@ def test_a_table_of_the_dm_is_that_of_all_cases() -> None:
 
 
 def test_what_is_of_a_shield_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(grid_group, "cells_of", lambda _: 2)
-    monkeypatch.setattr(grid_group, "tops_of", lambda data, group, n: (data, group, n))
+    monkeypatch.setattr(estimates_and_shield, "command_cells", lambda _: 2)
+    monkeypatch.setattr(estimates_and_shield, "read_tops", lambda data, group, n: (data, group, n))
     facts: Any = SimpleNamespace(controls=[SimpleNamespace(name=n) for n in ("push", "pull")])
     given: Any = SimpleNamespace(plain=lambda path: path)
     for name, index in (("push", 0), ("pull", 1), (None, None)):
         group = tables([1] * 4)
-        grid_group._shield(given, facts, group, {"command": name, "commands": "c"})
+        estimates_and_shield.read_shield(given, facts, group, {"command": name, "commands": "c"})
         assert group.command == index
         assert group.tops == ("c", group, 2)
 
@@ -147,9 +145,11 @@ def test_what_may_hold_outside_r_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
     model: Any = SimpleNamespace(facts=SimpleNamespace(states=[SimpleNamespace(name="x")]))
     group = GridGroup(tables([1] * 4, free=bools(1, 0, 1, 1)))
     for found, wanted in (([], ""), ([((1, 2),), ((2, 3),)], "outside R(H), at x in [1, 2]")):
-        monkeypatch.setattr(grid_group, "admitted", lambda *_, found=found: iter(found))
-        assert wanted in group.entered(model, "expr")  # type: ignore[arg-type]
-        assert bool(group.entered(model, "expr")) is bool(wanted)  # type: ignore[arg-type]
+        monkeypatch.setattr(
+            grid_group, "cells_wrongly_admitted", lambda *_, found=found: iter(found)
+        )
+        assert wanted in group.where_entered_outside(model, "expr")  # type: ignore[arg-type]
+        assert bool(group.where_entered_outside(model, "expr")) is bool(wanted)  # type: ignore[arg-type]
     assert all(k == {"admits": True, "anywhere": True} for k in asked)
 
 
@@ -175,13 +175,13 @@ def test_a_few_cells_of_k_are_tried(claims: set[str], monkeypatch: pytest.Monkey
                 (float(box[0][0]), holds, float(box[0][1]), within.size, target([0.0, 4.0]), pieces)
             )
         )
-        check.tried(claims)
+        check.prepare(claims)
         assert [(a, n) for a, n, *_ in led] == wanted
         assert all((b - a, n, t, p) == (1.0, 4, True, 1) for a, _, b, n, t, p in led)
         assert stayed == ([(a, 4) for a, _ in wanted] if claims & FREE else [])
 
 
-def test_who_sees_rates(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_shows_that_rates_are_defined(monkeypatch: pytest.MonkeyPatch) -> None:
     for kept, linear in itertools.product((True, False), repeat=2):
         monkeypatch.setattr(grid_group, "is_linear", lambda *_, linear=linear: linear)
-        assert check_of(tables([1] * 4), kept=kept).sees_rates is (not kept and not linear)
+        assert check_of(tables([1] * 4), kept=kept).shows_rates_defined is (not kept and not linear)

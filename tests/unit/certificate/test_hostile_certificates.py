@@ -102,14 +102,14 @@ def test_many_large_files_are_not_read(copied: Path) -> None:
 
 
 def test_a_file_that_grows_is_noticed(copied: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    original_sizes = certificate_folder._sizes
+    original_sizes = certificate_folder._file_sizes
 
     def smaller(folder: Path) -> dict[str, int]:
         return {
             name: size - (name == "sets/0_K.bin") for name, size in original_sizes(folder).items()
         }
 
-    monkeypatch.setattr(certificate_folder, "_sizes", smaller)
+    monkeypatch.setattr(certificate_folder, "_file_sizes", smaller)
     assert "was changed while it was read" in reason_of(copied, REJECTED)
 
 

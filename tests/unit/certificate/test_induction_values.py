@@ -41,8 +41,8 @@ from soter.certificate.induction.solver_reading import (  # noqa: E402 - needs t
     SolverReading,
     VisibleValues,
 )
-from soter.certificate.induction.solver_values import flat as terms_of  # noqa: E402
-from soter.certificate.induction.solver_values import unknown  # noqa: E402
+from soter.certificate.induction.solver_values import leaf_terms as terms_of  # noqa: E402
+from soter.certificate.induction.solver_values import unknown_value  # noqa: E402
 
 # ---------------------------------------------------------------- constants
 
@@ -104,7 +104,7 @@ fun result(): float {{
     assert checked.program is not None
     assert checked.ok, checked.diagnostics
     fun = checked.program.funs["result"]
-    result = SolverReading(sight_of_nothing()).called(fun, ())
+    result = SolverReading(sight_of_nothing()).call(fun, ())
     assert repr(result) == repr(Evaluator({}).function(fun)(Environment(), ()))
 
 
@@ -118,9 +118,9 @@ def test_what_faults_for_sure_is_a_fault_and_no_constant(tmp_path: Path) -> None
     for given in (z3.Int("k"), 1):
         reading = SolverReading(sight_of_nothing())
         body, frame = fun.body or (), CallFrame({k: given})
-        fine, _ = reading.tried(True, partial(reading.block, body, frame))
+        fine, _ = reading.attempt(True, partial(reading.block, body, frame))
         assert not fine
-        assert reading.make.fault is True
+        assert reading.operations.fault is True
 
 
 def test_of_a_function_of_constants_that_faults_nothing_is_told(tmp_path: Path) -> None:
@@ -133,8 +133,8 @@ def test_of_a_function_of_constants_that_faults_nothing_is_told(tmp_path: Path) 
     fun = checked.program.funs["share"]
     for given, known in ((4.0, True), (0.0, False)):
         reading = SolverReading(sight_of_nothing())
-        value = reading.called(fun, (given,))
-        assert (reading.make.fault, reading.make.doubt is False) == (False, known)
+        value = reading.call(fun, (given,))
+        assert (reading.operations.fault, reading.operations.doubt is False) == (False, known)
         assert value == 0.25 if known else z3.is_expr(value)
 
 
@@ -159,9 +159,9 @@ def test_what_ends_in_an_extern_function_is_no_function(where: str, tmp_path: Pa
     assert checked.program is not None
     assert checked.ok, checked.diagnostics
     fun, sight = checked.program.funs["asked"], sight_of_nothing()
-    (given,) = (unknown(p.type, p.name, sight.facts) for p in fun.parameters)
+    (given,) = (unknown_value(p.type, p.name, sight.facts) for p in fun.parameters)
     with pytest.raises(NotRecheckedError, match="extern"):
-        SolverReading(sight).called(fun, (given,))
+        SolverReading(sight).call(fun, (given,))
 
 
 @pytest.mark.parametrize("age", ["0.1 - 0.09", "0.01 / 2.0", "most(3) - 0.02", "LIMITS[1] - 0.02"])
@@ -341,9 +341,9 @@ def test_arrays_are_read_as_they_are_evaluated(tmp_path: Path, name: str) -> Non
     fun = checked.program.funs[name]
     a, b = z3.Ints("a b")
     reading = SolverReading(sight_of_nothing())
-    result = reading.called(fun, (a, b))
-    (whole,), (wrong,) = terms_of(result), terms_of(reading.make.fault)
-    assert reading.make.doubt is False
+    result = reading.call(fun, (a, b))
+    (whole,), (wrong,) = terms_of(result), terms_of(reading.operations.fault)
+    assert reading.operations.doubt is False
     evaluate = Evaluator({}).function(fun)
     faults = 0
     for k in range(-1, 5):
@@ -410,21 +410,25 @@ def test_what_is_known_is_what_the_evaluator_gives(seed: int, tmp_path: Path) ->
             terms, solver = Terms(), SolverReading(sight_of_nothing())
             readers: list[CodeReader] = [SymbolicReader(terms, Surroundings({}, {})), solver]
             for reader in readers:
-                assert tried(lambda r=reader, f=fun, x=at: r.called(f, x)) == value, at  # type: ignore[misc]
-            assert (terms.obligations, solver.make.fault, solver.make.doubt) == ([], False, False)
+                assert tried(lambda r=reader, f=fun, x=at: r.call(f, x)) == value, at  # type: ignore[misc]
+            assert (terms.obligations, solver.operations.fault, solver.operations.doubt) == (
+                [],
+                False,
+                False,
+            )
 
 
 @pytest.mark.parametrize("seed", some(range(40), 4))
 def test_what_is_read_of_any_values_is_so_at_each(seed: int, tmp_path: Path) -> None:
     for fun in functions(tmp_path, seed):
         reader = SolverReading(sight_of_nothing())
-        given = tuple(unknown(p.type, p.name, reader.sight.facts) for p in fun.parameters)
-        _, value = reader.tried(True, lambda r=reader, f=fun, x=given: r.called(f, x))  # type: ignore[misc]
-        assert reader.make.doubt is False
+        given = tuple(unknown_value(p.type, p.name, reader.sight.facts) for p in fun.parameters)
+        _, value = reader.attempt(True, lambda r=reader, f=fun, x=given: r.call(f, x))  # type: ignore[misc]
+        assert reader.operations.doubt is False
         evaluate = Evaluator({}).function(fun)
         for at in POINTS:
             pairs = list(zip(terms_of(given), terms_of(at), strict=True))
-            (fault,) = (z3.substitute(x, *pairs) for x in terms_of(reader.make.fault))
+            (fault,) = (z3.substitute(x, *pairs) for x in terms_of(reader.operations.fault))
             true = tried(lambda e=evaluate, x=at: e(Environment(), x))  # type: ignore[misc]
             assert z3.is_true(z3.simplify(fault)) is (true == FAULT), at
             if true != FAULT:

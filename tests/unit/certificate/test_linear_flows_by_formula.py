@@ -32,7 +32,7 @@ def facts(tmp_path_factory: pytest.TempPathFactory) -> Facts:
 
 
 def test_a_row_of_a_flow_is_its_factors(facts: Facts) -> None:
-    first, second = linear_flows._whole(model_of(facts, (0, 1, 4)))
+    first, second = linear_flows._rows_of_all_states(model_of(facts, (0, 1, 4)))
     assert first is not None
     assert second is not None
     assert [float(x) for x in (*first.a, *first.b, first.constant)] == [0.0, 1.0, 0.0, 0.0]
@@ -88,15 +88,15 @@ def test_so_long_a_span_is_summed_up() -> None:
     """For rates of 1 per s: as many terms as halve the rest, 256 at most."""
     one = matrix([1.0])
     for half in (Fraction(1, 2), Fraction(12), Fraction(13), Fraction(40), Fraction(257, 2)):
-        ((x,),) = linear_flows._around(one, half)
+        ((x,),) = linear_flows._exponential_around_zero(one, half)
         most = math.exp(float(half))
         assert float(x.upper()) >= most * (1 - 1e-12)
         assert float(x.upper()) <= most * (1 + 1e-2)
         assert float(x.lower()) <= 1 / most
         assert float(x.lower()) >= 1 - math.sinh(float(half)) * (1 + 1e-2) - 1e-12
     with pytest.raises(NotRecheckedError, match="too long"):
-        linear_flows._around(one, Fraction(129))
-    assert linear_flows._around([], Fraction(1)) == []
+        linear_flows._exponential_around_zero(one, Fraction(129))
+    assert linear_flows._exponential_around_zero([], Fraction(1)) == []
 
 
 @pytest.mark.parametrize("time", [Fraction(1, 4), Fraction(2), Fraction(-1)])
@@ -119,9 +119,9 @@ def test_entries_that_differ_lie_on_paths() -> None:
                 steps = (steps.astype(int) @ links.astype(int)) > 0
                 reach |= steps
             a = matrix(*([float(x) for x in row] for row in links))
-            assert linear_flows._reach(a) == reach.tolist()
+            assert linear_flows._reachable_entries(a) == reach.tolist()
             seven = [[exact(7.0)] * n for _ in range(n)]
-            cleaned = linear_flows._cleaned(a, seven)
+            cleaned = linear_flows._with_exact_entries(a, seven)
             for i, j in itertools.product(range(n), repeat=2):
                 assert cleaned[i][j] == (7 if reach[i, j] else int(i == j))
 
@@ -222,4 +222,4 @@ def test_what_moves_depends_on_what_moves_it() -> None:
         ([3, 1], [1, 2, 3]),
         ([], []),
     ):
-        assert linear_flows._moving(chain, members) == wanted
+        assert linear_flows._states_behind(chain, members) == wanted

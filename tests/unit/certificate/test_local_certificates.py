@@ -159,7 +159,7 @@ def command_of(tmp_path: Path, body: str, high: str) -> Any:
     model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
     terms, states = model.new_terms()
     (command,) = model.commands(terms, states)
-    places = [next(iter(x.terms)) for x in states]
+    places = [x.atom for x in states]
     step = compile_step(terms, places, 2, [command], ranges=[command], must=terms.obligations)
 
     def over(x: float, v: float, half: float) -> tuple[float, ...] | None:
@@ -250,7 +250,7 @@ def test_a_long_range_is_an_input(tmp_path: Path) -> None:
     model = CaseModel(facts, (), tuple(facts.axes[i] for i in range(2)))
     terms, states = model.new_terms()
     (command,) = model.commands(terms, states)
-    places = [next(iter(x.terms)) for x in states]
+    places = [x.atom for x in states]
     step = compile_step(terms, places, 2, [command], ranges=[command], must=terms.obligations)
     box = [(exact(0.1), exact(0.11)), (exact(0.2), exact(0.21))]
     image = step(form_of_box(box, symbols=True))

@@ -507,7 +507,7 @@ def test_steps_solve_the_linear_model() -> None:
         sizes = [exact(float(x)) for x in noise]
         local = Enclosure([], rows, [[ONE], [ZERO]], [ZERO, ONE], sizes, [], [])
         span = Fraction(time)
-        law, off = flow.solved(local, span), flow.noise(local, Fraction(0), span, [])
+        law, off = flow.solution_over(local, span), flow.noise(local, Fraction(0), span, [])
         e, total, steps = np.eye(2), np.zeros((2, 2)), 4000
         worst = np.zeros(2)
         h = time / steps
@@ -643,8 +643,8 @@ def test_a_hold_after_commands_that_differ_much(  # noqa: PLR0915  one run, look
         if seed < 2:  # the latest command against all others
             old = np.array([0.9, *[-0.9] * (local.depth - 1)]) * (1 - 2 * seed)
         form = crafted(local.depth, state, old)
-        start = local.layout.opened(form, None)
-        sample = local._sampled(start, fresh=False)
+        start = local.layout.open(form, None)
+        sample = local._sampled_states(start, fresh=False)
         centre = product(sample.rows, start.z)
         image = local.later(pieces, form)
         after = [float(x) for x in image[0]]
@@ -740,7 +740,7 @@ def test_a_box_that_does_not_hold_its_image_is_none(tmp_path: Path) -> None:
     for time in np.linspace(0.05, 0.8, 40):
         box = [(exact(1.0), exact(1.1)), still]
         try:
-            enclosure = flow.around(box, [], Fraction(0), Fraction(float(time)))
+            enclosure = flow.enclose(box, [], Fraction(0), Fraction(float(time)))
         except NotCertainError:
             continue
         known += 1

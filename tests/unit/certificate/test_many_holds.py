@@ -112,7 +112,7 @@ def test_no_command_leads_beyond_its_limit(tmp_path: Path, delay_us: int) -> Non
     box = grid.box(FAST)
     within = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
     late = check.model.facts.jitter_ns / 1e9
-    ((_, ends),) = check.reached(box, [1], within, 1)
+    ((_, ends),) = check.follow(box, [1], within, 1)
     assert all(end[3] <= float(box[1][1]) + (HOLD + late) * HARDEST + 1e-12 for end in ends)
 
 

@@ -16,12 +16,12 @@ from soter.certificate.terms.straight_line import (
     Function,
     NotCertainError,
     by_truth,
-    compared,
     corners,
-    demanded,
     grown,
-    pick,
-    swept,
+    range_after,
+    range_between,
+    range_of_table,
+    require_certain,
 )
 from tables import all_rows
 
@@ -78,10 +78,10 @@ def test_what_is_chosen_by_a_truth() -> None:
 
 
 def test_what_is_demanded_has_to_be_certain() -> None:
-    demanded(TRUE)
+    require_certain(TRUE)
     for truth in (FALSE, EITHER):
         with pytest.raises(NotCertainError):
-            demanded(truth)
+            require_certain(truth)
 
 
 TABLE = np.array([[4.0, -1.0, 7.0], [2.0, 9.0, -3.0]])
@@ -90,7 +90,7 @@ POSITIONS = (-math.inf, -2.0, 0.0, 0.5, 1.0, 1.5, 2.0, 5.0, math.inf)
 
 def test_a_table_gives_all_that_stands_between_two_positions() -> None:
     for rows, columns in itertools.product(itertools.combinations(POSITIONS, 2), repeat=2):
-        low, high = pick(TABLE, *rows, *columns)
+        low, high = range_of_table(TABLE, *rows, *columns)
         between = [
             float(TABLE[i, j])
             for i, j in np.ndindex(TABLE.shape)
@@ -137,18 +137,18 @@ def test_a_state_between_two_instants_is_in_the_swept_range(
     rates = arb(rate.lower()), arb(rate.upper())
     growth = grown(exact(own), exact(span))
     numbers = [*ends, *rates, exact(own), pulls, exact(span), growth]
-    low, high = swept(*numbers)
+    low, high = range_between(*numbers)
     assert low <= min(between)
     assert max(between) <= high
     assert low >= min(between) - 1.0
     assert high <= max(between) + 1.0
     law = exact(own), pulls, growth
-    low, high = compared(exact(box[0]), exact(box[1]), exact(-9.0), exact(9.0), *law)
+    low, high = range_after(exact(box[0]), exact(box[1]), exact(-9.0), exact(9.0), *law)
     assert low <= min(after)
     assert max(after) <= high
     assert low >= min(between) - 1e-9, "no farther than where nothing else acts"
     assert high <= max(between) + 1e-9
-    assert compared(exact(box[0]), exact(box[1]), exact(0.0), exact(0.0), *law)[1] <= 0, "known"
+    assert range_after(exact(box[0]), exact(box[1]), exact(0.0), exact(0.0), *law)[1] <= 0, "known"
 
 
 def test_a_form_of_another_length_is_refused() -> None:

@@ -49,10 +49,10 @@ def test_operators_of_numbers_and_terms(rounded: bool) -> None:
         for name, of in (("min", min(a, b)), ("max", max(a, b))):
             assert abs(point_value(make.extreme(name, x, y)) - of) < 1e-9
         for op, holds_so in (("<", a < b), ("<=", a <= b), (">", a > b), (">=", a >= b)):
-            assert make.compared(op, x, y) is holds_so
+            assert make.compare(op, x, y) is holds_so
         if a != b or not any(kinds):
-            assert make.compared("==", x, y) is (a == b)
-            assert make.compared("!=", x, y) is (a != b)
+            assert make.compare("==", x, y) is (a == b)
+            assert make.compare("!=", x, y) is (a != b)
 
 
 def test_operators_of_ints() -> None:
@@ -62,7 +62,7 @@ def test_operators_of_ints() -> None:
         terms = Terms()
         make = Operations(terms, rounded=True)
         x, y = (
-            make.whole(inputs_of(terms, (v, v))[0]) if term else v
+            make.as_int(inputs_of(terms, (v, v))[0]) if term else v
             for v, term in zip((a, b), kinds, strict=True)
         )
         for op, of in (("+", a + b), ("-", a - b), ("*", a * b)):
@@ -81,7 +81,7 @@ def test_operators_of_ints() -> None:
                 make.arithmetic(op, x, y)
         assert make.arithmetic("/", a, b) == math.trunc(a / b)
         assert make.arithmetic("%", a, b) == a - b * math.trunc(a / b)
-        assert isinstance(make.negated(make.whole(inputs_of(terms, (1.0, 2.0))[0])), SymbolicInt)
+        assert isinstance(make.negate(make.as_int(inputs_of(terms, (1.0, 2.0))[0])), SymbolicInt)
 
 
 def test_an_int_of_inputs_is_exact_up_to_two_to_53() -> None:
@@ -89,10 +89,10 @@ def test_an_int_of_inputs_is_exact_up_to_two_to_53() -> None:
         terms = Terms()
         (x,) = inputs_of(terms, (low, high))
         with pytest.raises(NotRecheckedError, match="2\\^53"):
-            Operations(terms, rounded=True).whole(x)
+            Operations(terms, rounded=True).as_int(x)
     terms = Terms()
     (x,) = inputs_of(terms, (1 - 2.0**53, 2.0**53 - 1))
-    assert isinstance(Operations(terms, rounded=True).whole(x), SymbolicInt)
+    assert isinstance(Operations(terms, rounded=True).as_int(x), SymbolicInt)
 
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -math.inf])
@@ -101,17 +101,17 @@ def test_what_is_no_number_is_no_term(wrong: float) -> None:
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (0.0, 1.0))
     for a, b in ((x, wrong), (wrong, x)):
-        for of in (make.arithmetic, make.compared, make.extreme):
-            name = {"arithmetic": "+", "compared": "<", "extreme": "min"}[of.__name__]
+        for of in (make.arithmetic, make.compare, make.extreme):
+            name = {"arithmetic": "+", "compare": "<", "extreme": "min"}[of.__name__]
             with pytest.raises(NotRecheckedError, match="infinite or undefined"):
                 of(name, a, b)
     for a, b in ((wrong, 1.0), (1.0, wrong), (wrong, wrong)):
         if math.isnan(wrong):
-            for of, name in ((make.compared, "<"), (make.extreme, "min")):
+            for of, name in ((make.compare, "<"), (make.extreme, "min")):
                 with pytest.raises(NotRecheckedError, match="NaN"):
                     of(name, a, b)
         else:
-            assert make.compared("<", a, b) is (a < b)
+            assert make.compare("<", a, b) is (a < b)
             assert make.extreme("min", a, b) == min(a, b)
 
 
@@ -119,9 +119,9 @@ def test_known_truths_are_compared() -> None:
     terms = Terms()
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (-1.0, 1.0))
-    c = terms.below(x)
+    c = terms.below_zero(x)
     for op, known, other in itertools.product(("==", "!="), (True, False), (True, False)):
-        found = make.compared(op, *((c, known) if other else (known, c)))
+        found = make.compare(op, *((c, known) if other else (known, c)))
         for v in (-0.5, 0.5):
             same = (v < 0) == known
             assert holds(terms, found, [v]) is (same if op == "==" else not same)
@@ -135,8 +135,8 @@ def test_both_sides_of_a_branch_are_joined() -> None:
     terms = Terms()
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (-1.0, 1.0))
-    c = terms.below(x)
-    i = make.whole(x)
+    c = terms.below_zero(x)
+    i = make.as_int(x)
     for a, b in ((1, 2), (1, 1.0), (0.0, -0.0), (i, 2), (3, i), (x, 2.0), (1.0, x), (x, i)):
         found: Any = make.join(FLOAT, c, a, b)
         whole = any(isinstance(v, (int, SymbolicInt)) for v in (a, b))
@@ -221,16 +221,16 @@ def test_a_value_is_narrowed_to_where_it_has_to_be() -> None:
     for low, high in ((0, 3), (-2, 2), (1, 1)):
         terms = Terms()
         make = Operations(terms, rounded=True)
-        i = make.whole(inputs_of(terms, (-4.0, 4.0))[0])
-        assert make.narrowed(i, low, high) is i
+        i = make.as_int(inputs_of(terms, (-4.0, 4.0))[0])
+        assert make.narrow(i, low, high) is i
         for v in range(-4, 5):
             inside = low <= v <= high
             assert all(holds(terms, o, [float(v)]) for o in terms.obligations) is inside
             if inside:
-                assert make.narrowed(v, low, high) == v
+                assert make.narrow(v, low, high) == v
             else:
                 with pytest.raises(StepFault):
-                    make.narrowed(v, low, high)
+                    make.narrow(v, low, high)
         assert len(terms.obligations) == 2
 
 
@@ -260,8 +260,8 @@ def test_what_is_selected_is_numbers(elements: list[Any], fine: bool) -> None:
     def asked() -> Any:
         terms = Terms()
         make = Operations(terms, rounded=True)
-        found = make.selected(elements, inputs_of(terms, (1.0, 1.0))[0])
-        return make.row(found) if isinstance(found, Rows) else found
+        found = make.select(elements, inputs_of(terms, (1.0, 1.0))[0])
+        return make.row_values(found) if isinstance(found, Rows) else found
 
     def kinds(x: Any) -> Any:
         if isinstance(x, tuple):
@@ -282,14 +282,14 @@ def test_rows_are_alike_or_refused() -> None:
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (0.0, 1.0))
     unlike = [(1.0, 2.0), (3.0,)]
-    for of in (make.row, lambda rows: make.selected_twice(rows, 0)):
+    for of in (make.row_values, lambda rows: make.select_from_table(rows, 0)):
         with pytest.raises(NotRecheckedError, match="indexed by an input"):
             of(Rows(unlike, x))
     with pytest.raises(NotRecheckedError, match="indexed by an input"):
-        make.selected_twice(Rows([(1.0, 2), (3.0, 4)], x), 0)
+        make.select_from_table(Rows([(1.0, 2), (3.0, 4)], x), 0)
     for first in ((1.0, 2.0), (1, 2)):
         rows = Rows([first, first], x)
-        found = make.selected_twice(rows, 1)
+        found = make.select_from_table(rows, 1)
         assert isinstance(found, SymbolicInt) is isinstance(first[0], int)
         assert at(terms, found, [1.0]) == 2.0
 
@@ -298,20 +298,20 @@ def test_a_table_of_one_entry_and_rows_of_unlike_parts() -> None:
     terms = Terms()
     make = Operations(terms, rounded=True)
     (x,) = inputs_of(terms, (0.0, 0.0))
-    assert at(terms, make.selected([5.0], x), [0.0]) == 5.0
-    assert at(terms, make.selected_twice(Rows([(1.0, 6.0)], x), 1), [0.0]) == 6.0
-    assert [at(terms, v, [0.0]) for v in make.row(Rows([(1.0, 6.0)], x))] == [1.0, 6.0]
-    first, rows = make.selected([(1.0, (2.0, 3.0)), (4.0, (5.0, 6.0))], x)
+    assert at(terms, make.select([5.0], x), [0.0]) == 5.0
+    assert at(terms, make.select_from_table(Rows([(1.0, 6.0)], x), 1), [0.0]) == 6.0
+    assert [at(terms, v, [0.0]) for v in make.row_values(Rows([(1.0, 6.0)], x))] == [1.0, 6.0]
+    first, rows = make.select([(1.0, (2.0, 3.0)), (4.0, (5.0, 6.0))], x)
     assert at(terms, first, [0.0]) == 1.0
     assert isinstance(rows, Rows)
 
 
 def test_the_least_int_has_no_opposite_and_no_size() -> None:
     make = Operations(Terms(), rounded=True)
-    for of in (make.negated, lambda x: make.builtin("abs", x)):
+    for of in (make.negate, lambda x: make.builtin("abs", x)):
         with pytest.raises(StepFault):
             of(-(2**63))
-    assert make.negated(2**63 - 1) == 1 - 2**63
+    assert make.negate(2**63 - 1) == 1 - 2**63
     assert str(make.builtin("abs", -0.0)) == "0.0"
 
 

@@ -83,10 +83,10 @@ def test_its_bounds_are_no_wider_than_those_of_the_prover(
     group = random_group(chance, delay_ms=times[0], jitter_ms=times[1])
     rate, rows = np.full(len(group.offset), 3.0), rows_of(group, seed)
     theirs, own = polytope_model.Hold(group, rate), hold_of(group, rate)
-    pairs = [(theirs.after(ball(rows)), own.after(numbers(rows)))]
-    pairs += zip(theirs.everywhere(ball(rows)), own.everywhere(numbers(rows)), strict=True)
+    pairs = [(theirs.after(ball(rows)), own.at_end(numbers(rows)))]
+    pairs += zip(theirs.everywhere(ball(rows)), own.at_all_times(numbers(rows)), strict=True)
     free = polytope_model.FreePhase(group, 54 * MS).everywhere(ball(rows))
-    again = FreeImage(flow_of(group), free_instants(54 * MS)).everywhere(numbers(rows))
+    again = FreeImage(flow_of(group), free_instants(54 * MS)).at_all_times(numbers(rows))
     pairs += zip(free, again, strict=True)
     for (row, loss), moved in pairs:
         own_row, own_loss = floats(moved)
@@ -103,9 +103,9 @@ def test_no_run_ends_a_hold_beyond_its_bounds(seed: int, times: tuple[int, int])
     assert sets is not None
     prove_core(sets, Claims())
     rows = rows_of(group, seed)
-    row, loss = floats(hold_of(group, sets.rate).after(numbers(rows)))
+    row, loss = floats(hold_of(group, sets.rate).at_end(numbers(rows)))
     blind = replace(group, jitter_ns=0, error=group.error * 0.0)
-    _, less = floats(hold_of(blind, sets.rate).after(numbers(rows)))
+    _, less = floats(hold_of(blind, sets.rate).at_end(numbers(rows)))
     worst = np.zeros(0)
     for lead in (0, times[1]):
         for before, after in pairwise(Attack(group, sets.core, 200, lead, chance).run(12).nominal):
@@ -119,7 +119,7 @@ def test_no_command_leaves_the_bounds_of_a_free_phase(seed: int) -> None:
     chance = np.random.default_rng(seed)
     group = random_group(chance, delay_ms=0, jitter_ms=0)
     flow, rows = flow_of(group), rows_of(group, seed)
-    moved = [floats(m) for m in FreeImage(flow, free_instants(40 * MS)).everywhere(numbers(rows))]
+    moved = [floats(m) for m in FreeImage(flow, free_instants(40 * MS)).at_all_times(numbers(rows))]
     x0 = chance.uniform(group.low / 4, group.high / 4, (50, len(group.low)))
     bound = np.max([x0 @ r.T + loss for r, loss in moved], axis=0)
     e, g = exponential(group.state, MS)
@@ -146,7 +146,7 @@ def test_bounds_by_multipliers_hold_at_random_points() -> None:
     for _ in range(20):
         row = chance.normal(size=3)
         weights = [(int(k), float(chance.uniform(0, 2))) for k in chance.integers(8, size=3)]
-        bound = p.bound([exact(float(x)) for x in row], weights)
+        bound = p.upper_bound([exact(float(x)) for x in row], weights)
         assert (points @ row).max() <= float(bound)
     with pytest.raises(RejectedError):
         p.require("nothing", numbers(np.eye(3)), [ZERO] * 3, [[], [], []])

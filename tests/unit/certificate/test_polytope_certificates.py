@@ -679,7 +679,7 @@ def test_a_box_on_which_a_predicate_is_not_certain_is_refused() -> None:
     nothing: Any = None
     check = PolytopeCheck(nothing, nothing)
     cells = Cells(Grid(((0.0, 1.0),)), np.zeros(1, dtype=np.bool_))
-    for asked, name in ((check.safe, "safe"), (check.home, "safer")):
+    for asked, name in ((check.note_safe_cells, "safe"), (check.show_return, "safer")):
         with pytest.raises(RejectedError, match=f"`{name}` is not certain on the box"):
             asked(cells)
 

@@ -14,7 +14,7 @@ from soter.certificate.reading import problem
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.reading.module_facts import DiffersError, Facts
 from soter.certificate.report import NotRecheckedError
-from soter.certificate.scope import assumptions_of, confirmed_of
+from soter.certificate.scope import assumptions_of, confirmed_facts
 from soter.certificate.terms.linear_enclosures import ZERO, exact
 from soter.certificate.terms.terms import Linear, Terms
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType
@@ -200,13 +200,13 @@ def test_flows_and_maps_are_told_apart() -> None:
         plant = SimpleNamespace(extern=extern, der=der, next=moves)
         return SimpleNamespace(name="P", plant=plant)
 
-    assert problem._kind(of()) == "flow"
-    assert problem._kind(of(der=[1])) == "flow"
-    assert problem._kind(of(moves=[1])) == "map"
+    assert problem._plant_kind(of()) == "flow"
+    assert problem._plant_kind(of(der=[1])) == "flow"
+    assert problem._plant_kind(of(moves=[1])) == "map"
     with pytest.raises(NotRecheckedError, match="flows and maps"):
-        problem._kind(of(der=[1], moves=[1]))
+        problem._plant_kind(of(der=[1], moves=[1]))
     with pytest.raises(NotRecheckedError, match="extern"):
-        problem._kind(of(extern=True, der=[1]))
+        problem._plant_kind(of(extern=True, der=[1]))
 
 
 def test_a_parameter_has_all_values_of_its_type() -> None:
@@ -252,7 +252,7 @@ def test_rates_are_those_of_the_plant(tmp_path: Path, kind: str) -> None:
     for heavy, road, gear in CASES:
         model = model_of(facts, (heavy, road, gear))
         terms, states = model.new_terms()
-        u = terms.input("box", "u", exact(-1.0), exact(2.0))
+        u = terms.add_input("box", "u", exact(-1.0), exact(2.0))
         if kind == "flow":
             moved, noise = model.rates(terms, states, [u])
             assert [(float(n.low), float(n.high)) for n in noise] == [(-0.25, 0.75), (-0.75, 0.5)]
@@ -274,7 +274,7 @@ def test_a_state_without_dynamics_stands_still(tmp_path: Path, kind: str) -> Non
     facts = facts_with(tmp_path, *(MAP if kind == "map" else ()), still)
     model = model_of(facts)
     terms, states = model.new_terms()
-    u = terms.input("box", "u", exact(-1.0), exact(2.0))
+    u = terms.add_input("box", "u", exact(-1.0), exact(2.0))
     move = model._rates_or_next(terms, states, [u], facts.states, rounded=False)[0][0]
     values = point(terms, {"p.p": 0.75, "p.v": 1.0})
     assert at(terms, move, values) == (0.0 if kind == "flow" else 0.75)
@@ -310,7 +310,7 @@ def test_a_name_for_what_no_topic_shows_is_left_alone(tmp_path: Path, name: str)
     model = model_of(facts)
     terms, states = model.new_terms()
     model.topics(terms, states, errors=True)
-    u = terms.input("box", "u", exact(-1.0), exact(2.0))
+    u = terms.add_input("box", "u", exact(-1.0), exact(2.0))
     move = model.rates(terms, states, [u])[0][0]
     values = {"p.p": 9.0, "p.v": 0.5, "u": 0.25, "w": 0.125, "p.wind": -0.5}
     wanted = {"u + v": 0.75, "w + v": 0.625, "wind": -0.5}[name]
@@ -448,7 +448,7 @@ def test_what_keeps_to_its_set_is_no_assumption(facts: Facts) -> None:
                                     ({index: True}, False, True)):  # fmt: skip
         own.in_sets = inside
         assert ("set y" in keys(own)) is said
-        assert [c.key for c in confirmed_of(own, {})] == ["set y"] * confirmed
+        assert [c.key for c in confirmed_facts(own, {})] == ["set y"] * confirmed
 
 
 @all_rows("function", ["sin", "exp", "clamp", "sign"])

@@ -116,10 +116,10 @@ def test_what_was_checked_is_what_is_sealed(tmp_path: Path, mark: bytes) -> None
     checked = check_file(str(tmp_path / "program/main.soter"))
     (name,) = certificate.contents
     certificate.contents[name] = mark + certificate.contents[name]
-    certificate_program._as_sealed(certificate, checked)
+    certificate_program._require_sealed_bytes(certificate, checked)
     certificate.contents[name] += b" "
     with pytest.raises(RejectedError, match="while it was being read"):
-        certificate_program._as_sealed(certificate, checked)
+        certificate_program._require_sealed_bytes(certificate, checked)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def kinds() -> list[tuple[object, object, bool]]:
 @all_rows(("of", "value", "fine"), kinds())
 def test_a_value_is_one_of_its_type(of: object, value: object, fine: bool) -> None:
     if fine:
-        assert certificate_program._value(of, value, "x") is value
+        assert certificate_program._parameter_value(of, value, "x") is value
     else:
         with pytest.raises(RejectedError):
-            certificate_program._value(of, value, "x")
+            certificate_program._parameter_value(of, value, "x")

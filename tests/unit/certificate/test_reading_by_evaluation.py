@@ -17,12 +17,12 @@ import pytest
 
 from soter.certificate.reading import symbolic_reading
 from soter.certificate.reading.symbolic_operations import (
-    filled,
-    flat,
+    decided,
     identical,
     is_known,
-    plain,
+    scalar_leaves,
     truth_of,
+    value_of_leaves,
     whole,
 )
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
@@ -219,7 +219,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 def inputs_of(terms: Terms, *ends: tuple[float, float]) -> list[Linear]:
-    return [terms.input("state", f"x{k}", exact(a), exact(b)) for k, (a, b) in enumerate(ends)]
+    return [terms.add_input("state", f"x{k}", exact(a), exact(b)) for k, (a, b) in enumerate(ends)]
 
 
 @all_rows("rounded", [True, False])
@@ -228,7 +228,7 @@ def test_code_is_what_it_computes(program: Any, name: str, rounded: bool) -> Non
     fun, terms = program.funs[f"f_{name}"], Terms()
     inputs = inputs_of(terms, (-6.0, 6.0), (-6.0, 6.0))
     reader = SymbolicReader(terms, Surroundings({}, {}), rounded=rounded)
-    value = reader.called(fun, inputs)
+    value = reader.call(fun, inputs)
     evaluate = Evaluator({}).function(fun)
     fine = 0
     for point in itertools.product(POINTS, repeat=2):
@@ -262,7 +262,7 @@ def test_so_long_a_step_is_read(monkeypatch: pytest.MonkeyPatch, program: Any) -
 def _reads(monkeypatch: pytest.MonkeyPatch, fun: Any, most: int) -> bool:
     monkeypatch.setattr(symbolic_reading, "STEPS_MAX", most)
     try:
-        SymbolicReader(Terms(), Surroundings({}, {})).called(fun, [2.0])
+        SymbolicReader(Terms(), Surroundings({}, {})).call(fun, [2.0])
     except NotRecheckedError:
         return False
     return True
@@ -338,7 +338,7 @@ def test_what_is_not_understood_is_refused(program: Any) -> None:
             body=body, name="f", parameters=(), result=FLOAT, prelude=False
         )
         with pytest.raises(NotRecheckedError, match=words):
-            reader.called(extern, ())
+            reader.call(extern, ())
 
 
 @pytest.mark.parametrize("known", [TRUE, FALSE])
@@ -347,16 +347,16 @@ def test_a_condition_is_left_behind(known: Proposition) -> None:
     terms = Terms()
     reader = SymbolicReader(terms, Surroundings({}, {}))
     (x,) = inputs_of(terms, (-1.0, 1.0))
-    before = terms.below(x)
+    before = terms.below_zero(x)
     terms.path = before
 
     def fails() -> Any:
         raise StepFault(FaultKind.ASSERT)
 
-    assert reader.tried(known.value, fails) == (False, None)
+    assert reader.attempt(known.value, fails) == (False, None)
     assert terms.path is before
     assert len(terms.obligations) == (1 if known is TRUE else 0)
-    assert reader.tried(True, lambda: 3) == (True, 3)
+    assert reader.attempt(True, lambda: 3) == (True, 3)
 
 
 # ---------------------------------------------------------------- what is not looked at
@@ -392,11 +392,11 @@ def test_the_side_that_is_not_taken_is_not_looked_at(
     (x,) = inputs_of(terms, (-2.0, 2.0))
     fun = program.funs[f"of_{name}"]
     reader = SymbolicReader(terms, Surroundings({}, {}))
-    found = reader.called(fun, [not looks, x])
+    found = reader.call(fun, [not looks, x])
     assert found is x if other == "x" else found is other
-    for c in (looks, terms.below(x)):
+    for c in (looks, terms.below_zero(x)):
         with pytest.raises(NotRecheckedError, match="extern"):
-            reader.called(fun, [c, x])
+            reader.call(fun, [c, x])
 
 
 def test_one_part_of_a_value_is_made_new() -> None:
@@ -406,24 +406,24 @@ def test_one_part_of_a_value_is_made_new() -> None:
     reader = SymbolicReader(terms, Surroundings({}, {}))
     many = ArrayType(ArrayType(FLOAT, 2), 3)
     old = ((1.0, 2.0), (3.0, 4.0), (5.0, 6.0))
-    assert reader.replaced(many, old, [], 9.0) == 9.0
+    assert reader.replace_part(many, old, [], 9.0) == 9.0
     for i, k in itertools.product(range(3), range(2)):
         rows = [list(row) for row in old]
         rows[i][k] = 9.0
-        assert reader.replaced(many, old, [i, k], 9.0) == tuple(map(tuple, rows))
+        assert reader.replace_part(many, old, [i, k], 9.0) == tuple(map(tuple, rows))
     unknown: list[list[Any]] = [[x, 0], [0, x], [whole(x), 0]]
     for keys in unknown:
         with pytest.raises(NotRecheckedError, match="an assignment at an index that depends"):
-            reader.replaced(many, old, keys, 9.0)
+            reader.replace_part(many, old, keys, 9.0)
     for beyond in ([3, 0], [0, 2], [-1, 0]):
         with pytest.raises(StepFault):
-            reader.replaced(many, old, beyond, 9.0)
+            reader.replace_part(many, old, beyond, 9.0)
 
 
 def test_a_value_is_known_where_all_of_it_is() -> None:
     terms = Terms()
     (x,) = inputs_of(terms, (0.0, 1.0))
-    unknown = (x, whole(x), terms.below(x))
+    unknown = (x, whole(x), terms.below_zero(x))
     for known in (True, False, 0, 2, -0.0, (), (1.0, (2, True)), ((), 3.0)):
         assert is_known(known)
         for y in unknown:
@@ -453,12 +453,12 @@ def test_a_bool_is_known_or_a_proposition(tmp_path: Path, kind: str) -> None:
         "nothing": None,
     }
     reader = SymbolicReader(terms, Surroundings({}, {}))
-    for fine in (True, False, terms.below(x)):
-        assert reader.called(program.funs["same"], [fine]) is fine
+    for fine in (True, False, terms.below_zero(x)):
+        assert reader.call(program.funs["same"], [fine]) is fine
         truth = truth_of(fine)
         assert truth is (fine if isinstance(fine, Proposition) else TRUE if fine else FALSE)
-        assert plain(truth) is fine
-    for refuses in (lambda y: reader.called(program.funs["same"], [y]), truth_of):
+        assert decided(truth) is fine
+    for refuses in (lambda y: reader.call(program.funs["same"], [y]), truth_of):
         with pytest.raises(NotRecheckedError, match="such a bool"):
             refuses(strange[kind])
 
@@ -480,12 +480,12 @@ def test_a_loop_goes_over_what_is_known_to_be_there() -> None:
 
 def test_leaves_make_a_value_of_their_type_and_none_is_left() -> None:
     of = ArrayType(ArrayType(FLOAT, 2), 2)
-    assert filled(of, [1.0, 2.0, 3.0, 4.0]) == ((1.0, 2.0), (3.0, 4.0))
-    assert flat(filled(of, [1.0, 2.0, 3.0, 4.0])) == [1.0, 2.0, 3.0, 4.0]
-    assert filled(FLOAT, [7.0]) == 7.0
-    assert flat(7.0) == [7.0]
+    assert value_of_leaves(of, [1.0, 2.0, 3.0, 4.0]) == ((1.0, 2.0), (3.0, 4.0))
+    assert scalar_leaves(value_of_leaves(of, [1.0, 2.0, 3.0, 4.0])) == [1.0, 2.0, 3.0, 4.0]
+    assert value_of_leaves(FLOAT, [7.0]) == 7.0
+    assert scalar_leaves(7.0) == [7.0]
     for more in ([1.0] * 5, [1.0] * 9):
         with pytest.raises(NotRecheckedError, match="a list on a topic"):
-            filled(of, more)
+            value_of_leaves(of, more)
     with pytest.raises(NotRecheckedError, match="a list on a topic"):
-        filled(ListType(FLOAT, 3), [1.0])
+        value_of_leaves(ListType(FLOAT, 3), [1.0])

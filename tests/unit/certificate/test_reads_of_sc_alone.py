@@ -8,7 +8,7 @@ import pytest
 
 import soter
 from soter.api import recheck
-from soter.certificate.case_check import static_claims
+from soter.certificate.case_check import check_static_claims
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.report import RejectedError
 from soter.diagnostics.diagnostic import SoterError
@@ -60,4 +60,4 @@ def test_a_shorter_horizon_is_refused_by_both(tmp_path: Path) -> None:
     checked = check_file(str(path))
     facts = read_facts(system_of(checked, None), "M")
     with pytest.raises(RejectedError, match=r"which the DM does not read|shorter than"):
-        static_claims(facts, {"P1c": "assumed", "P2a": "proved"})
+        check_static_claims(facts, {"P1c": "assumed", "P2a": "proved"})

@@ -30,7 +30,7 @@ from soter.certificate.report import (
     Report,
 )
 from soter.certificate.terms.linear_enclosures import exact
-from soter.certificate.vacuous_proofs import _of_tables, of_those_above
+from soter.certificate.vacuous_proofs import _vacuous_tables, enter_vacuous_above
 from soter.cli.main import main
 from soter.language.evaluate.arithmetic import FaultKind, StepFault
 from soter.language.front_end import check_file
@@ -278,7 +278,7 @@ def test_one_false_module_rejects_all_else_it_is_said_which_were_not_rechecked(
         StepFault(FaultKind.ASSERT, detail="no"),
     ],
 )
-@pytest.mark.parametrize("where", ["_module", "read_certificate"])
+@pytest.mark.parametrize("where", ["_check_module", "read_certificate"])
 def test_what_fails_here_is_no_fault_of_the_certificate(
     error: Exception, where: str, three: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -301,7 +301,7 @@ def test_what_is_false_is_rejected(
         raise error
 
     folder = three(right, right, right)
-    monkeypatch.setattr(rechecker, "_module", fails)
+    monkeypatch.setattr(rechecker, "_check_module", fails)
     assert recheck(folder).verdict == REJECTED
 
 
@@ -316,7 +316,7 @@ def test_of_a_witness_that_is_not_confirmed_it_is_said_that_a_right_one_may_fail
         raise RejectedError(reason)
 
     folder = three(right, right, right)
-    monkeypatch.setattr(rechecker, "_module", fails)
+    monkeypatch.setattr(rechecker, "_check_module", fails)
     assert main(["recheck", str(folder)]) == 3
     assert ("a right proof may fail here, too" in capsys.readouterr().out) == (reason != "no")
 
@@ -359,7 +359,7 @@ def looked_at(core: HalfSpaces, back: Any, kept: Any, start: float = 0.0) -> tup
     tables: Any = SimpleNamespace(
         states=(0, 1), core=core, constraint=BOX, gives_back=back, leaves=kept
     )
-    return _of_tables(facts, [PolytopeGroup(tables)])
+    return _vacuous_tables(facts, [PolytopeGroup(tables)])
 
 
 def below(limit: float) -> list[tuple[tuple[float, ...], Any]]:
@@ -388,7 +388,7 @@ def test_what_is_claimed_while_one_is_in_ac_that_never_is() -> None:
     inner = RecheckedModule("Inner", {}, above="Outer")
     lowest = RecheckedModule("Lowest", {}, above="Inner")
     other = RecheckedModule("Other", {}, above="Outer", system="Another")
-    of_those_above([lowest, inner, outer, other])
+    enter_vacuous_above([lowest, inner, outer, other])
     assert inner.vacuous == "of Outer: AC never has control"
     assert lowest.vacuous == "of Outer: AC never has control"
     assert other.vacuous == ""

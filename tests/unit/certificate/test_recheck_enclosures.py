@@ -109,7 +109,7 @@ def term_of(path: Path, name: str, terms: Terms) -> tuple[list[Linear], Linear]:
     assert checked.program is not None
     assert checked.ok, checked.diagnostics
     fun = checked.program.funs[name]
-    inputs = [terms.input("state", p.name, exact(-6.0), exact(6.0)) for p in fun.parameters]
+    inputs = [terms.add_input("state", p.name, exact(-6.0), exact(6.0)) for p in fun.parameters]
     reads = tuple(typed.VarRead(p.type, p.span, p) for p in fun.parameters)
     call = typed.TypedCall(fun.result, fun.span, fun, reads)
     reader = SymbolicReader(terms, Surroundings({}, {}))
@@ -121,7 +121,7 @@ def term_of(path: Path, name: str, terms: Terms) -> tuple[list[Linear], Linear]:
 def test_a_function_stays_within_its_enclosure(program: Path, name: str) -> None:
     terms = Terms()
     inputs, value = term_of(program, name, terms)
-    places = [next(iter(x.terms)) for x in inputs]
+    places = [x.atom for x in inputs]
     step = compile_step(terms, places, 2, [value], ranges=[value], must=terms.obligations)
     function = soter.load(program).function(name)
     draw = np.random.default_rng(len(name))
@@ -156,11 +156,11 @@ def test_a_function_stays_within_its_enclosure(program: Path, name: str) -> None
 def test_a_number_over_its_size_saturates() -> None:
     """What friction is: never more than a number over a factor, wherever the cell is."""
     terms = Terms()
-    x, y = (terms.input("state", name, exact(-6.0), exact(6.0)) for name in "xy")
-    size = terms.combine(((exact(2.0), terms.function("abs", x)),), exact(0.1))
+    x, y = (terms.add_input("state", name, exact(-6.0), exact(6.0)) for name in "xy")
+    size = terms.combine(((exact(2.0), terms.apply_function("abs", x)),), exact(0.1))
     pushed = terms.multiply(terms.combine(((exact(-3.0), y),)), x)
     value = terms.divide(pushed, size)
-    places = [next(iter(a.terms)) for a in (x, y)]
+    places = [a.atom for a in (x, y)]
     step = compile_step(terms, places, 2, [value], ranges=[value], must=terms.obligations)
     draw = np.random.default_rng(19)
     for _ in range(300):
@@ -184,7 +184,7 @@ def test_a_number_over_its_size_saturates() -> None:
 
 def test_a_number_is_itself_however_it_was_rounded() -> None:
     terms = Terms()
-    x = terms.input("state", "x", exact(-6.0), exact(6.0))
+    x = terms.add_input("state", "x", exact(-6.0), exact(6.0))
     once, again = (terms.rounded(terms.combine(((ONE, x),), exact(0.1))) for _ in range(2))
     for op in ("==", "<=", ">="):
         assert terms.compare(op, once, once) is TRUE
@@ -199,7 +199,7 @@ def test_small_cells_have_small_enclosures(program: Path) -> None:
     for name in ("Limits", "Parts", "Waves", "Logs", "Roots"):
         terms = Terms()
         inputs, value = term_of(program, name, terms)
-        places = [next(iter(x.terms)) for x in inputs]
+        places = [x.atom for x in inputs]
         step = compile_step(terms, places, 2, [value], ranges=[value])
         image = step(
             form_of_box([(exact(0.5), exact(0.501)), (exact(1.1), exact(1.101))], symbols=True)
@@ -213,7 +213,7 @@ def test_no_line_says_less_than_the_range(program: Path) -> None:
     """However wide the cell: a law that is saturated on both sides has a rest of half its range."""
     terms = Terms()
     inputs, value = term_of(program, "Saturated", terms)
-    places = [next(iter(x.terms)) for x in inputs]
+    places = [x.atom for x in inputs]
     step = compile_step(terms, places, 2, [value], ranges=[value])
     draw = np.random.default_rng(3)
     for _ in range(200):
@@ -229,7 +229,7 @@ def test_no_line_says_less_than_the_range(program: Path) -> None:
 def test_a_limit_that_varies_is_a_limit(program: Path) -> None:
     terms = Terms()
     inputs, value = term_of(program, "Between", terms)
-    places = [next(iter(x.terms)) for x in inputs]
+    places = [x.atom for x in inputs]
     step = compile_step(terms, places, 2, [value], ranges=[value])
     draw = np.random.default_rng(4)
     for _ in range(200):

@@ -14,7 +14,7 @@ from soter.api.program import load
 from soter.certificate import rechecker
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.cell_sets import Cells
-from soter.certificate.control_changes import jumps_of
+from soter.certificate.handovers import jumps_of
 from soter.certificate.polytope.polytope_group import PolytopeGroup
 from soter.certificate.reading.problem import read_facts
 from soter.certificate.rechecker import recheck
@@ -379,9 +379,7 @@ def test_sets_that_nobody_claims_confirm_nothing(proved: Proved, tmp_path: Path)
     assert jumps[0].why == "nothing is claimed with which R(H) is confirmed"
 
 
-@pytest.mark.parametrize(
-    "where", ["control_changes.not_entered", "induction.handover_jumps.why_not"]
-)
+@pytest.mark.parametrize("where", ["handovers.not_entered", "induction.handover_jumps.why_not"])
 def test_what_goes_wrong_confirms_nothing(
     proved: Proved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:

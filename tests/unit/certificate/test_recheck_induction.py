@@ -241,14 +241,14 @@ def test_a_greater_k_than_is_needed_is_hardly_more_work(
 ) -> None:
     """Also where it is asked whether AC ever has control. The solver counts its work itself."""
     folder, done = certificate(tmp_path), [0]
-    answer = check_claims._answer
+    answer = check_claims._ask_solver
 
     def counted(facts: Any, *rest: Any) -> Any:
         said = answer(facts, *rest)
         done[-1] = facts.work
         return said
 
-    monkeypatch.setattr(check_claims, "_answer", counted)
+    monkeypatch.setattr(check_claims, "_ask_solver", counted)
     for k in (1, 64):
         sealed_again(folder, edited("k", k))
         done.append(0)

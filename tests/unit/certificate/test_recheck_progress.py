@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from soter.certificate.case_check import CaseCheck
 from soter.certificate.cell_sets import Grid
-from soter.certificate.grid.grid_group import BLOCK, BLOCKS, SMALL, blocks
+from soter.certificate.grid.grid_group import BLOCK, BLOCKS, SMALL, block_tasks
 from soter.certificate.groups import LOOK
 from soter.diagnostics.current_phase import telling_shares
 
@@ -24,9 +24,9 @@ def told(*holds: np.ndarray | None) -> list[float]:
     case = CaseCheck(None, [], set(), {}, 1)  # type: ignore[arg-type]
     edges = tuple(float(x) for x in range(SIDE + 1))
     for each in holds:
-        case.tasks += blocks("nothing", Grid((edges, edges)), lambda _: iter(()), each)
+        case.tasks += block_tasks("nothing", Grid((edges, edges)), lambda _: iter(()), each)
     with telling_shares(shares.append):
-        case._show()
+        case._run_tasks()
     return shares
 
 
@@ -57,7 +57,7 @@ def test_of_many_cells_the_share_moves_in_small_steps() -> None:
     shares: list[float] = []
     case = CaseCheck(None, [], set(), {}, 1)  # type: ignore[arg-type]
     grid = Grid(tuple(tuple(float(x) for x in range(n + 1)) for n in (80, 60, 56)))
-    case.tasks += blocks("nothing", grid, lambda _: iter(()))
+    case.tasks += block_tasks("nothing", grid, lambda _: iter(()))
     with telling_shares(shares.append):
-        case._show()
+        case._run_tasks()
     assert np.diff([0.0, *shares]).max() <= 2 * BLOCK / (80 * 60 * 56)

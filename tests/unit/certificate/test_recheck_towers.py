@@ -11,13 +11,13 @@ import pytest
 
 from soter.api.program import load
 from soter.api.rechecking import recheck
-from soter.certificate.control_changes import handed_back
 from soter.certificate.reading.derived_times import (
     Clock,
     TimingSetting,
     TopicPath,
     TopicReading,
     derive,
+    handed_back,
 )
 from soter.verify.problem.schedule import ActuationPath, Releases, Schedule, SensorPath
 from tables import all_rows

@@ -11,10 +11,10 @@ import pytest
 from bench.recheck.models import Cart
 
 from soter.certificate.case_check import CaseCheck
-from soter.certificate.cell_sets import Cells, Grid, unshown, volume
+from soter.certificate.cell_sets import Cells, Grid, cells_unshown, volume
 from soter.certificate.grid import estimates_and_shield
 from soter.certificate.grid.grid_group import GridGroup
-from soter.certificate.grid.group_claims import ChainCheck, GroupTables, ranked
+from soter.certificate.grid.group_claims import ChainCheck, GroupTables, cells_not_nearer
 from soter.certificate.grid.sc_chains import points_inwards
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import RejectedError
@@ -117,10 +117,10 @@ def test_a_group_that_flows_inwards_needs_no_chain(
     monkeypatch.setattr(ChainCheck, "chain", noted)
     check = GridGroup(groups[1]).check(model, None)
     assert check.kept
-    assert list(check.core()) == list(check.free(10**6)) == []
+    assert list(check.show_core()) == list(check.show_free(10**6)) == []
     assert asked == []
     check.kept = False
-    assert list(check.core())
+    assert list(check.show_core())
     assert asked
 
 
@@ -182,8 +182,8 @@ def test_what_a_law_keeps_is_told_on_the_cells_of_sc(tmp_path: Path) -> None:
     others.append(replace(law, states=(1,)))
     for other in others:
         with pytest.raises(RejectedError, match="other cells than SC"):
-            GridGroup(own).kept_by([GridGroup(other)])
-    kept = GridGroup(own).kept_by([*map(GridGroup, others), GridGroup(law)])
+            GridGroup(own).cells_kept_by_law([GridGroup(other)])
+    kept = GridGroup(own).cells_kept_by_law([*map(GridGroup, others), GridGroup(law)])
     assert kept.members.tolist() == (law.core > 0).tolist()
 
 
@@ -201,7 +201,7 @@ def test_where_the_dm_gives_control_back_by_a_table_q_lies_in_it(tmp_path: Path)
         )
         check = GridGroup(tables).check(model, None)
         with pytest.raises(RejectedError, match=why):
-            list(check.home(None))
+            list(check.show_return(None))
 
 
 def test_levels_are_as_many_as_are_asked_for_and_each_in_the_one_before(tmp_path: Path) -> None:
@@ -214,9 +214,9 @@ def test_levels_are_as_many_as_are_asked_for_and_each_in_the_one_before(tmp_path
     ):
         check = GridGroup(replace(groups[0], levels=levels)).check(model, None)
         with pytest.raises(RejectedError, match=why):
-            list(check.levels(10**6))
+            list(check.show_levels(10**6))
     check = GridGroup(replace(groups[0], levels=[sets[0], sets[2]])).check(model, None)
-    assert len(list(check.levels(10**6))) == 2
+    assert len(list(check.show_levels(10**6))) == 2
 
 
 @pytest.mark.parametrize(
@@ -258,7 +258,7 @@ def test_a_walk_gives_back_the_cells_that_nothing_showed() -> None:
                 return shown
 
             whole = tuple((0, n) for n in shape)
-            cells = {tuple(low for low, _ in b) for b in unshown(todo, whole, attempt, 8)}
+            cells = {tuple(low for low, _ in b) for b in cells_unshown(todo, whole, attempt, 8)}
             assert cells == {tuple(int(i) for i in c) for c in np.argwhere(todo & ~true)}
             assert max(tried, default=1) <= 8
 
@@ -285,19 +285,19 @@ def test_a_block_is_followed_while_all_of_it_is_within(
     check = ChainCheck(model, group)
     everywhere = Cells(group.grid, np.ones(group.grid.shape, dtype=np.bool_))
     box = group.grid.box(((5, 7), (4, 6)))
-    whole = dict(check.reached(box, [2, 5], everywhere, 1))
+    whole = dict(check.follow(box, [2, 5], everywhere, 1))
     assert list(whole) == [2, 5]
     assert all(len(ends) == 1 for ends in whole.values())
     assert check.leads(box, 5, everywhere, lambda end: end in whole[5], 1)
     assert not check.leads(box, 5, everywhere, lambda end: end in whole[2], 1)
-    halves = dict(check.reached(box, [2, 5], everywhere, 1, cuts=1))
+    halves = dict(check.follow(box, [2, 5], everywhere, 1, cuts=1))
     assert [len(ends) for ends in halves.values()] == [1, 2]
     for axis in (0, 1):  # the parts together are no larger than the whole
         low, high = whole[5][0][2 * axis : 2 * axis + 2]
         assert min(end[2 * axis] for end in halves[5]) >= low
         assert max(end[2 * axis + 1] for end in halves[5]) <= high
     edge = group.grid.box(((11, 12), (9, 10)))  # at the wall, as fast as the grid goes
-    assert list(check.reached(edge, [3], everywhere, 1)) == []
+    assert list(check.follow(edge, [3], everywhere, 1)) == []
 
 
 def test_every_cell_is_held_to_its_own_rank(small: tuple[CaseModel, GroupTables]) -> None:
@@ -313,17 +313,17 @@ def test_every_cell_is_held_to_its_own_rank(small: tuple[CaseModel, GroupTables]
     group = replace(group, rank=rank, rank_holds=holds)
     check = ChainCheck(model, group)
     whole = group.grid.whole
-    assert list(ranked(check, Cells(group.grid, home), whole)) == []
+    assert list(cells_not_nearer(check, Cells(group.grid, home), whole)) == []
     rank[8, 4:6] = 1  # beside home, and of a rank that only home is below
     rank[2, 4:6] = 1
-    assert list(ranked(check, Cells(group.grid, home), whole)) == []
+    assert list(cells_not_nearer(check, Cells(group.grid, home), whole)) == []
     holds[3, 4] = 0
-    blocks = list(ranked(check, Cells(group.grid, home), whole))
+    blocks = list(cells_not_nearer(check, Cells(group.grid, home), whole))
     assert blocks == [((3, 4), (4, 5))], "no hold, no way"
     none = Cells(group.grid, np.zeros(shape, dtype=np.bool_))
     rank[:], holds[:] = 0, 1
     rank[home] = 1
-    left = list(ranked(check, none, whole))
+    left = list(cells_not_nearer(check, none, whole))
     assert len(left) == home.sum(), "what leads to rank 1 is not below rank 1"
 
 
@@ -353,9 +353,9 @@ def test_levels_lose_the_cells_of_which_an_estimate_lies_outside(
     for cell in np.argwhere(level.members):
         block = tuple((int(i), int(i) + 1) for i in cell)
         expected[tuple(cell)] = level.contains(
-            estimates_and_shield.around(model, group, grid.box(block))
+            estimates_and_shield.estimates_around(model, group, grid.box(block))
         )
-    assert np.array_equal(estimates_and_shield.eroded(model, group, level).members, expected)
+    assert np.array_equal(estimates_and_shield.eroded_cells(model, group, level).members, expected)
     assert 0 < expected.sum() < level.members.sum()
 
 
@@ -370,7 +370,7 @@ def test_levels_of_two_estimated_states_lose_cells_on_either_axis(
     grid = Grid(edges)
     group = GroupTables((0, 1), grid, np.ones(grid.shape, dtype=np.uint8))
     level = Cells(grid, draw.random(grid.shape) < 0.95)
-    left = estimates_and_shield.eroded(model, group, level).members
+    left = estimates_and_shield.eroded_cells(model, group, level).members
     for at in np.ndindex(*grid.shape):
         touched, met = (cells_around(edges, errors, at, closed=c) for c in (False, True))
         assert level.members[np.ix_(*touched)].all() or not left[at]

@@ -127,8 +127,8 @@ def test_a_chain_sees_the_rates_of_what_it_follows(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("soter.certificate.grid.grid_group.is_linear", lambda model, _: model)
     for kept, linear in itertools.product((True, False), repeat=2):
         check: Any = SimpleNamespace(kept=kept, model=linear, tables=SimpleNamespace(states=(0,)))
-        assert GridCheck.sees_rates.fget(check) == (not kept and not linear)  # type: ignore[attr-defined]
-    assert not GroupCheck.sees_rates.fget(None)  # type: ignore[attr-defined]
+        assert GridCheck.shows_rates_defined.fget(check) == (not kept and not linear)  # type: ignore[attr-defined]
+    assert not GroupCheck.shows_rates_defined.fget(None)  # type: ignore[attr-defined]
 
 
 def test_what_others_publish_has_a_value_set(tmp_path: Path) -> None:
@@ -232,10 +232,10 @@ def test_nobody_beside_the_module_publishes_its_outputs(who: str) -> None:
         commanding=[sc],
     )
     if who == "nobody":
-        supported_constructs._topics(facts)
+        supported_constructs._require_own_topics(facts)
     else:
         with pytest.raises(NotRecheckedError, match=r"alone|input"):
-            supported_constructs._topics(facts)
+            supported_constructs._require_own_topics(facts)
 
 
 def test_an_axis_goes_as_far_as_it_is_open(tmp_path: Path) -> None:
@@ -261,7 +261,7 @@ def test_a_field_within_a_field_is_the_state_that_it_is(tmp_path: Path) -> None:
     (value,) = (e for t, e in plant.plant.drives if t.name == "whole")
     (index,) = (i for i, s in enumerate(facts.states) if s.name.endswith("p.p"))
     for path, found in ((("two", "b"), index), (("two", "a"), None), (("one", "b"), None)):
-        assert problem.followed(facts, plant, value, path) == found
+        assert problem.state_published(facts, plant, value, path) == found
 
 
 def test_what_is_read_and_no_plant_drives_is_an_input(tmp_path: Path) -> None:

@@ -14,7 +14,12 @@ from bench.recheck.small_modules import PROGRAMS
 
 from soter.certificate import folder as folders
 from soter.certificate import rechecker, scope
-from soter.certificate.case_check import CaseCheck, can_fork, of_the_module, static_claims
+from soter.certificate.case_check import (
+    CaseCheck,
+    can_fork,
+    check_module_claims,
+    check_static_claims,
+)
 from soter.certificate.cell_sets import Cells, Grid
 from soter.certificate.folder import FORMAT, canonical, read_certificate
 from soter.certificate.grid.grid_group import GridCheck, GridGroup
@@ -89,7 +94,7 @@ def test_a_manifest_without_modules_is_rejected(modules: object) -> None:
     certificate: Any = SimpleNamespace(manifest=manifest)
     report: Any = SimpleNamespace(program="")
     with pytest.raises(RejectedError, match="no modules"):
-        rechecker._check(certificate, report, 1)
+        rechecker._check_certificate(certificate, report, 1)
 
 
 # ---------------------------------------------------------------- claims
@@ -105,7 +110,7 @@ def claimed(
     seen: str = "",
     **more: str,
 ) -> None:
-    monkeypatch.setattr("soter.certificate.case_check.of_the_module", lambda *_: None)
+    monkeypatch.setattr("soter.certificate.case_check.check_module_claims", lambda *_: None)
     monkeypatch.setattr("soter.certificate.case_check.p1c_of", lambda _: "assumed")
     by_dm, by_sc = ([SimpleNamespace(name=n) for n in names] for names in (seen, "xy"))
     setting = SimpleNamespace(by_dm=by_dm, by_sc=by_sc)
@@ -119,7 +124,7 @@ def claimed(
         flying=None,
         flying_module=None,
     )
-    static_claims(facts, {"P1c": p1c, **more})
+    check_static_claims(facts, {"P1c": p1c, **more})
 
 
 def controllers(
@@ -138,12 +143,12 @@ def controllers(
 @pytest.mark.parametrize("periods", [(1, 1), (5, 1), (1, 5), (6, 1), (1, 6)])
 def test_no_controller_is_slower_than_its_dm(periods: tuple[int, int]) -> None:
     system, module = controllers(periods=periods)
-    of_the_module(system, module, {"P1a": "assumed"})
+    check_module_claims(system, module, {"P1a": "assumed"})
     if max(periods) <= 5:
-        of_the_module(system, module, {"P1a": "proved"})
+        check_module_claims(system, module, {"P1a": "proved"})
     else:
         with pytest.raises(RejectedError, match="P1a"):
-            of_the_module(system, module, {"P1a": "proved"})
+            check_module_claims(system, module, {"P1a": "proved"})
 
 
 @pytest.mark.parametrize(
@@ -160,12 +165,12 @@ def test_both_controllers_publish_all_outputs_and_no_others(
     ac: str, sc: str, outputs: str, fine: bool
 ) -> None:
     system, module = controllers(ac, sc, outputs)
-    of_the_module(system, module, {"P1b": "assumed"})
+    check_module_claims(system, module, {"P1b": "assumed"})
     if fine:
-        of_the_module(system, module, {"P1b": "proved"})
+        check_module_claims(system, module, {"P1b": "proved"})
     else:
         with pytest.raises(RejectedError, match="P1b"):
-            of_the_module(system, module, {"P1b": "proved"})
+            check_module_claims(system, module, {"P1b": "proved"})
 
 
 def test_what_sc_alone_reads_is_there_within_the_horizon(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,7 +203,7 @@ def test_k_holds_no_cell_on_which_safe_is_not_certain(
     left: bool, lawful: list[bool] | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where no run leaves K."""
-    monkeypatch.setattr("soter.certificate.grid.grid_group.blocks", lambda *_: ["asked"])
+    monkeypatch.setattr("soter.certificate.grid.grid_group.block_tasks", lambda *_: ["asked"])
     grid = Grid(((0.0, 1.0, 2.0, 3.0),))
     for members, allowed in itertools.product(itertools.product((False, True), repeat=3), repeat=2):
         check: Any = SimpleNamespace(
@@ -214,11 +219,11 @@ def test_k_holds_no_cell_on_which_safe_is_not_certain(
             a and (lawful is None or b) for a, b in zip(allowed, lawful or allowed, strict=True)
         ]
         if all(c or not m for m, c in zip(members, certain, strict=True)):
-            asked: list[Any] = list(GridCheck.core(check))
+            asked: list[Any] = list(GridCheck.show_core(check))
             assert asked == (["asked"] if left else [])
         else:
             with pytest.raises(RejectedError, match="not certain"):
-                GridCheck.core(check)
+                GridCheck.show_core(check)
 
 
 @pytest.mark.parametrize(("begins", "asked"), [((2.0, 3.0), True), ((3.0,), False)])
@@ -231,10 +236,10 @@ def test_a_start_is_asked_with_the_values_with_which_runs_start(
     starts: list[int] = []
     case: Any = SimpleNamespace(
         model=SimpleNamespace(facts=facts, parameter=(2.0,)),
-        checks=[SimpleNamespace(start=starts.append)],
-        _ask=list,
+        checks=[SimpleNamespace(show_start=starts.append)],
+        _add_tasks=list,
     )
-    CaseCheck._start(case)
+    CaseCheck._ask_start(case)
     assert starts == ([7] if asked else [])
 
 
@@ -247,14 +252,14 @@ def test_each_case_is_held_to_the_law(monkeypatch: pytest.MonkeyPatch, law: str 
         return made[-1]
 
     monkeypatch.setattr(rechecker, "CaseModel", lambda *_: None)
-    monkeypatch.setattr(rechecker, "narrowed", lambda *_: None)
+    monkeypatch.setattr(rechecker, "narrowed_extents", lambda *_: None)
     monkeypatch.setattr(rechecker, "CaseCheck", case)
-    monkeypatch.setattr(rechecker, "kept_by_law", lambda of, k, _: (of, k))
+    monkeypatch.setattr(rechecker, "check_law", lambda of, k, _: (of, k))
     facts: Any = SimpleNamespace(
         cases=lambda: iter([(0,), (1,)]), extents=(), left_out=[], turning=set()
     )
     claims: Any = SimpleNamespace(groups=[[], []], law=law, claims=set())
-    rechecker._cases(facts, claims, {}, 1)
+    rechecker._check_cases(facts, claims, {}, 1)
     assert [c.lawful for c in made] == ([None] * 2 if law is None else [(law, 0), (law, 1)])
 
 
@@ -271,7 +276,7 @@ def test_ac_never_has_control_where_the_table_gives_it_nowhere(
         given_back=None if given is None else np.array([given, False]), levels=levels
     )
     group: Any = SimpleNamespace(tables=tables)
-    says, _ = GridGroup.never(group, iter(()))
+    says, _ = GridGroup.why_ac_never(group, iter(()))
     assert ("gives it back on no estimate" in says) == (given is False)
     assert ("leaves it in control on no estimate" in says) == (kept is False and given is not False)
 
@@ -281,7 +286,7 @@ def test_states_are_drawn_in_cells_of_k() -> None:
     tables = SimpleNamespace(grid=grid, core=np.array([0, 3, 1]))
     group: Any = SimpleNamespace(tables=tables, states=(0,))
     facts: Any = SimpleNamespace(states=[None])
-    draws = GridGroup.drawn(group, facts, np.random.default_rng(5))
+    draws = GridGroup.random_points(group, facts, np.random.default_rng(5))
     values = [next(draws)[0] for _ in range(60)]
     assert all(1.0 <= v <= 3.0 for v in values)
     assert min(values) < 2.0 < max(values)
@@ -306,7 +311,9 @@ def test_what_is_read_together_is_said_to_be_of_one_instant(tmp_path: Path) -> N
 
 def test_what_a_view_rests_on_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     facts = facts_of(tmp_path)
-    monkeypatch.setattr("soter.certificate.control_changes.assumed", lambda *_: [("key", "text")])
+    monkeypatch.setattr(
+        "soter.certificate.handovers.jump_assumptions", lambda *_: [("key", "text")]
+    )
     for view in (None, "a view"):
         facts.view = view  # type: ignore[assignment]
         said = [a.key for a in scope.assumptions_of(facts)]
@@ -314,7 +321,7 @@ def test_what_a_view_rests_on_is_said(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_what_is_assumed_of_modes_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    of = "soter.certificate.reading.sc_locals_and_modes.assumed"
+    of = "soter.certificate.reading.sc_locals_and_modes.mode_assumptions"
     monkeypatch.setattr(of, lambda *_: [("key", "text")])
     facts = facts_of(tmp_path)
     for modes in ((), ("a mode",)):
@@ -337,7 +344,7 @@ def test_a_bound_of_a_ball_is_a_bound_and_no_farther_than_it_has_to_be() -> None
 
 def test_a_factor_that_may_be_zero_turns_the_ends_round() -> None:
     terms = Terms()
-    x = terms.input("state", "x", exact(1.0), exact(2.0))
+    x = terms.add_input("state", "x", exact(1.0), exact(2.0))
     (atom,) = x.terms
     forms = AffineForms(terms, [atom], 1, {})
     for factor, low, high in (
@@ -346,7 +353,9 @@ def test_a_factor_that_may_be_zero_turns_the_ends_round() -> None:
         (exact(-1.0), -2.0, -1.0),
     ):
         forms.bounds = {atom: (exact(1.0), exact(2.0))}  # type: ignore[dict-item]
-        ends = forms.natural(Linear(ZERO, {atom: factor}, ZERO, ZERO, ZERO, nonnegative=False))
+        ends = forms.range_by_atoms(
+            Linear(ZERO, {atom: factor}, ZERO, ZERO, ZERO, nonnegative=False)
+        )
         values: list[Any] = [e.content if hasattr(e, "content") else e for e in ends]
         assert values[0].lower() <= low + 1e-9
         assert values[1].upper() >= high - 1e-9

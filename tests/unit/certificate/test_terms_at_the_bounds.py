@@ -19,7 +19,7 @@ from soter.certificate.folder import _overrides
 from soter.certificate.grid.chain_form_layout import FormLayout
 from soter.certificate.grid.group_claims import ChainCheck
 from soter.certificate.reading import supported_constructs
-from soter.certificate.reading.sc_locals_and_modes import one_of
+from soter.certificate.reading.sc_locals_and_modes import any_alternative
 from soter.certificate.reading.symbolic_operations import Operations, Rows
 from soter.certificate.reading.symbolic_reading import CallFrame, Surroundings, SymbolicReader
 from soter.certificate.report import NotRecheckedError, RejectedError
@@ -28,13 +28,10 @@ from soter.certificate.terms.compile_terms import (
     compile_step,
     compile_truths,
     form_of_box,
-    halved,
+    half_of_form,
 )
-from soter.certificate.terms.linear_enclosures import (
-    ONE,
-    exact,
-)
-from soter.certificate.terms.straight_line import CERTAIN, OPERATIONS, content_of
+from soter.certificate.terms.linear_enclosures import ONE, exact
+from soter.certificate.terms.straight_line import CERTAIN, OPERATIONS, key_of_constant
 from soter.certificate.terms.terms import FALSE, TRUE, Linear, Terms
 from soter.language.front_end import check_file
 from unit.certificate import small_proofs
@@ -48,7 +45,7 @@ if TYPE_CHECKING:
 
 
 def inputs_of_two(terms: Terms) -> list[Linear]:
-    return [terms.input("state", name, exact(-6.0), exact(6.0)) for name in "xy"]
+    return [terms.add_input("state", name, exact(-6.0), exact(6.0)) for name in "xy"]
 
 
 def image(terms: Terms, value: Linear, box: Sequence[tuple[float, float]]) -> Any:
@@ -70,7 +67,7 @@ def test_one_of_several_is_any_of_them() -> None:
     terms = Terms()
     x, y = inputs_of_two(terms)
     others = [terms.combine(((ONE, x), (exact(c), y)), exact(d)) for c, d in ((1.0, 0.5), (3, -2))]
-    value = one_of(terms, [x, *others])
+    value = any_alternative(terms, [x, *others])
     form, (low, high) = image(terms, value, [(0.5, 1.5), (1.0, 2.0)])
     for a, b in itertools.product((0.5, 1.0, 1.5), (1.0, 2.0)):
         for v in (a, a + b + 0.5, a + 3 * b - 2):
@@ -101,7 +98,7 @@ def test_what_is_known_on_both_sides_of_a_branch_stays_known() -> None:
     terms = Terms()
     x, _ = inputs_of_two(terms)
     operations, of = Operations(terms, rounded=True), Any
-    c = terms.below(x)
+    c = terms.below_zero(x)
     for known in (2, 2.5, True):
         assert operations.join(of, c, known, known) is known  # type: ignore[arg-type]
     one = operations.join(of, c, 1.0, x)  # type: ignore[arg-type]
@@ -122,7 +119,7 @@ def test_a_root_asks_that_there_is_one() -> None:
     terms = Terms()
     x, _ = inputs_of_two(terms)
     operations = Operations(terms, rounded=True)
-    operations.builtin("sqrt", terms.function("square", x, nonnegative=True))
+    operations.builtin("sqrt", terms.apply_function("square", x, nonnegative=True))
     assert terms.multiply(x, x).nonnegative
     assert not terms.obligations
     operations.builtin("sqrt", x)
@@ -142,7 +139,7 @@ def test_halves_of_a_form_are_that_form(n: int, memories: int) -> None:
         numbers[: 2 * count] = np.tile([-9.0, 9.0], count)
         form = tuple(exact(float(v)) for v in numbers)
         for axis, side in itertools.product(range(n), (0.5, -0.5)):
-            half = halved(form, n, axis, exact(side))
+            half = half_of_form(form, n, axis, exact(side))
             eps, beta = draw.choice([-1.0, 1.0], n), draw.choice([-1.0, 1.0], count)
             ours = draw.uniform(-0.5, 0.5) + side
             new_beta, beta[axis] = beta.copy(), ours
@@ -167,7 +164,7 @@ def test_the_state_with_the_widest_rest_in_cells_is_halved() -> None:
     check: Any = SimpleNamespace(group=SimpleNamespace(states=(0, 1), grid=grid))
     form = [exact(0.0)] * 12
     form[10], form[11] = exact(5.0), exact(0.6)
-    for part in ChainCheck._parts(check, tuple(form)):
+    for part in ChainCheck._halves_of_form(check, tuple(form)):
         assert part[10] == 5
         assert part[11] == exact(0.6) / 2
 
@@ -176,7 +173,7 @@ def test_the_state_with_the_widest_rest_in_cells_is_halved() -> None:
 def test_what_a_function_may_be_off_is_in_its_image(extra: float) -> None:
     terms = Terms()
     x, _ = inputs_of_two(terms)
-    value = terms.function("exp", x)
+    value = terms.apply_function("exp", x)
     atom = terms.atoms[-1]
     atom.extra, atom.low, atom.high = exact(extra), atom.low - 1, atom.high + 1
     form, (low, high) = image(terms, value, [(1.0, 1.1), (0.0, 1.0)])
@@ -189,7 +186,7 @@ def test_of_what_is_not_negative_a_function_is_taken_from_zero_on() -> None:
     terms = Terms()
     x, _ = inputs_of_two(terms)
     for nonnegative, least in ((True, 1.0), (False, math.exp(-6.0))):
-        value = terms.function("exp", replace(x, nonnegative=nonnegative))
+        value = terms.apply_function("exp", replace(x, nonnegative=nonnegative))
         assert abs(value.low - least) < 1e-5
 
 
@@ -197,10 +194,10 @@ def test_of_what_is_not_negative_a_function_is_taken_from_zero_on() -> None:
 def test_what_is_below_zero_is_known_from_its_ends(strict: bool) -> None:
     for low, high in itertools.combinations_with_replacement((-1.0, 0.0, 1.0), 2):
         terms = Terms()
-        x = terms.input("state", "x", exact(low), exact(high))
+        x = terms.add_input("state", "x", exact(low), exact(high))
         certain, never = (high < 0, low >= 0) if strict else (high <= 0, low > 0)
         expected = "certain" if certain else "never" if never else "open"
-        truth = terms.below(x, strict=strict)
+        truth = terms.below_zero(x, strict=strict)
         assert expected == ("certain" if truth is TRUE else "never" if truth is FALSE else "open")
 
 
@@ -219,7 +216,7 @@ def test_a_table_of_one_column_is_read() -> None:
     operations = Operations(terms, rounded=True)
     for width in (1, 2):
         rows = Rows([tuple(float(10 * r + c) for c in range(width)) for r in range(3)], x)
-        value: Any = operations.selected_twice(rows, y)
+        value: Any = operations.select_from_table(rows, y)
         low, high = image(terms, value, [(2.0, 2.0), (width - 1.0, width - 1.0)])[1]
         assert abs(low - (20 + width - 1)) < 1e-9
         assert abs(high - low) < 1e-9
@@ -228,16 +225,16 @@ def test_a_table_of_one_column_is_read() -> None:
 def test_minus_a_number_is_no_int() -> None:
     operations = Operations(Terms(), rounded=True)
     for x in (1e300, -2.5, 0.0, 3, -(2**62)):
-        assert operations.negated(x) == -x
-    assert str(operations.negated(0.0)) == "-0.0"
+        assert operations.negate(x) == -x
+    assert str(operations.negate(0.0)) == "-0.0"
 
 
 def test_only_equal_constants_are_one() -> None:
     equal: list[Any] = [2, 2.0, exact(0.5), np.array([1.0, 2.0]), (ONE, 3), True]
     for x, y in itertools.product(equal, repeat=2):
-        assert (content_of(x) == content_of(y)) is (x is y)
+        assert (key_of_constant(x) == key_of_constant(y)) is (x is y)
     for unknown in (arb("nan"), arb("inf"), TRUE):
-        assert content_of(unknown) != content_of(unknown)
+        assert key_of_constant(unknown) != key_of_constant(unknown)
 
 
 @pytest.mark.parametrize("given", [True, False])
@@ -251,7 +248,7 @@ def test_each_old_command_is_as_far_off_as_its_range_is_wide(given: bool) -> Non
         form[2 * (n + k)], form[2 * (n + k) + 1] = low, high
         form[2 * count + n + k] = (low + high) / 2
         form[(3 + n) * count + n + k] = (high - low) / 2
-    opened = layout.opened(tuple(form), None if given else ends)
+    opened = layout.open(tuple(form), None if given else ends)
     symbols = set()
     for k, (low, high) in enumerate(ends):
         row = opened.z[n + k]
@@ -396,8 +393,8 @@ def test_as_many_cases_as_are_gone_through(
 ) -> None:
     facts = small_proofs.facts_of(_written(tmp_path, PROGRAMS["written"]), "S", "M")
     monkeypatch.setattr(rechecker, "CASES_MAX", most)
-    monkeypatch.setattr(rechecker, "compare", lambda *_: None)
-    monkeypatch.setattr(rechecker, "static_claims", lambda *_: None)
+    monkeypatch.setattr(rechecker, "compare_figures", lambda *_: None)
+    monkeypatch.setattr(rechecker, "check_static_claims", lambda *_: None)
     entry = {"claims": {"P2a": "proved"}, "cases": []}
     with pytest.raises(RejectedError if fine else NotRecheckedError, match="combinations"):
         rechecker.read_claimed(SimpleNamespace(), facts, entry)  # type: ignore[arg-type]
@@ -407,9 +404,9 @@ def test_a_module_has_tables_where_its_predicates_are_computed_and_else_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     facts = small_proofs.facts_of(_written(tmp_path, PROGRAMS["written"]), "S", "M")
-    for name in ("compare", "static_claims", "refuse_unclaimed"):
+    for name in ("compare_figures", "check_static_claims", "refuse_unclaimed"):
         monkeypatch.setattr(rechecker, name, lambda *_, **__: None)
-    monkeypatch.setattr(rechecker, "groups_of", lambda *_: [])
+    monkeypatch.setattr(rechecker, "read_groups", lambda *_: [])
     case: Any = {"parameter": [], "groups": []}
     entry: Any = {"claims": {"P2a": "proved"}, "cases": [case], "tables": []}
     with pytest.raises(RejectedError, match="has tables of its DM"):

@@ -35,7 +35,7 @@ BOXES += [((-6.0, 6.0), (-6.0, 6.0)), ((-0.75, 0.0), (-0.75, 0.0))]
 
 def two_inputs() -> Any:
     terms = Terms()
-    return terms, *(terms.input("state", n, exact(-6.0), exact(6.0)) for n in "xy")
+    return terms, *(terms.add_input("state", n, exact(-6.0), exact(6.0)) for n in "xy")
 
 
 def at_points(terms: Terms, value: Linear) -> Callable[[float, float], tuple[float, float]]:
@@ -78,9 +78,9 @@ def holds(terms: Terms, truth: Proposition, x: float, y: float = 0.0) -> bool:
 def test_so_many_atoms_and_no_more() -> None:
     terms = Terms(limit=2)
     for name in "xy":
-        terms.input("state", name, ZERO, ONE)
+        terms.add_input("state", name, ZERO, ONE)
     with pytest.raises(NotRecheckedError, match="too large"):
-        terms.input("state", "z", ZERO, ONE)
+        terms.add_input("state", "z", ZERO, ONE)
 
 
 def test_numbers_that_are_not_negative() -> None:
@@ -88,8 +88,10 @@ def test_numbers_that_are_not_negative() -> None:
     for value in (-1.0, -0.0, 0.0, 2.0):
         assert terms.constant(value).nonnegative is (value >= 0)
     kept = {n: replace(x, nonnegative=n) for n in (True, False)}
-    others = {n: replace(terms.input("box", "b", ZERO, ONE), nonnegative=n) for n in (True, False)}
-    truth = terms.below(x)
+    others = {
+        n: replace(terms.add_input("box", "b", ZERO, ONE), nonnegative=n) for n in (True, False)
+    }
+    truth = terms.below_zero(x)
     for (m, a), (n, b) in itertools.product(kept.items(), others.items()):
         assert terms.add(a, b).nonnegative is (m and n)
         assert terms.multiply(a, b).nonnegative is (m and n)
@@ -103,7 +105,7 @@ def test_numbers_that_are_not_negative() -> None:
         assert terms.multiply(number, kept[sign]).nonnegative is (sign and factor >= 0)
         assert terms.atoms[-1].kind != "product"
     assert terms.multiply(x, x).nonnegative is True
-    assert terms.function("square", x).nonnegative is False
+    assert terms.apply_function("square", x).nonnegative is False
     assert terms.rounded(kept[True]).nonnegative is True
     assert terms.rounded(kept[False]).nonnegative is False
     assert x.nonnegative is False
@@ -112,7 +114,7 @@ def test_numbers_that_are_not_negative() -> None:
 @pytest.mark.parametrize(("low", "high"), [(-6.0, 2.0), (-1.0, 8.0), (0.0, 0.0), (3.0, 3.5)])
 def test_rounding_is_half_a_unit_of_the_largest(low: float, high: float) -> None:
     terms = Terms()
-    x = terms.input("state", "x", exact(low), exact(high))
+    x = terms.add_input("state", "x", exact(low), exact(high))
     r = terms.rounded(x)
     least = exact(2.0**-53) * max(-low, high) + exact(5e-324)
     most = least * (1 + exact(2.0**-50))
@@ -126,8 +128,8 @@ def test_a_number_that_may_be_too_large_has_to_be_a_double() -> None:
     for bound, fine in ((2.0**1023, False), (math.nextafter(2.0**1023, 0), True)):
         for low, high in ((-bound, 0.0), (0.0, bound)):
             terms = Terms()
-            x = terms.input("state", "x", exact(low), exact(high))
-            terms.input("state", "y", ZERO, ZERO)
+            x = terms.add_input("state", "x", exact(low), exact(high))
+            terms.add_input("state", "y", ZERO, ZERO)
             r = terms.rounded(x)
             assert len(terms.obligations) == (0 if fine else 1)
             if fine:
@@ -220,7 +222,7 @@ def test_a_soft_sign_is_found_where_there_is_one() -> None:
     """Of y / (k |y| + c) the range is that of its ends; of all else what comes out encloses it."""
     for k, c, f in ((0.5, 1.0, 1.0), (2.0, 3.0, -2.0), (1.0, 0.5, 3.0)):
         terms, x, y = two_inputs()
-        b = terms.combine(((exact(k), terms.function("abs", y)),), exact(c))
+        b = terms.combine(((exact(k), terms.apply_function("abs", y)),), exact(c))
         end = 6.0 * abs(f) / (6.0 * k + c)
         quotients: list[tuple[Linear, Of]] = [
             (terms.divide(terms.combine(((exact(f), y),)), b), lambda _, v, f=f: f * v),  # type: ignore[misc]
@@ -246,13 +248,13 @@ def test_a_soft_sign_is_found_where_there_is_one() -> None:
 def test_what_is_no_soft_sign_is_not_taken_for_one() -> None:
     terms, x, y = two_inputs()
     half = exact(0.5)
-    size = terms.function("abs", y)
+    size = terms.apply_function("abs", y)
     plus = terms.combine(((ONE, size),), ONE)
-    other = terms.combine(((ONE, terms.function("square", y)),), ONE)
-    two = terms.combine(((ONE, size), (ONE, terms.function("square", y))), ONE)
+    other = terms.combine(((ONE, terms.apply_function("square", y)),), ONE)
+    two = terms.combine(((ONE, size), (ONE, terms.apply_function("square", y))), ONE)
     falling = terms.combine(((-ONE, size),), exact(8.0))
     below = terms.combine(((ONE, size),), exact(-8.0))
-    of_x = terms.combine(((ONE, terms.function("abs", x)),), ONE)
+    of_x = terms.combine(((ONE, terms.apply_function("abs", x)),), ONE)
     shifted = terms.combine(((ONE, y),), ONE)
     total = terms.add(x, y)
     cases: list[tuple[Linear, Linear, Of]] = [
@@ -264,8 +266,8 @@ def test_what_is_no_soft_sign_is_not_taken_for_one() -> None:
         (y, below, lambda _, v: v / (abs(v) - 8)),
         (y, of_x, lambda u, v: v / (1 + abs(u))),
         (x, plus, lambda u, v: u / (1 + abs(v))),
-        (terms.function("square", y), plus, lambda _, v: v * v / (1 + abs(v))),
-        (terms.function("abs", y), plus, lambda _, v: abs(v) / (1 + abs(v))),
+        (terms.apply_function("square", y), plus, lambda _, v: v * v / (1 + abs(v))),
+        (terms.apply_function("abs", y), plus, lambda _, v: abs(v) / (1 + abs(v))),
         (terms.constant(2.0), plus, lambda _, v: 2 / (1 + abs(v))),
         (y, size, lambda _, v: v / abs(v)),
         (
@@ -273,7 +275,11 @@ def test_what_is_no_soft_sign_is_not_taken_for_one() -> None:
             plus,
             lambda u, v: (u * v + 1) / (1 + abs(v)),
         ),
-        (terms.choose(terms.below(x), y, x), plus, lambda u, v: (v if u < 0 else u) / (1 + abs(v))),
+        (
+            terms.choose(terms.below_zero(x), y, x),
+            plus,
+            lambda u, v: (v if u < 0 else u) / (1 + abs(v)),
+        ),
     ]
     for a, b, of in cases:
         made = terms.divide(a, b)
@@ -335,7 +341,7 @@ def test_the_lesser_and_the_greater_one(name: str, tight: bool) -> None:
 
 def test_a_choice_is_one_of_two() -> None:
     terms, x, y = two_inputs()
-    truth = terms.below(x)
+    truth = terms.below_zero(x)
     assert terms.choose(TRUE, x, y) is x
     assert terms.choose(FALSE, x, y) is y
     assert terms.choose(truth, x, terms.combine(((ONE, x),))) is x
@@ -387,7 +393,9 @@ def test_a_table_is_read_where_it_has_elements() -> None:
 def test_a_function_that_is_off_is_kept_in_its_range() -> None:
     for low, high, wanted in ((-9.0, 9.0, (-1.25, 1.25)), (-1.0, 1.0, (-1.0, 1.0))):
         terms, x, _ = two_inputs()
-        wide = terms.widened(terms.function("sin", x), exact(0.25), exact(low), exact(high))
+        wide = terms.with_error(
+            terms.apply_function("sin", x), exact(0.25), exact(low), exact(high)
+        )
         assert (float(wide.low), float(wide.high)) == pytest.approx(wanted, abs=1e-6)
         assert wide.const == 0 == wide.radius
         atom = terms.atoms[-1]
@@ -422,10 +430,10 @@ def drawn(terms: Terms, chance: np.random.Generator, pool: list[Pair]) -> Pair:
         lambda: (terms.multiply(a, b), lambda x, y: f(x, y) * g(x, y)),
         lambda: (terms.minimum(a, b, tight=c > 0), lambda x, y: min(f(x, y), g(x, y))),
         lambda: (terms.maximum(a, b, tight=c > 0), lambda x, y: max(f(x, y), g(x, y))),
-        lambda: (terms.function(name, a), lambda x, y: plain[name](f(x, y))),
+        lambda: (terms.apply_function(name, a), lambda x, y: plain[name](f(x, y))),
         lambda: (terms.choose(truth, d, b), lambda x, y: h(x, y) if f(x, y) < g(x, y) else g(x, y)),
         lambda: (
-            terms.divide(a, terms.combine(((ONE, terms.function("square", b)),), ONE)),
+            terms.divide(a, terms.combine(((ONE, terms.apply_function("square", b)),), ONE)),
             lambda x, y: f(x, y) / (1 + g(x, y) ** 2),
         ),
     ]

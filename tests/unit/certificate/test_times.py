@@ -170,7 +170,7 @@ def claimed(setting: TimingSetting, times: DerivedTimes) -> dict[str, int]:
         "jitter": times.jitter,
         "handed": times.h_star - times.age,
         "h_0": times.h_0,
-        "lag": path.lag(0),
+        "lag": path.longest_lag(0),
     }
 
 

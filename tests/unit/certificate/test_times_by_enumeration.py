@@ -58,14 +58,14 @@ class Defaults(TopicPath):
         del silent
         return True
 
-    def lag(self, silent: int) -> int:
+    def longest_lag(self, silent: int) -> int:
         return 2 + silent
 
 
 class Missed(Effect):
     """Acts at once only on what is published in the instant of its release."""
 
-    def last(self, published: int, *, at_once: bool) -> int:
+    def latest(self, published: int, *, at_once: bool) -> int:
         return published + self.most + (0 if at_once else 1)
 
 
@@ -197,8 +197,8 @@ def test_times_are_what_they_are_defined_to_be() -> None:
 def test_a_clock_is_due_at_its_releases() -> None:
     for period, phase, time in itertools.product((1, 2, 5), (0, 1, 4, 7), range(-8, 12)):
         clock = Clock("c", period, phase)
-        assert clock.next_at(time) == first_from(clock, time)
-        assert clock.last_at(time) == last_until(clock, time)
+        assert clock.next_release(time) == first_from(clock, time)
+        assert clock.last_release(time) == last_until(clock, time)
         for end, other in itertools.product(range(time - 1, time + 7), (0, 3)):
             times = [t for t in range(time, end) if (t - other) % period == 0]
             assert list(clock.times_in(time, end, other)) == times
@@ -211,24 +211,24 @@ def test_a_read_is_oldest_before_a_publication() -> None:
     for period, phase, start, end in itertools.product((1, 3, 4), (0, 2), range(5), range(5, 9)):
         path = TopicPath(Clock("s", period, phase))
         ages = {t: t - last_until(path.sensor, t) for t in range(start, end + 1)}
-        assert {t: t - path.stamp(t) for t in ages} == ages
-        assert {t: t - path.state(t) for t in ages} == ages
-        turns = list(path.turns(start, end))
+        assert {t: t - path.oldest_stamp(t) for t in ages} == ages
+        assert {t: t - path.oldest_state(t) for t in ages} == ages
+        turns = list(path.age_peaks(start, end))
         assert set(turns) <= set(ages)
         assert max(ages[t] for t in turns) == max(ages.values())
         assert turns == [t for t in range(start, end) if ages[t] == period - 1] + [end]
         assert path.clocks == (path.sensor,)
-        assert path.certain_from() == phase
+        assert path.certain_since() == phase
         for silent in (0, 5):
-            assert path.lag(silent) == 0
-            assert path.certain_from(silent) == phase + silent
+            assert path.longest_lag(silent) == 0
+            assert path.certain_since(silent) == phase + silent
             assert path.may_publish_nothing(silent) is False
 
 
 def test_an_output_acts_between_its_bounds() -> None:
     effect = Effect(2, 5)
     for at_once in (True, False):
-        assert (effect.first(7), effect.last(7, at_once=at_once)) == (9, 12)
+        assert (effect.earliest(7), effect.latest(7, at_once=at_once)) == (9, 12)
     assert effect.clocks == ()
     assert (Effect().least, Effect().most) == (0, 0)
     plain = TimingSetting(Clock("the DM", 4), Clock("SC", 4), (), ())

@@ -14,10 +14,10 @@ from soter.certificate.grid.group_claims import (
     ChainCheck,
     FreeCheck,
     GroupTables,
-    driven_out,
+    cells_driven_out,
+    cells_not_led,
+    cells_not_nearer,
     holds_of,
-    ranked,
-    witnessed,
 )
 from soter.certificate.grid.sc_chains import EVERY
 from soter.certificate.terms.linear_enclosures import exact
@@ -35,7 +35,7 @@ class Shift:
     def __init__(self, step: float, group: GroupTables) -> None:
         self.step, self.group, self.calls = step, group, 0
 
-    def reached(self, box: Any, wanted: Any, within: Cells, *_: Any, **__: Any) -> Iterator[Any]:
+    def follow(self, box: Any, wanted: Any, within: Cells, *_: Any, **__: Any) -> Iterator[Any]:
         low, high = (float(x) for x in box[0])
         for k in range(1, max(wanted, default=0) + 1):
             self.calls += 1
@@ -52,7 +52,7 @@ class Shift:
                 yield k, [now]
 
     def leads_in_parts(self, box: Any, holds: int, within: Cells, target: Any) -> bool:
-        return any(n == holds and target(ends[0]) for n, ends in self.reached(box, [holds], within))
+        return any(n == holds and target(ends[0]) for n, ends in self.follow(box, [holds], within))
 
 
 def test_cells_of_which_a_chain_does_not_lead_back() -> None:
@@ -62,7 +62,7 @@ def test_cells_of_which_a_chain_does_not_lead_back() -> None:
         kernel = Cells(LINE, group.core > 0)
         for allowed in (bools(1, 1, 1, 1), bools(1, 1, 1, 0), bools(0, 1, 1, 1)):
             check: Any = Shift(-1.0, group)
-            left = list(witnessed(check, group.core, Cells(LINE, allowed), kernel, LINE.whole))
+            left = list(cells_not_led(check, group.core, Cells(LINE, allowed), kernel, LINE.whole))
             wanted = []
             for i, holds in enumerate(core):
                 way = range(max(i - holds, -1), i + 1)
@@ -82,7 +82,7 @@ def test_cells_from_which_a_chain_does_not_come_nearer() -> None:
                 rank_holds=np.array([0, *holds], dtype=np.uint8),
             )
             check: Any = Shift(-1.0, group)
-            left = list(ranked(check, Cells(LINE, bools(1, 0, 0, 0)), LINE.whole))
+            left = list(cells_not_nearer(check, Cells(LINE, bools(1, 0, 0, 0)), LINE.whole))
             order = [0, *(r or 10**6 for r in rank)]
             wanted = [
                 i
@@ -105,13 +105,13 @@ def test_cells_from_which_a_command_may_lead_out() -> None:
         splits.append(often)
         return float(box[0][1]) <= 3.0
 
-    check: Any = SimpleNamespace(group=SimpleNamespace(grid=LINE), keeps=keeps)
+    check: Any = SimpleNamespace(group=SimpleNamespace(grid=LINE), stays_in_parts=keeps)
     every = Cells(LINE, bools(1, 1, 1, 1))
-    assert list(driven_out(check, bools(1, 1, 1, 1), every, LINE.whole)) == [((3, 4),)]
+    assert list(cells_driven_out(check, bools(1, 1, 1, 1), every, LINE.whole)) == [((3, 4),)]
     assert splits == [0, 0, 0, 0, group_claims.SPLITS] or splits[-1] in (0, group_claims.SPLITS)
     assert splits[0] == 0
     assert group_claims.SPLITS in splits
-    assert list(driven_out(check, bools(1, 1, 1, 0), every, LINE.whole)) == []
+    assert list(cells_driven_out(check, bools(1, 1, 1, 0), every, LINE.whole)) == []
 
 
 def test_a_free_phase_stays_from_its_beginning_on() -> None:
@@ -161,7 +161,7 @@ def test_a_free_phase_is_cut_finer_where_it_may_be() -> None:
             return pieces >= least
 
         check: Any = SimpleNamespace(stays=stays)
-        assert FreeCheck.keeps(check, [(exact(0.0), exact(1.0))], None, splits) is wanted  # type: ignore[arg-type]
+        assert FreeCheck.stays_in_parts(check, [(exact(0.0), exact(1.0))], None, splits) is wanted  # type: ignore[arg-type]
         assert asked[0] == (4, 1.0)
         assert (len(asked) > 1) is (splits > 0 and fine_from > 4)
         assert min(w for _, w in asked) == (0.25 if (splits and fine_from > 16) else 1.0)
@@ -198,7 +198,7 @@ def test_chains_are_tried_finer_and_finer(monkeypatch: pytest.MonkeyPatch) -> No
             }
             assert tried == {(0, 2.0**-6), (4, 2.0**-4), (7, 2.0**-4)}
     monkeypatch.setattr(group_claims, "windows", lambda *_, **__: (whole,))
-    assert ChainCheck(None, group)._tried() == [(whole,)]  # type: ignore[arg-type]
+    assert ChainCheck(None, group)._window_splits() == [(whole,)]  # type: ignore[arg-type]
 
 
 def test_chains_and_phases_are_compiled_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -245,7 +245,7 @@ def test_what_is_followed_has_to_hold_of_runs_beyond() -> None:
             chain = SimpleNamespace(first=step, later=step, last=last if place == "last" else None)
             check._chains[1, EVERY] = chain
             box = [(exact(3.5), exact(4.0))]
-            found = list(check.reached(box, [1], cells, 1))
+            found = list(check.follow(box, [1], cells, 1))
             assert bool(found) is fine, (fall, place)
             assert check.leads(box, 1, cells, cells.contains, 1) is fine
             assert check.leads(box, 1, cells, lambda _: False, 1) is False

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.certificate import case_check, rechecker
-from soter.certificate.case_check import CaseCheck, narrowed
+from soter.certificate.case_check import CaseCheck, narrowed_extents
 from soter.certificate.report import (
     NotRecheckedError,
     RejectedError,
@@ -26,8 +26,8 @@ def test_ranges_are_those_of_the_grids() -> None:
         return SimpleNamespace(states=states, grid=SimpleNamespace(edges=edges))
 
     extents = ((0.0, 1.0), (2.0, 3.0), (4.0, 5.0))
-    assert narrowed(extents, []) == extents
-    found = narrowed(extents, [part((2, 0), (6.0, 7.0, 8.0), (9.0, 10.0)), part(())])
+    assert narrowed_extents(extents, []) == extents
+    found = narrowed_extents(extents, [part((2, 0), (6.0, 7.0, 8.0), (9.0, 10.0)), part(())])
     assert found == ((9.0, 10.0), (2.0, 3.0), (6.0, 8.0))
 
 
@@ -41,21 +41,21 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
 
     def check(k: int) -> Any:
         return SimpleNamespace(
-            sees_rates=k == 1,
-            free=lambda h: noted(f"free {k} {h}"),
-            levels=lambda ns: noted(f"levels {k} {ns}"),
-            core=lambda: noted(f"core {k}"),
-            safe=lambda cells: asked.append(f"safe {k} {cells}"),
-            admits=lambda name, expr, admits: noted(f"{name} {k} {expr} {admits}"),
-            published=lambda t, cells, _: noted(f"published {k} {t} {cells}", k == 0),
-            home=lambda cells: noted(f"home {k} {cells}"),
-            holds=k + 1,
+            shows_rates_defined=k == 1,
+            show_free=lambda h: noted(f"free {k} {h}"),
+            show_levels=lambda ns: noted(f"levels {k} {ns}"),
+            show_core=lambda: noted(f"core {k}"),
+            note_safe_cells=lambda cells: asked.append(f"safe {k} {cells}"),
+            show_predicate=lambda name, expr, admits: noted(f"{name} {k} {expr} {admits}"),
+            stays_in_topic_set=lambda t, cells, _: noted(f"published {k} {t} {cells}", k == 0),
+            show_return=lambda cells: noted(f"home {k} {cells}"),
+            holds_to_return=k + 1,
         )
 
     groups = [
         SimpleNamespace(
             check=lambda _, kept, k=k: noted(f"kept {k} {kept}", check(k)),
-            part=lambda **_: "part",
+            cells_asked=lambda **_: "part",
             states=(k,),
         )
         for k in range(2)
@@ -66,13 +66,15 @@ def case(monkeypatch: pytest.MonkeyPatch, claims: set[str], **facts: Any) -> tup
     monkeypatch.setattr(case_check, "nothing_reads", lambda _, n: asked.append(f"reads {n}"))
     monkeypatch.setattr(case_check, "rates_are_defined", lambda _, s: asked.append(f"rates {s}"))
     monkeypatch.setattr(case_check, "bounded_topics", lambda _: ["t"])
-    monkeypatch.setattr(case_check, "published", lambda *_: ["c0", "c1"])
+    monkeypatch.setattr(case_check, "cells_published_in_set", lambda *_: ["c0", "c1"])
     model: Any = SimpleNamespace(facts=own, parameter=(), extents=())
     made = CaseCheck(model, groups, claims, {"recover_ns": None}, 1)  # type: ignore[arg-type]
     monkeypatch.setattr(
-        CaseCheck, "_certain", lambda _, expr, errors: [f"{expr} {errors} {k}" for k in range(2)]
+        CaseCheck,
+        "_certain_cells",
+        lambda _, expr, errors: [f"{expr} {errors} {k}" for k in range(2)],
     )
-    monkeypatch.setattr(CaseCheck, "_start", lambda _: asked.append("start"))
+    monkeypatch.setattr(CaseCheck, "_ask_start", lambda _: asked.append("start"))
     return made, asked
 
 
@@ -121,10 +123,14 @@ def test_a_topic_is_in_its_set_where_it_is_in_all_cases(
     made, _ = case(monkeypatch, {"P2a"})
     made.model.facts.in_sets = {} if before is None else {"t": before}
     made.checks = [
-        SimpleNamespace(safe=lambda _: None, published=lambda *_, k=k: now or k == 0, core=list)
+        SimpleNamespace(
+            note_safe_cells=lambda _: None,
+            stays_in_topic_set=lambda *_, k=k: now or k == 0,
+            show_core=list,
+        )
         for k in range(2)
     ]
-    made._kernel()
+    made._ask_core()
     assert made.model.facts.in_sets == {"t": now and before is not False}
 
 
@@ -134,7 +140,7 @@ def test_predicates_that_are_not_there_are_not_asked(monkeypatch: pytest.MonkeyP
         setattr(made.model.facts if missing == "ttf" else made.model.facts.symbol, missing, None)
         made.checks = []
         with pytest.raises(NotRecheckedError, match="computed predicates"):
-            made._predicates()
+            made._ask_predicates()
 
 
 @pytest.mark.parametrize("late", [0, 1])
@@ -144,25 +150,25 @@ def test_the_time_to_return_is_the_longest_way(
 ) -> None:
     made, _ = case(monkeypatch, {"P2b"}, times={"delta_ns": 10}, jitter_ns=late, decide_ns=decide)
     monkeypatch.setattr(case_check, "number_of", lambda _, declared: declared)
-    made._recover()  # none is declared
+    made._compare_recover_time()  # none is declared
     made.entry = {"recover_ns": 25}
     with pytest.raises(RejectedError, match="declares no time"):
-        made._recover()
+        made._compare_recover_time()
     for holds in ((), (2,), (1, 2), (2, 1)):
-        made.checks = [SimpleNamespace(holds=h) for h in holds]
+        made.checks = [SimpleNamespace(holds_to_return=h) for h in holds]
         longest = 10 * max(holds, default=0) + late + decide
         for declared in (longest - 1, longest, longest + 1):
             made.model.facts.symbol.verify.recover = declared
             made.entry = {"recover_ns": declared}
             if declared >= longest:
-                made._recover()
+                made._compare_recover_time()
             else:
                 with pytest.raises(RejectedError, match="longer to return"):
-                    made._recover()
+                    made._compare_recover_time()
             for other in (declared + 1, None):
                 made.entry = {"recover_ns": other}
                 with pytest.raises(RejectedError, match="another one"):
-                    made._recover()
+                    made._compare_recover_time()
 
 
 @pytest.mark.parametrize("default", [-2.0, -1.0, 0.5, 2.0, 2.5])
@@ -177,13 +183,13 @@ def test_the_default_of_a_command_lies_in_its_set(default: float) -> None:
         system=SimpleNamespace(topics=topics),
     )
     made: Any = SimpleNamespace(
-        model=SimpleNamespace(facts=facts, parameter=()), checks=[], _ask=list
+        model=SimpleNamespace(facts=facts, parameter=()), checks=[], _add_tasks=list
     )
     if -1.0 <= default <= 2.0:
-        CaseCheck._start(made)
+        CaseCheck._ask_start(made)
     else:
         with pytest.raises(RejectedError, match="the default of `u`"):
-            CaseCheck._start(made)
+            CaseCheck._ask_start(made)
 
 
 def test_below_a_module_the_start_is_an_entry(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -191,7 +197,7 @@ def test_below_a_module_the_start_is_an_entry(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(case_check, "require_entered", lambda *of: asked.append(of))
     facts = SimpleNamespace(above="a module")
     made: Any = SimpleNamespace(model=SimpleNamespace(facts=facts), groups=["g"], claims={"P3"})
-    CaseCheck._start(made)
+    CaseCheck._ask_start(made)
     assert asked == [(made.model, ["g"], {"P3"})]
 
 
@@ -227,7 +233,7 @@ def test_every_task_has_to_say_nothing(
 
         made.tasks = [(partial(task, k, text), k + 1) for k, text in enumerate(failed)]
         with telling_shares(shares.append):
-            made._show()
+            made._run_tasks()
         return shares, order
 
     shares, order = show("", "", "")
@@ -260,7 +266,7 @@ def test_when_the_start_of_sc_is_asked_about(
     for name in ("read_above", "check_supported", "survives_the_start"):
         monkeypatch.setattr(rechecker, name, lambda _, name=name: done.append(name))
     none: Any = None
-    found: Any = rechecker.facts_of(none, {"module": "M"})
+    found: Any = rechecker.read_problem(none, {"module": "M"})
     assert found is facts
     wanted = ["read_above"] * (tower > 1) + ["check_supported"]
     assert done == wanted + ["survives_the_start"] * (above is not None or first != phase)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.certificate import case_check
-from soter.certificate.case_check import CLAIMS, VERDICTS, claimed_of, of_the_module
+from soter.certificate.case_check import CLAIMS, VERDICTS, check_module_claims, proved_claims
 from soter.certificate.grid import sc_chains
 from soter.certificate.reading import (
     case_model,
@@ -19,7 +19,7 @@ from soter.certificate.reading import (
     module_times,
     supported_constructs,
 )
-from soter.certificate.reading.case_model import commanded
+from soter.certificate.reading.case_model import command_term
 from soter.certificate.reading.derived_times import Clock, Effect, TopicPath
 from soter.certificate.reading.module_times import DECLARED_KEYS, TIME_KEYS, compare_times
 from soter.certificate.report import NotRecheckedError, RejectedError
@@ -45,19 +45,19 @@ def test_only_what_is_proved_is_claimed(verdict: Any) -> None:
         given = {"P2a": "proved", name: verdict}
         if name == "P4" or verdict not in VERDICTS:
             with pytest.raises(RejectedError, match="is unknown"):
-                claimed_of(given)
+                proved_claims(given)
         elif name == "P2a" and verdict != "proved":
             with pytest.raises(RejectedError, match="nothing is claimed"):
-                claimed_of(given)
+                proved_claims(given)
         else:
             more = {name} if verdict == "proved" and name != "DM" else set()
-            assert claimed_of(given) == {"P2a"} | more
+            assert proved_claims(given) == {"P2a"} | more
     for empty in ({}, {"DM": "proved"}, {"P2a": "assumed", "P3": "refuted"}):
         with pytest.raises(RejectedError, match="nothing is claimed"):
-            claimed_of(empty)
+            proved_claims(empty)
     for wrong in (None, ["P2a"], "P2a"):
         with pytest.raises(RejectedError, match="not as it should be"):
-            claimed_of(wrong)
+            proved_claims(wrong)
 
 
 @pytest.mark.parametrize("latch", [None, "never", "acknowledged"])
@@ -65,24 +65,24 @@ def test_a_dm_that_never_gives_back_does_not_return(latch: str | None) -> None:
     topic = None if latch == "never" else "topic"
     system, module = controllers()
     module.symbol = SimpleNamespace(latch=None if latch is None else SimpleNamespace(topic=topic))
-    of_the_module(system, module, {"P2b": "assumed"})
+    check_module_claims(system, module, {"P2b": "assumed"})
     if latch == "never":
         with pytest.raises(RejectedError, match="P2b"):
-            of_the_module(system, module, {"P2b": "proved"})
+            check_module_claims(system, module, {"P2b": "proved"})
     else:
-        of_the_module(system, module, {"P2b": "proved"})
+        check_module_claims(system, module, {"P2b": "proved"})
 
 
 def test_what_stands_below_is_no_slower_than_the_dm(monkeypatch: pytest.MonkeyPatch) -> None:
     for below, over in itertools.product((4, 5, 6), (None, "a module")):
-        monkeypatch.setattr(case_check, "slowest_below", lambda *_, below=below: below)
+        monkeypatch.setattr(case_check, "_slowest_below", lambda *_, below=below: below)
         system, module = controllers()
         module.over = over
         if below > 5 and over is not None:
             with pytest.raises(RejectedError, match="P1a"):
-                of_the_module(system, module, {"P1a": "proved"})
+                check_module_claims(system, module, {"P1a": "proved"})
         else:
-            of_the_module(system, module, {"P1a": "proved"})
+            check_module_claims(system, module, {"P1a": "proved"})
 
 
 @pytest.mark.parametrize("above", [None, "Above"])
@@ -90,7 +90,7 @@ def test_what_stands_below_is_no_slower_than_the_dm(monkeypatch: pytest.MonkeyPa
 def test_p1c_is_what_its_times_are(
     monkeypatch: pytest.MonkeyPatch, rests: str, above: str | None
 ) -> None:
-    monkeypatch.setattr(case_check, "of_the_module", lambda *_: None)
+    monkeypatch.setattr(case_check, "check_module_claims", lambda *_: None)
     monkeypatch.setattr(case_check, "p1c_of", lambda _: rests)
     facts: Any = SimpleNamespace(
         times={"H_ns": 5, "H_star_ns": 5},
@@ -105,12 +105,12 @@ def test_p1c_is_what_its_times_are(
         said = {"P1c": given, "P2b": back}
         if back == "proved" and above is not None:
             with pytest.raises(RejectedError, match="only while Above is in AC"):
-                case_check.static_claims(facts, said)
+                case_check.check_static_claims(facts, said)
         elif given == "proved" and rests == "assumed":
             with pytest.raises(RejectedError, match="it is assumed"):
-                case_check.static_claims(facts, said)
+                case_check.check_static_claims(facts, said)
         else:
-            case_check.static_claims(facts, said)
+            case_check.check_static_claims(facts, said)
 
 
 def test_what_comes_after_the_horizon_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -214,10 +214,10 @@ def test_ways_go_straight_from_a_plant_and_to_one() -> None:
     module: Any = SimpleNamespace(outputs=[ord("c")])
     ways = derived_times.Ways(system_of(*parts), module)
     of = [TopicPath(Clock(n, 5, 1)) for n in "pq"]
-    assert ways.to(ord("a")) == tuple(of)
-    assert ways.to(ord("b")) == (of[1],)
+    assert ways.ways_to(ord("a")) == tuple(of)
+    assert ways.ways_to(ord("b")) == (of[1],)
     with pytest.raises(NotRecheckedError, match="behind `d`"):
-        ways.to(ord("d"))
+        ways.ways_to(ord("d"))
     assert ways.effects(2, 3) == (Effect(2, 3),)
     for outputs in ("cd", "d"):
         module.outputs = [ord(c) for c in outputs]
@@ -289,7 +289,7 @@ def test_a_plant_is_source_and_publishes_from_the_start() -> None:
         return SimpleNamespace(name="P", phase_ns=phase, plant=SimpleNamespace(**{**code, **more}))
 
     wrong = t.TruthRead.__new__(t.TruthRead)
-    supported_constructs._plant(plant())
+    supported_constructs._require_known_plant(plant())
     for made, words in (
         (plant(1), "at the start"),
         (plant(extern=True), "extern"),
@@ -299,7 +299,7 @@ def test_a_plant_is_source_and_publishes_from_the_start() -> None:
         (plant(next={"x": wrong}), "`truth`"),
     ):
         with pytest.raises(NotRecheckedError, match=words):
-            supported_constructs._plant(made)
+            supported_constructs._require_known_plant(made)
 
 
 @pytest.mark.parametrize(("extern", "body"), [(False, ()), (True, ()), (False, None), (True, None)])
@@ -321,9 +321,9 @@ def test_a_function_without_a_body_is_unknown(extern: bool, body: Any) -> None:
     assert list(supported_constructs.parts_of([call, call])) == [call, fun]
     if extern or body is None:
         with pytest.raises(NotRecheckedError, match="extern function"):
-            supported_constructs._code(call, "SC")
+            supported_constructs._require_known_code(call, "SC")
     else:
-        supported_constructs._code(call, "SC")
+        supported_constructs._require_known_code(call, "SC")
 
 
 def test_a_queue_is_not_what_a_module_reads() -> None:
@@ -336,9 +336,9 @@ def test_a_queue_is_not_what_a_module_reads() -> None:
         facts: Any = SimpleNamespace(flying=flying, flying_module=module, commanding=[sc])
         if queued == 1:
             with pytest.raises(NotRecheckedError, match="`b` is a queue"):
-                supported_constructs._topics(facts)
+                supported_constructs._require_own_topics(facts)
         else:
-            supported_constructs._topics(facts)
+            supported_constructs._require_own_topics(facts)
 
 
 # ---------------------------------------------------------------- questions about a problem
@@ -369,7 +369,7 @@ def test_predicates_are_computed_where_both_are_left_out() -> None:
 
 def test_what_is_read_is_told_apart_by_who_reads_it(tmp_path: Path) -> None:
     def names(facts: Facts) -> list[list[str]]:
-        return [[facts.system.topics[i].name for i in of] for of in module_facts.read_by(facts)]
+        return [[facts.system.topics[i].name for i in of] for of in module_facts.topics_read(facts)]
 
     by_dm, by_sc = names(facts_with(tmp_path))
     assert (by_dm, sorted(by_sc)) == (["x"], ["x", "y"])
@@ -395,9 +395,9 @@ def test_controllers_that_command_are_those_of_the_tower() -> None:
 def test_an_sc_that_is_no_source_reads_nothing_that_is_known() -> None:
     for node in (None, SimpleNamespace(extern=True, step=())):
         with pytest.raises(NotRecheckedError, match="not Soter source"):
-            module_facts.read_by_sc(SimpleNamespace(node=node))  # type: ignore[arg-type]
+            module_facts.topics_read_by_sc(SimpleNamespace(node=node))  # type: ignore[arg-type]
     plain: Any = SimpleNamespace(node=SimpleNamespace(extern=False, step=()))
-    assert module_facts.read_by_sc(plain) == []
+    assert module_facts.topics_read_by_sc(plain) == []
 
 
 def test_numbers_of_a_module(facts: Facts) -> None:
@@ -413,14 +413,14 @@ def test_a_command_of_each_step_lies_in_its_set(low: float, high: float) -> None
     control: Any = SimpleNamespace(owner=3, leaf=1, low=low, high=high, name="u")
     for value in (-1.5, -1.0, 0.0, 2.0, 2.5):
         terms = Terms()
-        command = commanded(terms, control, [{3: (9.0, value)}])
+        command = command_term(terms, control, [{3: (9.0, value)}])
         assert float(command.low) == float(command.high) == value
         assert all(holds(terms, o, []) for o in terms.obligations) is (low <= value <= high)
     terms = Terms()
-    two = commanded(terms, control, [{3: (9.0, low)}, {3: (9.0, high)}])
+    two = command_term(terms, control, [{3: (9.0, low)}, {3: (9.0, high)}])
     assert (float(two.low), float(two.high)) == (low, high)
     with pytest.raises(NotRecheckedError, match="does not publish `u`"):
-        commanded(terms, control, [{3: (9.0, low)}, {2: (9.0, low)}])
+        command_term(terms, control, [{3: (9.0, low)}, {2: (9.0, low)}])
 
 
 MAP = (
@@ -440,9 +440,9 @@ def test_a_map_is_stepped_as_often_as_it_steps(
     for members in ([0], [1], [0, 1], []):
         boxes = case_model.boxes_of(model, states, members)
         wanted = [k for k in range(2) if k not in members]
-        assert list(boxes) == [case_model.atom_of(states[k]) for k in wanted]
+        assert list(boxes) == [states[k].atom for k in wanted]
         for k in wanted:
-            ends = boxes[case_model.atom_of(states[k])]
+            ends = boxes[states[k].atom]
             assert tuple(map(float, ends)) == model.extents[k]
     period = facts.plants[0].period_ns
     for time, steps in ((0, 0), (1, 1), (period, 1), (period + 1, 2), (3 * period, 3)):

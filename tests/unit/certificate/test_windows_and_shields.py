@@ -88,7 +88,9 @@ def _errors(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_estimates_are_as_far_off_as_errors_are() -> None:
     group = tables([1] * 4)
     for error in (0.0, 0.25, 1.5):
-        low, high = estimates_and_shield.around(model_with({0: error}), group, LINE.box(((1, 3),)))
+        low, high = estimates_and_shield.estimates_around(
+            model_with({0: error}), group, LINE.box(((1, 3),))
+        )
         assert low == pytest.approx(1.0 - error)
         assert high == pytest.approx(3.0 + error)
         if error:
@@ -98,7 +100,7 @@ def test_estimates_are_as_far_off_as_errors_are() -> None:
             assert (low, high) == (1.0, 3.0)
         for members in itertools.product((0, 1), repeat=4):
             level = Cells(LINE, bools(*members))
-            kept = estimates_and_shield.eroded(model_with({0: error}), group, level).members
+            kept = estimates_and_shield.eroded_cells(model_with({0: error}), group, level).members
             for i in range(4):
                 near = [k for k in range(-3, 8) if k + 1 > i - error and k < i + 1 + error]
                 near = near if error else [i]
@@ -112,7 +114,7 @@ def test_levels_hold_and_drift_by_what_is_behind_estimates() -> None:
     inside = Cells(LINE, bools(1, 1, 1, 0))
     for error, left in ((0.0, [3]), (0.5, [0, 2, 3])):
         model = model_with({0: error})
-        cells = estimates_and_shield.levels_hold(
+        cells = estimates_and_shield.estimates_of_outside(
             model, group, bools(1, 1, 1, 1), inside, LINE.whole
         )
         assert sorted(a for ((a, _),) in cells) == left
@@ -122,8 +124,10 @@ def test_levels_hold_and_drift_by_what_is_behind_estimates() -> None:
             asked.append((round(float(box[0][1] - box[0][0]), 6), splits))
             return within.contains([float(x) for x in box[0]])
 
-        check: Any = SimpleNamespace(group=group, model=model, keeps=keeps)
-        found = estimates_and_shield.driven_estimates(check, bools(1, 1, 1, 1), inside, LINE.whole)
+        check: Any = SimpleNamespace(group=group, model=model, stays_in_parts=keeps)
+        found = estimates_and_shield.estimates_driven_out(
+            check, bools(1, 1, 1, 1), inside, LINE.whole
+        )
         assert sorted(a for ((a, _),) in found) == left
         assert {s for w, s in asked if w == 1 + 2 * error} == {estimates_and_shield.SPLITS}  # type: ignore[attr-defined]
         assert {s for w, s in asked if w > 1 + 2 * error} == {0}
@@ -134,7 +138,7 @@ def test_a_state_that_no_topic_shows_is_anywhere_on_its_axis() -> None:
     group = tables([1] * 4)
     for leaves, wanted in (((0,), (1.0, 2.0)), ((), (0.0, 4.0))):
         model = model_with({0: 0.0}, leaves)
-        assert estimates_and_shield.around(model, group, LINE.box(((1, 2),))) == wanted
+        assert estimates_and_shield.estimates_around(model, group, LINE.box(((1, 2),))) == wanted
 
 
 # ---------------------------------------------------------------- shields
@@ -150,21 +154,21 @@ class Control:
 def test_tables_of_a_shield_are_of_the_grid_and_the_command_cells() -> None:
     group = tables([1] * 4)
     good = np.array([[2, 2], [1, 0], [0, 2], [0, 0]], dtype=np.uint8)
-    assert estimates_and_shield.tops_of(good.tobytes(), group, 2).tolist() == good.tolist()
+    assert estimates_and_shield.read_tops(good.tobytes(), group, 2).tolist() == good.tolist()
     for row, fine in (([3, 0], False), ([1, 1], False), ([2, 1], False), ([1, 2], True)):
         wrong = good.copy()
         wrong[3] = row
         if fine:
             assert (
-                estimates_and_shield.tops_of(wrong.tobytes(), group, 2).tolist() == wrong.tolist()
+                estimates_and_shield.read_tops(wrong.tobytes(), group, 2).tolist() == wrong.tolist()
             )
         else:
             with pytest.raises(RejectedError, match="names"):
-                estimates_and_shield.tops_of(wrong.tobytes(), group, 2)
+                estimates_and_shield.read_tops(wrong.tobytes(), group, 2)
     for data in (good.tobytes()[:-1], good.tobytes() + b"\0", b""):
         with pytest.raises(RejectedError, match="size"):
-            estimates_and_shield.tops_of(data, group, 2)
-    assert [estimates_and_shield.cut(-1.0, 3.0, k, 4) for k in range(5)] == [
+            estimates_and_shield.read_tops(data, group, 2)
+    assert [estimates_and_shield.command_edge(-1.0, 3.0, k, 4) for k in range(5)] == [
         -1.0,
         0.0,
         1.0,
@@ -183,25 +187,25 @@ def test_what_a_shield_permits_is_shown_for_each_range_of_commands(
         asked.append((check[0].controls[1], claimed.tolist(), core, block))
         return iter(())
 
-    monkeypatch.setattr(estimates_and_shield, "cells_of", lambda _: 2)
+    monkeypatch.setattr(estimates_and_shield, "command_cells", lambda _: 2)
     monkeypatch.setattr(estimates_and_shield, "LocalFlow", lambda *_: SimpleNamespace(moves=moves))  # type: ignore[has-type]
     monkeypatch.setattr(estimates_and_shield, "CaseModel", lambda facts, *_: facts)
     monkeypatch.setattr(
         estimates_and_shield, "FreeCheck", lambda model, group, ns: (model, group, ns)
     )
-    monkeypatch.setattr(estimates_and_shield, "driven_estimates", drifts)
+    monkeypatch.setattr(estimates_and_shield, "estimates_driven_out", drifts)
     controls = [Control("turn", 0.0, 1.0), Control("push", -1.0, 3.0)]
     facts = SimpleNamespace(controls=controls, times={"H_ns": 9})
     model: Any = SimpleNamespace(facts=facts, parameter=(), extents=())
     group, moves = tables([1] * 4, levels=[bools(1, 0, 0, 0)]), [1]
     core: Any = "core"
     with pytest.raises(RejectedError, match="not there"):
-        list(estimates_and_shield.to_show(model, group, core))
+        list(estimates_and_shield.shield_inclusions(model, group, core))
     group.tops = np.array([[2, 2], [1, 0], [2, 2], [1, 2]], dtype=np.uint8)
     with pytest.raises(RejectedError, match="says which"):
-        list(estimates_and_shield.to_show(model, group, core))
+        list(estimates_and_shield.shield_inclusions(model, group, core))
     group.command = 1
-    found = list(estimates_and_shield.to_show(model, group, core))
+    found = list(estimates_and_shield.shield_inclusions(model, group, core))
     assert [what.split(" in ")[1].split("],")[0] for what, _ in found] == [
         "[-1, 1",
         "[-1, 3",
@@ -219,12 +223,12 @@ def test_what_a_shield_permits_is_shown_for_each_range_of_commands(
     assert controls[1] == Control("push", -1.0, 3.0)
     moves.clear()
     with pytest.raises(RejectedError, match="says which"):
-        list(estimates_and_shield.to_show(model, group, core))
+        list(estimates_and_shield.shield_inclusions(model, group, core))
     group.command = None
     with pytest.raises(RejectedError, match="no command keeps K"):
-        list(estimates_and_shield.to_show(model, group, core))
+        list(estimates_and_shield.shield_inclusions(model, group, core))
     group.tops[1:] = 0
-    assert list(estimates_and_shield.to_show(model, group, core)) == []
+    assert list(estimates_and_shield.shield_inclusions(model, group, core)) == []
 
 
 # ---------------------------------------------------------------- ends
@@ -240,7 +244,7 @@ def test_a_linear_rate_is_least_at_a_corner(monkeypatch: pytest.MonkeyPatch) -> 
             ranges=((exact(-1.0), exact(2.0)),),
         )  # fmt: skip
         monkeypatch.setattr(sc_chains, "linear_flow", lambda *_, flow=flow: flow)
-        inwards = sc_chains._linear(None, [0, 1])  # type: ignore[arg-type]
+        inwards = sc_chains._linear_side_test(None, [0, 1])  # type: ignore[arg-type]
         side = [(-1.0, -1.0), (0.0, 2.0)]
         rates = [
             a @ [x, y] + b[0] * u + c[0] + w @ [p, q]

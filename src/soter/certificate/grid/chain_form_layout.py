@@ -1,8 +1,8 @@
 """The forms that a chain hands from hold to hold, taken apart and put together again.
 
 Purpose: a *form* is a flat tuple of numbers that describes a set of states and the commands that
-still act (`terms/compile_terms.py`). `FormLayout.opened` makes of it the rows z of a hold (the head
-of `flow_chains.py` says what z is), `FormLayout.closed` the form at the end of that hold. Between
+still act (`terms/compile_terms.py`). `FormLayout.open` makes of it the rows z of a hold (the head
+of `flow_chains.py` says what z is), `FormLayout.close` the form at the end of that hold. Between
 the two `StateRows` and `CommandRows` are states and commands as rows over z.
 Non-goals: what happens in a hold (`flow_chains.py`).
 """
@@ -13,7 +13,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO
-from soter.certificate.terms.straight_line import applied, dot, product, sum_of_sizes, total, units
+from soter.certificate.terms.straight_line import (
+    apply_operation,
+    dot,
+    product,
+    sum_of_sizes,
+    total,
+    unit_rows,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,7 +42,7 @@ class OpenedForm:
 
     def rows(self, first: int, count: int) -> Rows:
         """Rows that pick entries of z."""
-        return units(count, width=len(self.z), first=first)
+        return unit_rows(count, width=len(self.z), first=first)
 
 
 @dataclass(eq=False)
@@ -69,7 +76,7 @@ class FormLayout:
         n, memories = self.n, 0 if fresh else self.depth * self.q
         return (4 + n) * (n + memories) + n * memories
 
-    def opened(self, form: Form, before: list[Interval] | None) -> OpenedForm:
+    def open(self, form: Form, before: list[Interval] | None) -> OpenedForm:
         """The form as rows z; `before`: ranges of the old commands, where the form has none."""
         n, q = self.n, self.q
         count = n + self.depth * q
@@ -90,16 +97,16 @@ class FormLayout:
             common.append((ZERO,) * n)
         return OpenedForm([*ranges, *(before or ())], z, list(map(list, common)))
 
-    def begun(self, start: OpenedForm) -> StateRows:
+    def states_at_begin(self, start: OpenedForm) -> StateRows:
         """The states at the beginning."""
         return StateRows(start.rows(0, self.n), [ZERO] * self.n, list(start.ranges[: self.n]))
 
-    def closed(self, start: OpenedForm, way: StateRows, new: CommandRows) -> Form:
+    def close(self, start: OpenedForm, way: StateRows, new: CommandRows) -> Form:
         """The form at the end of a hold, of its states `way` then and its command `new`."""
         n, old = self.n, (self.depth - 1) * self.q
         spread, turned = product(way.rows, start.z), self._on_old_betas(start, way.rows)
         lines = [
-            [*row[: 1 + n], spread_of(row[1 + n :]) + rest]
+            [*row[: 1 + n], absolute_sum(row[1 + n :]) + rest]
             for row, rest in zip(spread, way.rest, strict=True)
         ]
         ranges, common = list(way.box), []
@@ -116,7 +123,7 @@ class FormLayout:
             *(end for interval in ranges for end in interval),
             *(line[0] for line in lines),
             *(x for line in lines for x in line[1 : 1 + n]),
-            *(applied("magnitude", line[-1]) for line in lines),
+            *(apply_operation("magnitude", line[-1]) for line in lines),
             *(x for a in common for x in a),
         )
 
@@ -125,7 +132,7 @@ class FormLayout:
 
         Nothing rests on it: it only makes `a` (`_on_new_betas`) a good one.
         """
-        shared = [*units(self.n), *start.memories]
+        shared = [*unit_rows(self.n), *start.memories]
         return product([row[: len(shared)] for row in rows], shared)
 
     def _on_new_betas(
@@ -138,16 +145,19 @@ class FormLayout:
         is taken, a = S (2 - R), is nearly S R^-1.
         """
         n = self.n
-        a = [applied("mid", 2 * own[i] - dot(own, [row[i] for row in turned])) for i in range(n)]
+        a = [
+            apply_operation("mid", 2 * own[i] - dot(own, [row[i] for row in turned]))
+            for i in range(n)
+        ]
         rest = sum_of_sizes(a, way.rest)
         left = (x - dot(a, column) for x, *column in zip(values, *spread, strict=True))
-        return [*values[: 1 + n], rest + spread_of(list(left)[1 + n :])], a
+        return [*values[: 1 + n], rest + absolute_sum(list(left)[1 + n :])], a
 
 
 # ---------------------------------------------------------------- helpers
 
 
-def spread_of(row: Sequence[Any]) -> Any:  # noqa: ANN401  a ball or a value
+def absolute_sum(row: Sequence[Any]) -> Any:  # noqa: ANN401  a ball or a value
     """The sum of the absolute values of a row."""
     return total(map(abs, row))
 
@@ -156,5 +166,5 @@ def hull_of(intervals: Sequence[Interval]) -> Interval:
     """The smallest interval around all of them."""
     low, high = intervals[0]
     for a, b in intervals[1:]:
-        low, high = applied("min", low, a), applied("max", high, b)
+        low, high = apply_operation("min", low, a), apply_operation("max", high, b)
     return low, high

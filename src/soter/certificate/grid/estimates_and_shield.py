@@ -1,11 +1,13 @@
-"""The sets S of computed predicates, and the table of a shield: inclusions about estimates.
+"""What a DM with computed predicates has in its tables: the sets S, and commands of a shield.
 
-Purpose: for `GridCheck.levels` and `home`. `eroded`: the cells of states all of whose estimates lie
-in a set; `levels_hold`, `driven_estimates`: the states behind the estimates of a cell lie, or
-stay, in a set. `to_show`: commands that a shield permits on an estimate lead from no state behind
-it out of K before SC's first output acts (docs/proof-flight.md, A gate that looks at commands).
-Non-goals: free phases (`group_claims.py`), which claims there are, the table's bytes
-(`grid_group.py`); that the DM reads its table as it should.
+Purpose: for `GridGroup` it compares the bytes of the DM's table with the sets S of all cases. For
+`GridCheck` it shows these sets: `eroded_cells` gives the cells of states all of whose estimates lie
+in a set; `estimates_of_outside`, `estimates_driven_out` yield the cells of estimates behind which a
+state may lie, or may be driven, outside of one. `shield_inclusions`: commands that a shield permits
+on an estimate lead from no state behind it out of K before SC's first output acts
+(docs/proof-flight.md, A gate that looks at commands).
+Non-goals: free phases (`group_claims.py`), which claims there are (`grid_group.py`); that the DM
+reads its table as it should.
 
 The set of a command is cut into n cells at low + (high - low) (k / n). Where commands of the cells
 i to j may act, so may those of some of these: for every cell of estimates and every i the greatest
@@ -22,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.cell_sets import Cells, uncovered, volume
+from soter.certificate.cell_sets import Cells, cells_uncovered, volume
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.group_claims import CELLS_AT_ONCE, SPLITS, FreeCheck
 from soter.certificate.reading.case_model import CaseModel
@@ -41,21 +43,34 @@ from soter.certificate.terms.linear_enclosures import (
 from soter.language.model.tree_walk import topic_reads
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from flint import arb
     from numpy.typing import NDArray
 
     from soter.certificate.cell_sets import Block
+    from soter.certificate.folder import Certificate
     from soter.certificate.grid.group_claims import GroupTables
+    from soter.certificate.groups import Entry
     from soter.certificate.reading.module_facts import Facts
-    from soter.language.model.system import Component
-    from soter.language.model.typed import TopicSymbol
 
     Show = Callable[[Block], Iterator[Block]]
 
 
-def around(model: CaseModel, group: GroupTables, box: list[tuple[arb, arb]]) -> tuple[float, ...]:
+BITS = 2
+"""Bits of a cell's level in the DM's table.
+
+0: `ttf` holds; 1: the cell is in S_0 of every case, so AC keeps control; 2: it is in S_(m-2) of
+every case, so AC gets control.
+"""
+FULL = 2
+"""The greatest level."""
+CELLS_IN_A_BYTE = 4
+
+
+def estimates_around(
+    model: CaseModel, group: GroupTables, box: list[tuple[arb, arb]]
+) -> tuple[float, ...]:
     """The box of all estimates of states in a box, and of all states behind estimates in it.
 
     Of a state that no topic shows nothing is known: it is anywhere on its axis.
@@ -78,7 +93,7 @@ def _estimates_of(model: CaseModel, state: int, low: arb, high: arb) -> tuple[fl
     return below(low - error), above(high + error)
 
 
-def eroded(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
+def eroded_cells(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
     """Cells of states all of whose estimates lie in a level; and of estimates of such states.
 
     An error is as large on either side, so that the same set answers both.
@@ -95,18 +110,18 @@ def eroded(model: CaseModel, group: GroupTables, level: Cells) -> Cells:
     return Cells(grid, members)
 
 
-def levels_hold(
+def estimates_of_outside(
     model: CaseModel, group: GroupTables, claimed: NDArray[np.bool_], inside: Cells, block: Block
 ) -> Iterator[Block]:
     """The `claimed` cells of estimates (shaped as the grid) behind which a state may be outside."""
 
     def attempt(at: Block) -> bool:
-        return inside.contains(around(model, group, group.grid.box(at)))
+        return inside.contains(estimates_around(model, group, group.grid.box(at)))
 
-    return uncovered(claimed, block, attempt, 1 << 20)
+    return cells_uncovered(claimed, block, attempt, 1 << 20)
 
 
-def driven_estimates(
+def estimates_driven_out(
     check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
 ) -> Iterator[Block]:
     """The `claimed` cells of estimates from behind which a state may be driven out of `within`.
@@ -116,20 +131,24 @@ def driven_estimates(
     grid = check.group.grid
 
     def attempt(at: Block) -> bool:
-        ends = around(check.model, check.group, grid.box(at))
+        ends = estimates_around(check.model, check.group, grid.box(at))
         box = [(exact(a), exact(b)) for a, b in zip(ends[::2], ends[1::2], strict=True)]
-        return check.keeps(box, within, SPLITS if volume(at) == 1 else 0)
+        return check.stays_in_parts(box, within, SPLITS if volume(at) == 1 else 0)
 
-    return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
+    return cells_uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
 
 
-def cells_of(facts: Facts) -> int:
+def command_cells(facts: Facts) -> int:
     """The number of cells into which a shield's table cuts each number of a command.
 
     NotRecheckedError where no proof of a shield is known here, RejectedError where none can be.
     """
     assert facts.symbol.shield is not None
-    if facts.view or any(e.clocks for e in facts.setting.effects) or not _passes_on(facts):
+    if (
+        facts.view
+        or any(e.clocks for e in facts.setting.effects)
+        or not _nodes_pass_commands_on(facts)
+    ):
         raise NotRecheckedError("a shield of a view, or with nodes behind the module")
     if facts.kind == "map" and not _steps_with_plants(facts):
         raise NotRecheckedError("a shield of an AC that runs between the steps of its plant")
@@ -148,37 +167,30 @@ def _steps_with_plants(facts: Facts) -> bool:
     return ac.period_ns % step == 0 and ac.phase_ns % step == 0
 
 
-def _passes_on(facts: Facts) -> bool:
+def _nodes_pass_commands_on(facts: Facts) -> bool:
     """Whether every node behind SC in its instant runs in its thread, and reads commands alone.
 
     What reads sensors, too, or has a memory has to show what it says to the plants of the proof.
     """
     system, names = facts.flying, {n for kind, n in facts.ways.notes if kind == "in step"}
-    nodes = [c for c in system.components if c.node is not None and c.name in names]
-    shown = topic_reads(*(link.value for link in facts.symbol.verify.abstracts))
-    told = set(facts.flying_module.outputs)
-    for c in nodes:
-        assert c.node is not None
-        told |= {*c.writes}
-    return all(c.in_thread and (_reads_only(c, told) or _is_shown(c, shown)) for c in nodes)
+    nodes = [(c, c.node) for c in system.components if c.node is not None and c.name in names]
+    shown = {*topic_reads(*(link.value for link in facts.symbol.verify.abstracts))}
+    told = {*facts.flying_module.outputs}.union(*(c.writes for c, _ in nodes))
+    return all(
+        (c.inline or not c.extern)
+        and (({*c.reads} <= told and not node.locals) or {*node.publishes} <= shown)
+        for c, node in nodes
+    )
 
 
-def _reads_only(c: Component, told: set[int]) -> bool:
-    assert c.node is not None
-    return {*c.reads} <= told and not c.node.locals
-
-
-def _is_shown(c: Component, shown: Iterable[TopicSymbol]) -> bool:
-    assert c.node is not None
-    return set(c.node.publishes) <= set(shown)
-
-
-def to_show(model: CaseModel, group: GroupTables, core: Cells) -> Iterator[tuple[str, Show]]:
+def shield_inclusions(
+    model: CaseModel, group: GroupTables, core: Cells
+) -> Iterator[tuple[str, Show]]:
     """(failure in words, function of a block) for each inclusion of a shield's table.
 
     RejectedError where the table is not there, or is of another command.
     """
-    n, tops = cells_of(model.facts), group.tops
+    n, tops = command_cells(model.facts), group.tops
     if tops is None:
         raise RejectedError("the table of the shield is not there")
     moving = LocalFlow(model, group.states).moves
@@ -190,7 +202,7 @@ def to_show(model: CaseModel, group: GroupTables, core: Cells) -> Iterator[tuple
             raise RejectedError("the shield permits commands where no command keeps K")
         return
     control = model.facts.controls[group.command]
-    edges = [control.low, *(cut(control.low, control.high, k, n) for k in range(1, n))]
+    edges = [control.low, *(command_edge(control.low, control.high, k, n) for k in range(1, n))]
     edges.append(control.high)
     horizon = model.facts.times["H_ns"]
     for i in range(n):
@@ -205,15 +217,15 @@ def to_show(model: CaseModel, group: GroupTables, core: Cells) -> Iterator[tuple
             check = FreeCheck(between, group, horizon)
             ends = f"[{edges[i]:g}, {edges[j + 1]:g}]"
             what = f"{control.name} in {ends}, which the shield permits, may lead out of K from"
-            yield what, partial(driven_estimates, check, claimed, core)
+            yield what, partial(estimates_driven_out, check, claimed, core)
 
 
-def cut(low: float, high: float, k: int, n: int) -> float:
+def command_edge(low: float, high: float, k: int, n: int) -> float:
     """The number at which cell k of n begins."""
     return low + (high - low) * (k / n)
 
 
-def tops_of(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
+def read_tops(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
     """`GroupTables.tops` of a file, (*cells, n): in C order, a byte for each command cell.
 
     RejectedError where it has another size, or names cells that there are not.
@@ -227,3 +239,79 @@ def tops_of(data: bytes, group: GroupTables, n: int) -> NDArray[np.uint8]:
     if ((tops > 0) & (tops <= np.arange(n))).any():
         raise RejectedError("the table of the shield names a greatest cell below the least one")
     return tops
+
+
+# ---------------------------------------------------------------- the DM's table
+
+
+def require_same_axes(
+    certificate: Certificate,
+    group: GroupTables,
+    names: Sequence[str],
+    looked_at: Sequence[int],
+    axes: Sequence[Entry],
+) -> None:
+    """RejectedError where the axes of the DM's table are not those of the group that it sees.
+
+    `names`: of the group's states; `looked_at`: as `axes_seen_by_dm`; `axes`: of the manifest.
+    """
+    if [a["state"] for a in axes] != [names[k] for k in looked_at]:
+        raise RejectedError("a table of the DM has other axes than its group")
+    for axis, place in zip(axes, looked_at, strict=True):
+        edges = group.grid.reach(place)
+        if axis.keys() != {"state", "edges"} or certificate.edges(axis["edges"]) != edges:
+            raise RejectedError(f"the DM cuts {axis['state']} elsewhere than its group")
+
+
+def axes_seen_by_dm(facts: Facts, group: GroupTables) -> list[int]:
+    """The axes of a group that the DM can see.
+
+    A state that no topic of the DM shows may be anywhere on its axis (`estimates_around`),
+    whatever the estimate of the others: NotRecheckedError where its axis has several cells.
+    """
+    axes = []
+    for k, (state, cells) in enumerate(zip(group.states, group.grid.shape, strict=True)):
+        if state in facts.leaves:
+            axes.append(k)
+        elif cells != 1:
+            name = facts.states[state].name
+            raise NotRecheckedError(
+                f"no topic shows `{name}` to the DM, and its axis has cells: write `/ 1` in its "
+                "`grid`, or a topic that shows it, which the plant `drives` and the module reads"
+            )
+    return axes
+
+
+def least_levels(cases: Sequence[GroupTables]) -> NDArray[np.uint8]:
+    """The level of each cell of one group, in the grid's shape: the least of all cases.
+
+    RejectedError where a case has no tables S.
+    """
+    total = np.full(cases[0].grid.shape, FULL, dtype=np.uint8)
+    for group in cases:
+        if not group.levels:
+            raise RejectedError("the tables S are not there")
+        outer, inner = group.levels[0], group.levels[-1]
+        total = np.minimum(total, np.where(outer, np.where(inner, FULL, 1), 0).astype(np.uint8))
+    return total
+
+
+def packed_levels(levels: NDArray[np.uint8]) -> bytes:
+    """The bytes of the DM's table: two bits a cell, the first cell in the lowest ones.
+
+    `levels`: 0, 1 or 2 (`BITS`), in the grid's shape.
+    """
+    cells = levels.reshape(-1).tolist()
+    data = bytearray(-(-len(cells) // CELLS_IN_A_BYTE))
+    for k, level in enumerate(cells):
+        data[k // CELLS_IN_A_BYTE] |= level << (BITS * (k % CELLS_IN_A_BYTE))
+    return bytes(data)
+
+
+def read_shield(certificate: Certificate, facts: Facts, group: GroupTables, entry: Entry) -> None:
+    """Read which commands the DM's shield permits; RejectedError for a command there is not."""
+    names = [c.name for c in facts.controls]
+    if entry["command"] is not None and entry["command"] not in names:
+        raise RejectedError("a table of the DM is about a command that there is not")
+    group.command = None if entry["command"] is None else names.index(entry["command"])
+    group.tops = read_tops(certificate.plain(entry["commands"]), group, command_cells(facts))

@@ -37,25 +37,25 @@ from soter.certificate.grid.chain_form_layout import (
     FormLayout,
     OpenedForm,
     StateRows,
+    absolute_sum,
     hull_of,
-    spread_of,
 )
 from soter.certificate.grid.flow_enclosures import domain_of
-from soter.certificate.reading.case_model import atom_of, boxes_of
+from soter.certificate.reading.case_model import boxes_of
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
 from soter.certificate.terms.linear_enclosures import HALF, ONE, ZERO, exact
 from soter.certificate.terms.straight_line import (
     DEMAND,
     NotCertainError,
-    applied,
-    beside,
+    apply_operation,
     dot,
     grown,
-    plus,
+    plus_scaled,
     product,
+    side_by_side,
     sum_of_sizes,
-    units,
+    unit_rows,
 )
 
 if TYPE_CHECKING:
@@ -136,7 +136,7 @@ class FlowChain:
         model, members = self.model, self.members
         terms, states = model.new_terms()
         commands = model.commands(terms, states)
-        own = [atom_of(states[i]) for i in members]
+        own = [states[i].atom for i in members]
         outputs, boxes = [commands[k] for k in self.flow.moves], boxes_of(model, states, members)
         must, noisy = terms.obligations, self.sampled_apart
         rows = compile_lines(terms, own, self.n, outputs, must, boxes, noisy=noisy)
@@ -147,28 +147,30 @@ class FlowChain:
     def first(self, pieces: int, form: Form) -> Image:
         """The first hold, from a_0 to delta - e: the form then, and the boxes on the way."""
         before = self.flow.ranges * self.depth  # anything
-        return self._hold_image(self.layout.opened(form, before), pieces, fresh=True)
+        return self._hold_image(self.layout.open(form, before), pieces, fresh=True)
 
     def later(self, pieces: int, form: Form) -> Image:
         """A later hold, from k delta - e to (k + 1) delta - e: as `first`."""
-        return self._hold_image(self.layout.opened(form, None), pieces, fresh=False)
+        return self._hold_image(self.layout.open(form, None), pieces, fresh=False)
 
     def last(self, pieces: int, form: Form) -> Image:
         """The boxes over [0, e + l] after N delta - e, while the latest command still acts."""
-        start = self.layout.opened(form, None)
-        return (), self._follow(start, self._acting(start), [(self.span / pieces, NOW)] * pieces)[1]
+        start = self.layout.open(form, None)
+        return (), self._follow(
+            start, self._acting_command(start), [(self.span / pieces, NOW)] * pieces
+        )[1]
 
     def free(self, time: Fraction, pieces: int, form: Form) -> Image:
         """A free phase: the boxes over [0, time] s under any commands."""
-        start = self.layout.opened(form, self.flow.ranges * self.depth)
+        start = self.layout.open(form, self.flow.ranges * self.depth)
         spans = [(time / pieces, NOW)] * (pieces if time else 0)
-        return (), self._follow(start, self._any(start), spans)[1]
+        return (), self._follow(start, self._any_commands(start), spans)[1]
 
     def _hold_image(self, start: OpenedForm, pieces: int, *, fresh: bool) -> Image:
         """A hold: the command that SC answers, where it leads, and the boxes on the way."""
-        new = self._answered(start, fresh=fresh)
+        new = self._answer_of_sc(start, fresh=fresh)
         way, boxes = self._follow(start, new, self.spans(pieces * self.least_pieces, fresh=fresh))
-        return self.layout.closed(start, way, new), boxes
+        return self.layout.close(start, way, new), boxes
 
     def spans(self, count: int, *, fresh: bool) -> list[tuple[Fraction, Fraction]]:
         """The steps of a hold: how long each is in s, and for how long the old command may act."""
@@ -180,12 +182,12 @@ class FlowChain:
         handed = [(early, early)] if early else []
         return [*handed, *[(rest / count, NOW)] * (count if rest else 0)]
 
-    def _acting(self, start: OpenedForm) -> CommandRows:
+    def _acting_command(self, start: OpenedForm) -> CommandRows:
         """The command that acts already when the hold begins."""
         n, q = self.n, self.q
         return CommandRows(start.rows(n, q), start.ranges[n : n + q])
 
-    def _any(self, start: OpenedForm) -> CommandRows:
+    def _any_commands(self, start: OpenedForm) -> CommandRows:
         """Any commands: the middles of their sets, and what they may be off these."""
         rows = start.rows(0, self.q)
         for row, (low, high) in zip(rows, self.flow.ranges, strict=True):
@@ -195,23 +197,23 @@ class FlowChain:
 
     # ------------------------------------------------------------ what SC reads
 
-    def _answered(self, start: OpenedForm, *, fresh: bool) -> CommandRows:
+    def _answer_of_sc(self, start: OpenedForm, *, fresh: bool) -> CommandRows:
         """The commands that answer the sample; their unknowns are entered into `start.z`.
 
         Where each instant answers its own, there are none: what a command is off its row is another
         number at each instant.
         """
         n, q = self.n, self.q
-        sample = self._sampled(start, fresh=fresh)
+        sample = self._sampled_states(start, fresh=fresh)
         values = product(sample.rows, start.z)
         form = [end for interval in sample.box for end in interval]
         form += [row[0] for row in values]
         form += [x for row in values for x in row[1 : 1 + n]]
-        form += [spread_of(row[1 + n :]) for row in values]
+        form += [absolute_sum(row[1 + n :]) for row in values]
         form += sample.rest if self.sampled_apart else []  # else nothing is off the rows
         law, domain = self.law
         for interval, most in zip(sample.box, domain, strict=True):
-            applied(DEMAND, applied("inside", *interval, *most))
+            apply_operation(DEMAND, apply_operation("inside", *interval, *most))
         lines = law(tuple(form))
         if lines is None:
             raise NotCertainError
@@ -223,33 +225,37 @@ class FlowChain:
             rows.append(row)
             ranges.append((low, high))
             if self.times.anew:
-                radii.append(_recentred(row, spread, (low, high), start.z))
+                radii.append(_recentre_row(row, spread, (low, high), start.z))
             else:
                 row[k - 1 - q] = ONE
-                start.z[k - 1 - q][k - q] = applied("magnitude", spread)
+                start.z[k - 1 - q][k - q] = apply_operation("magnitude", spread)
         return CommandRows(rows, ranges, radii)
 
-    def _sampled(self, start: OpenedForm, *, fresh: bool) -> StateRows:
+    def _sampled_states(self, start: OpenedForm, *, fresh: bool) -> StateRows:
         """The states when the sample was taken; the first one was before a_0.
 
         A read is never younger than the first component that answers it. So of a later sample the
         latest old command acts from k delta - e on until a_k.
         """
-        way = self.layout.begun(start)
+        way = self.layout.states_at_begin(start)
         if self.times.anew:
             span = -self.times.d, self.delta
-            return self._moved(start, span, self._any(start), self.flow.ranges, [])
+            return self._states_in_span(
+                start, span, self._any_commands(start), self.flow.ranges, []
+            )
         if not self.depth:
             return way
         begin, end = self.times.taken if fresh else (-self.times.d, self.span)
         acting, others = (
-            (self._any(start), []) if fresh else (self._acting(start), self._gap_sums(start))
+            (self._any_commands(start), [])
+            if fresh
+            else (self._acting_command(start), self._gap_sums(start))
         )
         n, q = self.n, self.q
         ranges = [hull_of(start.ranges[n + k :: q][: self.depth]) for k in range(q)]
-        return self._moved(start, (begin, end), acting, ranges, others)
+        return self._states_in_span(start, (begin, end), acting, ranges, others)
 
-    def _moved(
+    def _states_in_span(
         self,
         start: OpenedForm,
         span: tuple[Fraction, Fraction],
@@ -261,31 +267,37 @@ class FlowChain:
 
         `others`: the integrals of what these differ from it.
         """
-        n, flow, way = self.n, self.flow, self.layout.begun(start)
+        n, flow, way = self.n, self.flow, self.layout.states_at_begin(start)
         begin, end = span
-        local = flow.around(way.box, ranges, begin, max(end, NOW))
-        rate = product(beside(local.a, local.b), [*way.rows, *acting.rows])
+        local = flow.enclose(way.box, ranges, begin, max(end, NOW))
+        rate = product(side_by_side(local.a, local.b), [*way.rows, *acting.rows])
         for row, c in zip(rate, local.constant, strict=True):
             row[-1] += c
-        held = [applied("union", *ends) for ends in (*way.box, *acting.ranges)]
+        held = [apply_operation("union", *ends) for ends in (*way.box, *acting.ranges)]
         sizes = []  # of the rate: by its row, and by ranges, which end where commands do
         values = product(rate, start.z)
-        for row, factors, c in zip(values, beside(local.a, local.b), local.constant, strict=True):
-            whole = applied("magnitude", dot(factors, held) + c)
-            sizes.append(applied("min", whole, spread_of(row)))
+        for row, factors, c in zip(
+            values, side_by_side(local.a, local.b), local.constant, strict=True
+        ):
+            whole = apply_operation("magnitude", dot(factors, held) + c)
+            sizes.append(apply_operation("min", whole, absolute_sum(row)))
         integral = flow.integral(local, begin, end)
         noise = flow.noise(local, begin, end, acting.radii)
-        pushes = product(plus(units(n), product(local.a, integral)), local.b) if others else local.b
+        pushes = (
+            product(plus_scaled(unit_rows(n), product(local.a, integral)), local.b)
+            if others
+            else local.b
+        )
         rest = []
         for i, row in enumerate(integral):
             wide = dot([x.rad() for x in row], sizes)
             size = noise[i] + wide + sum_of_sizes(pushes[i], others)
-            rest.append(applied("magnitude", size))
-        rows = plus(way.rows, product([[x.mid() for x in row] for row in integral], rate))
+            rest.append(apply_operation("magnitude", size))
+        rows = plus_scaled(way.rows, product([[x.mid() for x in row] for row in integral], rate))
         placed = self._with_ranges(start, StateRows(rows, rest, way.box), local)
         if self.times.anew:  # rows are about the middle of the span, with the noise of all of it
             placed.box = [
-                (applied("larger", low, a), applied("smaller", high, b))
+                (apply_operation("larger", low, a), apply_operation("smaller", high, b))
                 for (a, b), (low, high) in zip(placed.box, local.box, strict=True)
             ]
         return placed
@@ -295,17 +307,23 @@ class FlowChain:
         n, q = self.n, self.q
         integrals = []
         for k in range(q):
-            gaps = [ZERO, *(self._gap(start, n + k, n + at * q + k) for at in range(1, self.depth))]
+            gaps = [
+                ZERO,
+                *(
+                    self._largest_difference(start, n + k, n + at * q + k)
+                    for at in range(1, self.depth)
+                ),
+            ]
             lengths = [a - b for a, b in pairwise(self.behind)]
-            longest = [applied("max", a, b) for a, b in pairwise(gaps)]
+            longest = [apply_operation("max", a, b) for a, b in pairwise(gaps)]
             integrals.append(dot(lengths, longest))
         return integrals
 
     @staticmethod
-    def _gap(start: OpenedForm, one: int, other: int) -> Any:  # noqa: ANN401  a ball or a value
+    def _largest_difference(start: OpenedForm, one: int, other: int) -> Any:  # noqa: ANN401  a ball or a value
         """By how much two old commands differ at most."""
-        apart = spread_of([x - y for x, y in zip(start.z[one], start.z[other], strict=True)])
-        return applied("min", apart, _greatest_gap(start.ranges[one], start.ranges[other]))
+        apart = absolute_sum([x - y for x, y in zip(start.z[one], start.z[other], strict=True)])
+        return apply_operation("min", apart, _greatest_gap(start.ranges[one], start.ranges[other]))
 
     # ------------------------------------------------------------ one step
 
@@ -313,7 +331,7 @@ class FlowChain:
         self, start: OpenedForm, new: CommandRows, spans: Sequence[tuple[Fraction, Fraction]]
     ) -> tuple[StateRows, Boxes]:
         """The states after these steps under the commands `new`, and the boxes on the way."""
-        way, boxes = self.layout.begun(start), []
+        way, boxes = self.layout.states_at_begin(start), []
         for span, early in spans:
             way, tube = self._step(start, way, new, span, early)
             boxes += tube
@@ -330,38 +348,40 @@ class FlowChain:
         """The states `span` later, and the box between; up to `early` the old commands may act."""
         ranges = new.ranges
         if early:
-            old = self._acting(start)
+            old = self._acting_command(start)
             ranges = [hull_of(pair) for pair in zip(new.ranges, old.ranges, strict=True)]
-        flow, local = self.flow, self.flow.around(way.box, ranges, NOW, span)
-        law = flow.solved(local, span)
-        rows = product(beside(law.state, law.control), [*way.rows, *new.rows])
+        flow, local = self.flow, self.flow.enclose(way.box, ranges, NOW, span)
+        law = flow.solution_over(local, span)
+        rows = product(side_by_side(law.state, law.control), [*way.rows, *new.rows])
         noise = flow.noise(local, NOW, span, new.radii)
         if early:
             moved, more = self._handover(start, local, law, new, early)
-            rows = plus(rows, moved)
+            rows = plus_scaled(rows, moved)
             noise = [x + y for x, y in zip(noise, more, strict=True)]
         for row, c in zip(rows, law.constant, strict=True):
             row[-1] += c
         rest = [sum_of_sizes(row, way.rest) + x for row, x in zip(law.state, noise, strict=True)]
         after = self._with_ranges(start, StateRows(rows, rest, way.box), local)
-        after.box = self._compared(way.box, after.box, local, span)
+        after.box = self._tightened_ranges(way.box, after.box, local, span)
         return after, self._tube(way, after, local, span)
 
     @staticmethod
-    def _compared(before: Boxes, after: Boxes, local: Enclosure, span: Fraction) -> list[Interval]:
+    def _tightened_ranges(
+        before: Boxes, after: Boxes, local: Enclosure, span: Fraction
+    ) -> list[Interval]:
         """Ranges after a step, also from those before it: beside a limit of SC they say more."""
         box = []
         for i, (low, high) in enumerate(before):
             own = local.a[i][i]
             law = own, local.others[i], grown(own, exact(span))
-            box.append(applied("compared", low, high, *after[i], *law, parts=2))
+            box.append(apply_operation("range_after", low, high, *after[i], *law, parts=2))
         return box
 
     def _with_ranges(self, start: OpenedForm, way: StateRows, local: Enclosure) -> StateRows:
         """The states with new ranges, from their rows; a state whose rate is 0 keeps its range."""
         box = []
         for i, row in enumerate(product(way.rows, start.z)):
-            radius = spread_of(row[1:]) + way.rest[i]
+            radius = absolute_sum(row[1:]) + way.rest[i]
             box.append(way.box[i] if local.has_zero_rate(i) else (row[0] - radius, row[0] + radius))
         return StateRows(way.rows, way.rest, self.flow.end_ranges(box, local))
 
@@ -371,9 +391,9 @@ class FlowChain:
         for i, rates in enumerate(local.rates):
             own = local.a[i][i]
             law = *rates, own, local.others[i], exact(span), grown(own, exact(span))
-            tube.append(applied("swept", *way.box[i], *after.box[i], *law, parts=2))
-        ends = [end for interval in self.flow.clipped(tube) for end in interval]
-        return [applied(name, end) for name, end in zip(cycle(("below", "above")), ends)]
+            tube.append(apply_operation("range_between", *way.box[i], *after.box[i], *law, parts=2))
+        ends = [end for interval in self.flow.clip(tube) for end in interval]
+        return [apply_operation(name, end) for name, end in zip(cycle(("below", "above")), ends)]
 
     def _handover(
         self,
@@ -387,12 +407,12 @@ class FlowChain:
 
         E is the integral of e^{A(h - s)} B over [0, t], e^{Ah} times that of e^{-As}, times B.
         """
-        old = self._acting(start)
+        old = self._acting_command(start)
         back = [[-x for x in row] for row in self.flow.integral(local, -early, NOW)]
         reach = product(law.state, product(back, local.b))
-        gap = plus(old.rows, new.rows, -ONE)
+        gap = plus_scaled(old.rows, new.rows, -ONE)
         sizes = [
-            applied("min", spread_of(values), _greatest_gap(a, b))
+            apply_operation("min", absolute_sum(values), _greatest_gap(a, b))
             for values, a, b in zip(product(gap, start.z), old.ranges, new.ranges, strict=True)
         ]
         noise = [dot([x.rad() for x in row], sizes) for row in reach]
@@ -404,21 +424,21 @@ class FlowChain:
 
 def _greatest_gap(a: Interval, b: Interval) -> Any:  # noqa: ANN401  a ball or a value
     """By how much numbers of two intervals differ at most."""
-    return applied("max", applied("max", a[1] - b[0], b[1] - a[0]), ZERO)
+    return apply_operation("max", apply_operation("max", a[1] - b[0], b[1] - a[0]), ZERO)
 
 
-def _recentred(row: list[Any], spread: Any, within: Interval, z: Rows) -> Any:  # noqa: ANN401
+def _recentre_row(row: list[Any], spread: Any, within: Interval, z: Rows) -> Any:  # noqa: ANN401
     """Move the constant of a number's row to make its greatest error least; returns that error.
 
     It follows from the spread, from the constant's radius, and from the interval that the number
     lies in, which says more beside a limit: rows touch it.
     """
-    constant = applied("mid", row[-1])
-    spread += applied("magnitude", row[-1] - constant)
+    constant = apply_operation("mid", row[-1])
+    spread += apply_operation("magnitude", row[-1] - constant)
     row[-1] = constant
     (value,) = product([row], z)
-    far = spread_of(value[1:])
-    least = applied("max", -spread, within[0] - value[0] - far)
-    most = applied("min", spread, within[1] - value[0] + far)
+    far = absolute_sum(value[1:])
+    least = apply_operation("max", -spread, within[0] - value[0] - far)
+    most = apply_operation("min", spread, within[1] - value[0] + far)
     row[-1] += (least + most) * HALF
-    return applied("magnitude", (most - least) * HALF)
+    return apply_operation("magnitude", (most - least) * HALF)

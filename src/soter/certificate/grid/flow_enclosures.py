@@ -1,11 +1,11 @@
 """Flows over a span of time, in Arb: a box of all solutions, a linear model, its solution.
 
-Purpose: `flow_chains.py` makes its steps of these. `around` gives a box that holds every solution
-for a span, and the matrices of x' = A x + B u + c +- w in it (`Enclosure`); `solved` their
+Purpose: `flow_chains.py` makes its steps of these. `enclose` gives a box that holds every solution
+for a span, and the matrices of x' = A x + B u + c +- w in it (`Enclosure`); `solution_over` their
 solution. `LocalFlow` makes both anew around each box; `SolvedFlow`, a linear flow, once for all.
 Non-goals: chains and forms (`flow_chains.py`); solving linear flows (`reading/linear_flows.py`).
 
-Argument of `around`. Let X be a box of states, U one of commands, s <= 0 <= t, B a box and F the
+Argument of `enclose`. Let X be a box of states, U one of commands, s <= 0 <= t, B a box and F the
 range of the derivative over B x U x D, and let every point of X plus [s, t] F lie in B. The
 functions on [s, t] with values in B, compact and convex, are mapped into themselves by x + integral
 f, so a solution with values in X + [s, t] F exists (Schauder), and solutions are unique (printed,
@@ -33,7 +33,7 @@ from typing import TYPE_CHECKING, Any
 
 from flint import arb, arb_mat
 
-from soter.certificate.reading.case_model import atom_of, boxes_of, control_inputs
+from soter.certificate.reading.case_model import boxes_of, control_inputs
 from soter.certificate.reading.linear_flows import LinearFlow, Solution, integrals
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import TAIL, compile_lines
@@ -49,15 +49,15 @@ from soter.certificate.terms.linear_enclosures import (
 )
 from soter.certificate.terms.straight_line import (
     NotCertainError,
-    applied,
-    beside,
+    apply_operation,
     dot,
-    plus,
+    plus_scaled,
     product,
+    side_by_side,
     sum_of_sizes,
-    times,
+    times_column,
     total,
-    units,
+    unit_rows,
 )
 from soter.certificate.terms.terms import Proposition, inputs_of
 
@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     Interval = tuple[Any, Any]
 
 ROUNDS = 8
-"""How often a box is enlarged before `around` gives up."""
+"""How often a box is enlarged before `enclose` gives up."""
 LOOSE = arb("1.1")
 """The factor by which a box is enlarged further than it must be."""
 NEARER = 2
@@ -113,12 +113,12 @@ class KeptEnds:
         self.grid = [(exact(low), exact(high)) for low, high in (model.extents[i] for i in members)]
         self.kept = list(kept) or [(False, False)] * self.n
 
-    def clipped(self, box: Sequence[Interval]) -> list[Interval]:
+    def clip(self, box: Sequence[Interval]) -> list[Interval]:
         """A box without what lies beyond ends that no run crosses."""
         return [
             (
-                applied("max", low, least) if first else low,
-                applied("min", high, most) if last else high,
+                apply_operation("max", low, least) if first else low,
+                apply_operation("min", high, most) if last else high,
             )
             for (low, high), (first, last), (least, most) in zip(
                 box, self.kept, self.grid, strict=True
@@ -156,7 +156,7 @@ class SolvedFlow(KeptEnds):
         del span
         return 1
 
-    def around(
+    def enclose(
         self, box: Sequence[Interval], commands: Sequence[Interval], start: Fraction, end: Fraction
     ) -> Enclosure:
         """The enclosure over [start, end], start <= 0 <= end: x + (E - 1) x + F u + c +- noise.
@@ -166,23 +166,33 @@ class SolvedFlow(KeptEnds):
         bounded, and a state has not changed by more than these times the span.
         """
         flow, law = self.flow, self._solution(start, end)
-        hulls = [applied("union", *ends) for ends in box]
+        hulls = [apply_operation("union", *ends) for ends in box]
         middles = [(low + high) * HALF for low, high in commands]
         radii = [(high - low) * HALF for low, high in commands]
         met = []
-        drift, noise = plus(law.state, units(self.n), -ONE), self.noise(None, start, end, radii)
+        drift, noise = (
+            plus_scaled(law.state, unit_rows(self.n), -ONE),
+            self.noise(None, start, end, radii),
+        )
         for i, (low, high) in enumerate(box):
             off = dot([*drift[i], *law.control[i]], [*hulls, *middles]) + law.constant[i]
             ends = low + off - noise[i], high + off + noise[i]
-            met.append((applied("min", low, ends[0]), applied("max", high, ends[1])))
-        met = self.clipped(met)
+            met.append(
+                (apply_operation("min", low, ends[0]), apply_operation("max", high, ends[1]))
+            )
+        met = self.clip(met)
         rates, others = self._rates(met, commands)
         for _ in range(NEARER if start < 0 else 0):
             near = []
             for (low, high), (least, most), rate in zip(box, met, rates, strict=True):
-                way = applied("union", rate * exact(start), rate * exact(end))
-                first, last = applied("min", low, low + way), applied("max", high, high + way)
-                near.append((applied("max", least, first), applied("min", most, last)))
+                way = apply_operation("union", rate * exact(start), rate * exact(end))
+                first, last = (
+                    apply_operation("min", low, low + way),
+                    apply_operation("max", high, high + way),
+                )
+                near.append(
+                    (apply_operation("max", least, first), apply_operation("min", most, last))
+                )
             met = near
             rates, others = self._rates(met, commands)
         pairs = [(x, x) for x in rates]
@@ -193,8 +203,8 @@ class SolvedFlow(KeptEnds):
     ) -> tuple[list[Any], list[Any]]:
         """The rate of each state in a box, and what that is without a_ii x_i."""
         flow, rates, others = self.flow, [], []
-        held = [applied("union", *ends) for ends in (*met, *commands)]
-        for i, row in enumerate(beside(flow.a, flow.b)):
+        held = [apply_operation("union", *ends) for ends in (*met, *commands)]
+        for i, row in enumerate(side_by_side(flow.a, flow.b)):
             rest = flow.constant[i] + self.disturbed[i] * UNIT
             others.append(dot([*row[:i], ZERO, *row[i + 1 :]], held) + rest)
             rates.append(row[i] * held[i] + others[i])
@@ -210,9 +220,9 @@ class SolvedFlow(KeptEnds):
     def end_ranges(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
         """The states' ranges at the end of a span, from `box` and the enclosure of the span."""
         del enclosure  # says no more
-        return self.clipped(box)
+        return self.clip(box)
 
-    def solved(self, enclosure: Enclosure, span: Fraction) -> Solution:
+    def solution_over(self, enclosure: Enclosure, span: Fraction) -> Solution:
         """The solution over a span of time; the same for every enclosure."""
         del enclosure
         return self._solution(span, span)
@@ -247,13 +257,13 @@ class LocalFlow(KeptEnds):
         terms, states = model.new_terms()
         controls = control_inputs(model.facts, terms)
         rates, _ = model.rates(terms, states, controls)
-        own = [atom_of(states[i]) for i in members]
+        own = [states[i].atom for i in members]
         outputs = [rates[i] for i in members]
         felt = inputs_of(terms, outputs)
-        self.moves = [k for k, u in enumerate(controls) if atom_of(u) in felt]
+        self.moves = [k for k, u in enumerate(controls) if u.atom in felt]
         """Controls that this group feels."""
-        inputs = own + [atom_of(controls[k]) for k in self.moves]
-        must = _own_obligations(terms, own, [atom_of(x) for x in states])
+        inputs = own + [controls[k].atom for k in self.moves]
+        must = _own_obligations(terms, own, [x.atom for x in states])
         boxes = boxes_of(model, states, members)
         self.may_branch = model.facts.at_rest
         """Whether there may be several solutions."""
@@ -269,7 +279,7 @@ class LocalFlow(KeptEnds):
             lines = self.lines(self.grid, self.ranges)
         except NotCertainError:
             return 2
-        rates = size_of(self.enclosure(self.grid, self.ranges, lines).a)
+        rates = largest_row_sum(self.enclosure(self.grid, self.ranges, lines).a)
         return max(1, math.ceil(min(float(rates * exact(span) / STIFF), STEPS_MAX)))
 
     def lines(self, box: Sequence[Interval], commands: Sequence[Interval]) -> list[arb]:
@@ -294,7 +304,7 @@ class LocalFlow(KeptEnds):
         width = self.n + len(self.moves) + TAIL
         return [(lines[k * width - 2], lines[k * width - 1]) for k in range(1, self.n + 1)]
 
-    def around(
+    def enclose(
         self, box: Sequence[Interval], commands: Sequence[Interval], start: Fraction, end: Fraction
     ) -> Enclosure:
         """The enclosure over [start, end], start <= 0 <= end.
@@ -302,19 +312,19 @@ class LocalFlow(KeptEnds):
         `NotCertainError` where none is found.
         """
         first, last = exact(start), exact(end)
-        box, commands = (list(starmap(outwards, x)) for x in (box, commands))
-        trial = self.clipped(box)
+        box, commands = (list(starmap(rounded_outwards, x)) for x in (box, commands))
+        trial = self.clip(box)
         lines = self.lines(trial, commands)
         for k in range(ROUNDS):
-            moved = self._moved(box, self.rates(lines), first, last)
+            moved = self._moved_box(box, self.rates(lines), first, last)
             if k and _within(moved, trial):
                 return self.enclosure(moved, commands, lines)
             hair = HAIR if start < 0 or self.may_branch else ZERO
-            trial = self.clipped(self._looser(box, moved, hair=hair))
+            trial = self.clip(self._looser_box(box, moved, hair=hair))
             lines = self.lines(trial, commands)
         raise NotCertainError
 
-    def _moved(
+    def _moved_box(
         self, box: Sequence[Interval], rates: Sequence[Interval], start: arb, end: arb
     ) -> list[Interval]:
         """The box of the states of `box` over [start, end] with these rates, clipped."""
@@ -322,10 +332,10 @@ class LocalFlow(KeptEnds):
         for (low, high), (least, most) in zip(box, rates, strict=True):
             down = (end * least).min(start * most).min(ZERO)
             up = (end * most).max(start * least).max(ZERO)
-            intervals.append(outwards(low + down, high + up))
-        return self.clipped(intervals)
+            intervals.append(rounded_outwards(low + down, high + up))
+        return self.clip(intervals)
 
-    def _looser(
+    def _looser_box(
         self, box: Sequence[Interval], moved: Sequence[Interval], hair: arb
     ) -> list[Interval]:
         """A box further out than `moved`: by a tenth of its way from `box`, and by a hair."""
@@ -367,16 +377,18 @@ class LocalFlow(KeptEnds):
     def end_ranges(self, box: Sequence[Interval], enclosure: Enclosure) -> list[Interval]:
         """The states' ranges at the end of a span, from `box` and the enclosure of the span."""
         pairs = zip(box, enclosure.box, strict=True)
-        return self.clipped([outwards(larger(a, c), smaller(b, d)) for (a, b), (c, d) in pairs])
+        return self.clip(
+            [rounded_outwards(larger(a, c), smaller(b, d)) for (a, b), (c, d) in pairs]
+        )
 
-    def solved(self, enclosure: Enclosure, span: Fraction) -> Solution:
+    def solution_over(self, enclosure: Enclosure, span: Fraction) -> Solution:
         """The solution formula over a step of this length."""
         time, a = exact(span), enclosure.a
         integral = integral_of(a, time)
         return Solution(
-            plus(units(self.n), product(a, integral)),
+            plus_scaled(unit_rows(self.n), product(a, integral)),
             product(integral, enclosure.b),
-            times(integral, enclosure.constant),
+            times_column(integral, enclosure.constant),
         )
 
     def noise(
@@ -393,7 +405,7 @@ class LocalFlow(KeptEnds):
             major[i][i] = row[i] if start >= 0 else (-row[i] if end <= 0 else major[i][i])
         pairs = zip(enclosure.noise, enclosure.b, strict=True)
         sizes = [x + sum_of_sizes(row, radii) for x, row in pairs]
-        return times(integral_of(major, exact(max(-start, end))), sizes)
+        return times_column(integral_of(major, exact(max(-start, end))), sizes)
 
     def integral(self, enclosure: Enclosure, start: Fraction, end: Fraction) -> Rows:
         """The integral of e^{As} over [0, t], for all t in [start, end].
@@ -404,7 +416,7 @@ class LocalFlow(KeptEnds):
         time, far = exact(start).union(exact(end)), exact(max(-start, end))
         least = ZERO if start <= 0 <= end else exact(min(abs(start), abs(end)))
         square = (least * least).union(far * far) * HALF
-        theta = size_of(enclosure.a) * far
+        theta = largest_row_sum(enclosure.a) * far
         rest = far * theta * theta / 6 * theta.exp() * UNIT
         rows = []
         for i, row in enumerate(enclosure.a):
@@ -421,8 +433,8 @@ def integral_of(a: Rows, time: arb) -> Rows:
     at most, theta = |A|t by rows. A row of zeros in A has none. NotRecheckedError where it is
     beyond `TERMS_MAX` terms.
     """
-    scaled, one = arb_mat(a) * time, arb_mat(units(len(a)))
-    theta = size_of(a) * time
+    scaled, one = arb_mat(a) * time, arb_mat(unit_rows(len(a)))
+    theta = largest_row_sum(a) * time
     count, rest = 1, theta * HALF
     while count < TERMS_MAX and not rest < REST:
         count += 1
@@ -440,7 +452,7 @@ def integral_of(a: Rows, time: arb) -> Rows:
     ]
 
 
-def size_of(a: Rows) -> arb:
+def largest_row_sum(a: Rows) -> arb:
     """The largest sum of absolute values of a row, without radius."""
     size = ZERO
     for row in a:
@@ -456,7 +468,7 @@ def domain_of(terms: Terms, inputs: Sequence[int]) -> list[Interval]:
     return [(terms.atoms[a].low, terms.atoms[a].high) for a in inputs]
 
 
-def outwards(low: arb, high: arb) -> Interval:
+def rounded_outwards(low: arb, high: arb) -> Interval:
     """Ends without radius: equal ends are seen to be equal."""
     return arb(low.lower()), arb(high.upper())
 

@@ -1,9 +1,10 @@
 """The method of grids: a group's tables of cells, and its claims as inclusions, cell by cell.
 
-Purpose: `GridGroup` reads the tables of one group (K, R, Q, W, S: `certificate/__init__.py`), and
-compares the table of a DM with computed predicates with the sets S of all cases. `GridCheck` turns
-each claim (`groups.py`) into tasks about blocks of cells (docs/verification.md, section 3).
-Non-goals: the inclusions themselves (`group_claims.py`, `estimates_and_shield.py`).
+Purpose: `GridGroup` reads the tables of one group (K, R, Q, W, S: `certificate/__init__.py`).
+`GridCheck` turns each claim (`groups.py`) into tasks about blocks of cells (docs/verification.md,
+section 3).
+Non-goals: the inclusions themselves (`group_claims.py`), estimates and the table of a DM with
+computed predicates (`estimates_and_shield.py`).
 """
 
 from __future__ import annotations
@@ -13,16 +14,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.certificate.cell_predicates import AdmitCheck, admitted
-from soter.certificate.cell_sets import Cells, Grid, brought_back, parts, volume
+from soter.certificate.cell_predicates import AdmitCheck, cells_wrongly_admitted
+from soter.certificate.cell_sets import Cells, Grid, parts, turned_back, volume
 from soter.certificate.folder import FREE
 from soter.certificate.grid.estimates_and_shield import (
-    cells_of,
-    driven_estimates,
-    eroded,
-    levels_hold,
-    to_show,
-    tops_of,
+    FULL,
+    axes_seen_by_dm,
+    eroded_cells,
+    estimates_driven_out,
+    estimates_of_outside,
+    least_levels,
+    packed_levels,
+    read_shield,
+    require_same_axes,
+    shield_inclusions,
 )
 from soter.certificate.grid.group_claims import (
     FREE_PIECES,
@@ -30,11 +35,11 @@ from soter.certificate.grid.group_claims import (
     ChainCheck,
     FreeCheck,
     GroupTables,
-    driven_out,
-    ranked,
-    witnessed,
+    cells_driven_out,
+    cells_not_led,
+    cells_not_nearer,
 )
-from soter.certificate.grid.resting import RESTS, rests
+from soter.certificate.grid.resting import RESTS, resting_cells_unshown
 from soter.certificate.grid.sc_chains import points_inwards
 from soter.certificate.groups import LOOK, Group, GroupCheck
 from soter.certificate.reading.linear_flows import is_linear
@@ -64,10 +69,6 @@ CELLS_TRIED = 3
 """From so many cells of K a trial follows SC: the first, one in the middle, the last."""
 HOLDS_TRIED = 2
 """The most holds for which a trial follows SC from each of them."""
-BITS = 2
-"""Bits of a cell's level in the DM's table: 0: ttf, 1: in S_0, 2: in S_(m-2) of every case."""
-FULL = 2
-CELLS_IN_A_BYTE = 4
 
 
 class GridGroup(Group):
@@ -105,7 +106,7 @@ class GridGroup(Group):
         """The one table of K, shaped as the grid."""
         return [self.tables.core]
 
-    def part(self, *, errors: bool) -> Axes:
+    def cells_asked(self, *, errors: bool) -> Axes:
         """The cells of the grid, also for estimates."""
         del errors
         return self.tables
@@ -125,16 +126,16 @@ class GridGroup(Group):
         if any(g.states != group.states or g.grid.edges != group.grid.edges for g in tables):
             raise RejectedError("the cases have other grids, and the DM has one table for all")
         names = [facts.states[i].name for i in group.states]
-        _compare_axes(certificate, group, names, _looked_at(facts, group), entry["axes"])
-        total = levels_of(tables)
-        if certificate.plain(entry["levels"]) != packed(total):
+        require_same_axes(certificate, group, names, axes_seen_by_dm(facts, group), entry["axes"])
+        total = least_levels(tables)
+        if certificate.plain(entry["levels"]) != packed_levels(total):
             raise RejectedError(f"the table of the DM over {', '.join(names)} is not that of S")
         for g in tables:
             g.given_back = total == FULL
             if shield:
-                _shield(certificate, facts, g, entry)
+                read_shield(certificate, facts, g, entry)
 
-    def kept_by(self, law: Sequence[Group]) -> Cells:
+    def cells_kept_by_law(self, law: Sequence[Group]) -> Cells:
         """The cells that the law keeps; RejectedError where these are cells of another grid."""
         own = self.tables
         for other in (g.tables for g in law if isinstance(g, GridGroup)):
@@ -142,27 +143,27 @@ class GridGroup(Group):
                 return Cells(own.grid, other.core > 0)
         raise RejectedError("the law is looked at on other cells than SC")
 
-    def tell(self, report: RecheckedModule) -> None:
+    def add_size_to(self, report: RecheckedModule) -> None:
         """Add to a report how many cells the grid has."""
         report.cells += int(np.prod(self.tables.grid.shape))
 
     @property
-    def unentered(self) -> str:
-        """Why `entered` says nothing: there is no R(H); "": there is one."""
+    def why_no_entry(self) -> str:
+        """Why `where_entered_outside` says nothing: there is no R(H); "": there is one."""
         return "there is no R(H)" if self.tables.free is None else ""
 
-    def entered(self, model: CaseModel, expr: typed.TypedExpr) -> str:
+    def where_entered_outside(self, model: CaseModel, expr: typed.TypedExpr) -> str:
         """Where `expr` may hold outside R(H), in words; not even `safe` is taken to hold there."""
         grid = self.tables.grid
         assert self.tables.free is not None
         check = AdmitCheck(model, self.tables, expr, admits=True, anywhere=True)
-        failed = next(admitted(check, self.tables.free, grid.whole), None)
+        failed = next(cells_wrongly_admitted(check, self.tables.free, grid.whole), None)
         if failed is None:
             return ""
         names = ", ".join(model.facts.states[s].name for s in self.states)
         return f"it may hold outside R(H), at {names} in {grid.text(failed)}"
 
-    def never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
+    def why_ac_never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
         """Read off the table of the DM alone; `drawn` (one a state) is not needed."""
         del drawn
         given, levels = self.tables.given_back, self.tables.levels
@@ -172,7 +173,7 @@ class GridGroup(Group):
             return f"{KEEPS} (the table leaves it in control on no estimate)", ""
         return "", ""
 
-    def drawn(self, facts: Facts, chance: np.random.Generator) -> Iterator[list[float]]:
+    def random_points(self, facts: Facts, chance: np.random.Generator) -> Iterator[list[float]]:
         """Random points of K: each cell as often, and anywhere in it."""
         del facts
         inside = np.argwhere(self.tables.core > 0)
@@ -195,7 +196,7 @@ class GridCheck(GroupCheck):
         """Whether no run leaves the grid, whatever is commanded."""
 
     @property
-    def sees_rates(self) -> bool:
+    def shows_rates_defined(self) -> bool:
         """Whether chains follow a flow that is not linear: these need its rates to be defined."""
         return not self.kept and not is_linear(self.model, self.tables.states)
 
@@ -210,7 +211,7 @@ class GridCheck(GroupCheck):
         """Whether the sets are the whole grid of a group that no run leaves."""
         return self.kept and all(s.members.all() for s in sets)
 
-    def tried(self, claims: set[str]) -> None:
+    def prepare(self, claims: set[str]) -> None:
         """Follow SC, and any command, from a few cells of K, wherever that leads."""
         everywhere = Cells(self.grid, np.ones(self.grid.shape, dtype=np.bool_))
         free = FreeCheck(self.model, self.tables, self.model.facts.times["H_ns"])
@@ -223,13 +224,13 @@ class GridCheck(GroupCheck):
             if claims & FREE:
                 free.stays(box, everywhere, FREE_PIECES[0])
 
-    def safe(self, cells: Cells) -> None:
+    def note_safe_cells(self, cells: Cells) -> None:
         """`safe` is certain on these cells; RejectedError where K is empty."""
         if self.kernel.size == 0:
             raise RejectedError("K is empty")
         self.allowed &= cells.members
 
-    def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
+    def stays_in_topic_set(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
         """SC has to keep the state in `cells`: a plant that publishes anything else stops.
 
         RejectedError where K holds other cells.
@@ -244,7 +245,7 @@ class GridCheck(GroupCheck):
         self.allowed &= cells.members
         return True
 
-    def core(self) -> Iterable[Task]:
+    def show_core(self) -> Iterable[Task]:
         """Show that SC leads from each cell of K back to K, after as many holds as the cell says.
 
         RejectedError where `safe` is not certain on a cell of K.
@@ -263,14 +264,14 @@ class GridCheck(GroupCheck):
             np.asarray(self.tables.core == RESTS),
         )
         if at_rest.any():
-            still = rests(self.model, self.tables, at_rest, within)
-            tasks = [*blocks("SC does not certainly stand still from", self.grid, still)]
+            still = resting_cells_unshown(self.model, self.tables, at_rest, within)
+            tasks = [*block_tasks("SC does not certainly stand still from", self.grid, still)]
         holds = np.where(at_rest, 0, self.tables.core)
-        show = partial(witnessed, self.chains, holds, within, self.kernel)
+        show = partial(cells_not_led, self.chains, holds, within, self.kernel)
         what = "SC does not certainly lead back to K from"
-        return [*tasks, *blocks(what, self.grid, show, holds)]
+        return [*tasks, *block_tasks(what, self.grid, show, holds)]
 
-    def free(self, horizon_ns: int) -> Iterable[Task]:
+    def show_free(self, horizon_ns: int) -> Iterable[Task]:
         """Show that no command leads from a cell of R out of K; RejectedError without R."""
         if self.tables.free is None:
             raise RejectedError("a claim needs R, which is not there")
@@ -278,19 +279,19 @@ class GridCheck(GroupCheck):
             return ()
         check = FreeCheck(self.model, self.tables, horizon_ns)
         check.phase(FREE_PIECES[0])
-        show = partial(driven_out, check, self.tables.free, self.kernel)
-        return blocks("some command leads out of K within H from", self.grid, show)
+        show = partial(cells_driven_out, check, self.tables.free, self.kernel)
+        return block_tasks("some command leads out of K within H from", self.grid, show)
 
-    def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
+    def show_predicate(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> Iterable[Task]:
         """Show that the predicate leaves AC in control on no cell outside R."""
         assert self.tables.free is not None
         if self.tables.free.all():
             return ()
         check = AdmitCheck(self.model, self.tables, expr, admits=admits)
-        show = partial(admitted, check, self.tables.free)
-        return blocks(f"`{name}` may leave AC in control outside R(H) in", self.grid, show)
+        show = partial(cells_wrongly_admitted, check, self.tables.free)
+        return block_tasks(f"`{name}` may leave AC in control outside R(H) in", self.grid, show)
 
-    def levels(self, between_ns: int) -> Iterator[Task]:
+    def show_levels(self, between_ns: int) -> Iterator[Task]:
         """Show each S_k from S_(k-1), S_0 from R, and what a shield permits.
 
         RejectedError where they are too few, or one is no part of the one before.
@@ -301,23 +302,25 @@ class GridCheck(GroupCheck):
             raise RejectedError("the tables S are not as many as the levels ask for")
         levels = tables.levels
         inside = Cells(self.grid, tables.free)
-        show: Any = partial(levels_hold, self.model, tables, levels[0], inside)
-        yield from blocks("an estimate in S_0 may be of a state outside R(H), in", self.grid, show)
+        show: Any = partial(estimates_of_outside, self.model, tables, levels[0], inside)
+        yield from block_tasks(
+            "an estimate in S_0 may be of a state outside R(H), in", self.grid, show
+        )
         if facts.symbol.shield is not None:
-            for what, of_commands in to_show(self.model, tables, self.kernel):
-                yield from blocks(what, self.grid, of_commands)
+            for what, of_commands in shield_inclusions(self.model, tables, self.kernel):
+                yield from block_tasks(what, self.grid, of_commands)
         check = FreeCheck(self.model, tables, between_ns)
         for k in range(1, len(levels)):
             if (levels[k] & ~levels[k - 1]).any():
                 raise RejectedError(f"S_{k} is no part of S_{k - 1}")
-            calm = eroded(self.model, tables, Cells(self.grid, levels[k - 1]))
+            calm = eroded_cells(self.model, tables, Cells(self.grid, levels[k - 1]))
             if not self._never_left(calm):
-                show = partial(driven_estimates, check, levels[k], calm)
+                show = partial(estimates_driven_out, check, levels[k], calm)
                 what = f"S_{k} may be left for outside S_{k - 1} at once, from"
-                yield from blocks(what, self.grid, show)
+                yield from block_tasks(what, self.grid, show)
 
     @property
-    def holds(self) -> int:
+    def holds_to_return(self) -> int:
         """The sum, over all ranks, of the longest chain of each; RejectedError without ranks."""
         rank, holds = self.tables.rank, self.tables.rank_holds
         if rank is None or holds is None:
@@ -326,7 +329,7 @@ class GridCheck(GroupCheck):
         np.maximum.at(of_rank, rank.reshape(-1), holds.reshape(-1))
         return int(of_rank[1:].sum())
 
-    def home(self, calm: Cells | None) -> Iterator[Task]:
+    def show_return(self, calm: Cells | None) -> Iterator[Task]:
         """SC stays in Q from each cell of it, and leads from each other cell of W to lower ranks.
 
         RejectedError where Q, W or the table of the DM is not there, or they do not fit;
@@ -336,12 +339,12 @@ class GridCheck(GroupCheck):
         if np.any(tables.core == RESTS):
             raise NotRecheckedError("P2b: K has cells at rest, from which SC leads nowhere")
         if tables.finer is not None:
-            yield from self._check_on_finer().home(None)
+            yield from self._check_on_finer().show_return(None)
             return
         if calm is None:
             if tables.given_back is None:
                 raise RejectedError("a claim needs the table of the DM, which is not there")
-            calm = eroded(self.model, tables, Cells(self.grid, tables.given_back))
+            calm = eroded_cells(self.model, tables, Cells(self.grid, tables.given_back))
         if tables.home is None or tables.rank is None or tables.rank_holds is None:
             raise RejectedError("a claim needs Q and W, which are not there")
         home = Cells(self.grid, tables.home > 0)
@@ -355,12 +358,12 @@ class GridCheck(GroupCheck):
             raise RejectedError("W says how long it takes where there is nowhere to go")
         if self._never_left(home):
             return
-        kept = partial(witnessed, self.chains, tables.home, calm, home)
+        kept = partial(cells_not_led, self.chains, tables.home, calm, home)
         what = "SC does not certainly stay where `safer` holds from"
-        yield from blocks(what, self.grid, kept, tables.home)
-        nearer = partial(ranked, self.chains, home)
+        yield from block_tasks(what, self.grid, kept, tables.home)
+        nearer = partial(cells_not_nearer, self.chains, home)
         what = "SC does not certainly come nearer to Q from"
-        yield from blocks(what, self.grid, nearer, tables.rank_holds)
+        yield from block_tasks(what, self.grid, nearer, tables.rank_holds)
 
     def _check_on_finer(self) -> GridCheck:
         """The check of the way back, on the smaller cells of Q and W."""
@@ -368,7 +371,7 @@ class GridCheck(GroupCheck):
             raise RejectedError("Q has cells of its own, and the DM has no table")
         return GridCheck(self.model, self.tables.on_finer(), self.lawful)
 
-    def start(self, until_ns: int) -> Iterable[Task]:
+    def show_start(self, until_ns: int) -> Iterable[Task]:
         """Shown at once, as it is one box; RejectedError where that may leave K."""
         box = Grid(tuple(self._starts()))
         inside = self.grid.cells([end for edges in box.edges for end in edges]) is not None
@@ -391,7 +394,7 @@ class GridCheck(GroupCheck):
             if self.grid.has_no_ends(k):
                 low, high = (min(max(x, edges[0]), edges[-1]) for x in ends)
                 ends = low, high
-            yield brought_back(edges, *ends) if self.grid.wraps_around(k) else ends
+            yield turned_back(edges, *ends) if self.grid.wraps_around(k) else ends
 
 
 def _grid_of_q(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Grid:
@@ -408,7 +411,7 @@ def _grid_of_q(certificate: Certificate, grid: Grid, paths: Sequence[str]) -> Gr
     return finer
 
 
-def blocks(
+def block_tasks(
     what: str,
     grid: Grid,
     show: Callable[[Block], Iterator[Block]],
@@ -429,72 +432,3 @@ def blocks(
 def _answer(what: str, grid: Grid, show: Callable[[Block], Iterator[Block]], block: Block) -> str:
     failed = next(show(block), None)
     return "" if failed is None else f"{what} {grid.text(failed)}"
-
-
-# ---------------------------------------------------------------- tables of the DM
-
-
-def _compare_axes(
-    certificate: Certificate,
-    group: GroupTables,
-    names: Sequence[str],
-    looked_at: Sequence[int],
-    axes: Sequence[Entry],
-) -> None:
-    if [a["state"] for a in axes] != [names[k] for k in looked_at]:
-        raise RejectedError("a table of the DM has other axes than its group")
-    for axis, place in zip(axes, looked_at, strict=True):
-        edges = group.grid.reach(place)
-        if axis.keys() != {"state", "edges"} or certificate.edges(axis["edges"]) != edges:
-            raise RejectedError(f"the DM cuts {axis['state']} elsewhere than its group")
-
-
-def _shield(certificate: Certificate, facts: Facts, group: GroupTables, entry: Entry) -> None:
-    """Read which commands the DM's shield permits; RejectedError for a command there is not."""
-    names = [c.name for c in facts.controls]
-    if entry["command"] is not None and entry["command"] not in names:
-        raise RejectedError("a table of the DM is about a command that there is not")
-    group.command = None if entry["command"] is None else names.index(entry["command"])
-    group.tops = tops_of(certificate.plain(entry["commands"]), group, cells_of(facts))
-
-
-def _looked_at(facts: Facts, group: GroupTables) -> list[int]:
-    """The axes of a group that the DM can see.
-
-    A state that no topic of the DM shows may be anywhere on its axis (`estimates.around`),
-    whatever the estimate of the others: NotRecheckedError where its axis has several cells.
-    """
-    axes = []
-    for k, (state, cells) in enumerate(zip(group.states, group.grid.shape, strict=True)):
-        if state in facts.leaves:
-            axes.append(k)
-        elif cells != 1:
-            name = facts.states[state].name
-            raise NotRecheckedError(
-                f"no topic shows `{name}` to the DM, and its axis has cells: write `/ 1` in its "
-                "`grid`, or a topic that shows it, which the plant `drives` and the module reads"
-            )
-    return axes
-
-
-def levels_of(cases: Sequence[GroupTables]) -> NDArray[np.uint8]:
-    """The level of each cell of one group, in the grid's shape: the least of all cases.
-
-    RejectedError where a case has no tables S.
-    """
-    total = np.full(cases[0].grid.shape, FULL, dtype=np.uint8)
-    for group in cases:
-        if not group.levels:
-            raise RejectedError("the tables S are not there")
-        outer, inner = group.levels[0], group.levels[-1]
-        total = np.minimum(total, np.where(outer, np.where(inner, FULL, 1), 0).astype(np.uint8))
-    return total
-
-
-def packed(levels: NDArray[np.uint8]) -> bytes:
-    """Two bits a cell, the first cell in the lowest. `levels`: in the grid's shape."""
-    cells = levels.reshape(-1).tolist()
-    data = bytearray(-(-len(cells) // CELLS_IN_A_BYTE))
-    for k, level in enumerate(cells):
-        data[k // CELLS_IN_A_BYTE] |= level << (BITS * (k % CELLS_IN_A_BYTE))
-    return bytes(data)

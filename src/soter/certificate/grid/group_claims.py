@@ -1,7 +1,8 @@
 """The inclusions of sets of cells that the claims about a grid consist of, computed anew.
 
-Purpose: `witnessed` and `ranked` show for `grid_group.py` where SC leads from the cells of K, Q and
-W, along chains (`ChainCheck`); `free` where any command leads from those of R(H) (`FreeCheck`).
+Purpose: `cells_not_led` and `cells_not_nearer` show for `grid_group.py` where SC leads from the
+cells of K, Q and W, along chains (`ChainCheck`); `cells_driven_out` where any command leads from
+those of R(H) (`FreeCheck`).
 Non-goals: predicates (`cell_predicates.py`), which claims there are (`grid_group.py`).
 """
 
@@ -18,13 +19,13 @@ from soter.certificate.cell_sets import (
     Cells,
     Grid,
     block_index,
-    finer,
-    uncovered,
-    unshown,
+    cells_uncovered,
+    cells_unshown,
+    holds_in_parts,
     volume,
 )
 from soter.certificate.grid.sc_chains import EVERY, Window, free_phase, sc_chain, windows
-from soter.certificate.terms.compile_terms import form_of_box, halved, states_of
+from soter.certificate.terms.compile_terms import count_states, form_of_box, half_of_form
 from soter.certificate.terms.linear_enclosures import HALF, above, below
 
 if TYPE_CHECKING:
@@ -58,14 +59,25 @@ UNRANKED = 1 << 20
 
 @dataclass(eq=False)
 class GroupTables(Axes):
-    """The sets of one group as the certificate has them: K (`core`), R, Q, W, W_N, the S_k."""
+    """The sets of one group as the certificate has them (letters: `certificate/__init__.py`).
+
+    Each table is shaped as the grid, those of the way back as `finer` where that is there.
+    """
 
     core: NDArray[np.uint8]
+    """K: after how many holds of SC the state is in K again; 0: the cell is none of K.
+
+    `RESTS` (`resting.py`) in place of a number: from there SC stays in C for ever."""
     free: NDArray[np.bool_] | None = None
+    """R(H)."""
     home: NDArray[np.uint8] | None = None
+    """Q: after how many holds of SC the state is in Q again; 0: the cell is none of Q."""
     rank: NDArray[np.uint16] | None = None
+    """W: 1 on Q, k + 1 on W_k; 0: the cell is none of W."""
     rank_holds: NDArray[np.uint8] | None = None
+    """W_N: in how many holds SC leads from a cell of W to lower ranks; 0 on Q."""
     levels: list[NDArray[np.bool_]] = field(default_factory=list)
+    """S_0, S_1, ..., S_(m-2), of estimates."""
     given_back: NDArray[np.bool_] | None = None
     """Estimates on which the table of the DM gives control back to AC: S_(m-2) of all cases."""
     tops: NDArray[np.uint8] | None = None
@@ -100,9 +112,9 @@ class _TargetCells:
 
     def contains_all(self, boxes: Sequence[float]) -> bool:
         """Whether all of these boxes lie in it; runs beyond are followed as well."""
-        return self.cells.contains_all(boxes) and self.follows(boxes)
+        return self.cells.contains_all(boxes) and self.holds_beyond(boxes)
 
-    def follows(self, boxes: Sequence[float]) -> bool:
+    def holds_beyond(self, boxes: Sequence[float]) -> bool:
         """Whether all that is said of these boxes holds of the runs beyond."""
         return self.cells.grid.followed_beyond(self.start, boxes)
 
@@ -121,7 +133,7 @@ class ChainCheck:
             self._chains[key] = sc_chain(self.model, self.group.states, pieces, window)
         return self._chains[key]
 
-    def _tried(self) -> list[tuple[Window, ...]]:
+    def _window_splits(self) -> list[tuple[Window, ...]]:
         """The splits to try: tuples of windows that together are all runs, one window first."""
         parts = windows(self.model, self.group.states, WINDOWS)
         aged = windows(self.model, self.group.states, WINDOWS, by_age=True)
@@ -139,13 +151,10 @@ class ChainCheck:
         window: Window = EVERY,
     ) -> bool:
         """Whether after so many holds everything is in `target`, and in `within` all the time."""
-        reached = self.reached(box, [holds], within, pieces, cuts=cuts, window=window)
+        reached = self.follow(box, [holds], within, pieces, cuts=cuts, window=window)
         return any(all(map(target, ends)) for _, ends in reached)
 
-    def _halved_forms(self, forms: Sequence[tuple[arb, ...]]) -> list[tuple[arb, ...]]:
-        return [part for form in forms for part in self._parts(form)]
-
-    def reached(
+    def follow(
         self,
         box: list[tuple[arb, arb]],
         wanted: Sequence[int],
@@ -166,7 +175,7 @@ class ChainCheck:
         at = {last * k // (cuts + 1) for k in range(1, cuts + 1)} - {0}
         for k in range(last):
             if k in at:
-                forms = self._halved_forms(forms)
+                forms = [half for form in forms for half in self._halves_of_form(form)]
             after = []
             for form in forms:
                 image = step(form)
@@ -175,18 +184,18 @@ class ChainCheck:
                 after.append(image[0])
             forms, step = after, chain.later
             if k + 1 in wanted:
-                ends = [self._after(chain, form, set_) for form in forms]
+                ends = [self._boxes_at_switch(chain, form, set_) for form in forms]
                 if ends and all(ends):  # nothing is said of no box
                     yield k + 1, [end for some in ends for end in some or ()]
 
-    def _after(
+    def _boxes_at_switch(
         self, chain: Chain, form: tuple[arb, ...], within: _TargetCells
     ) -> list[tuple[float, ...]] | None:
         """The boxes of all states while the last command may still act; None: not within."""
         n = len(self.group.states)
         if chain.last is None:
             end = _box_of(form, n)
-            return [end] if within.follows(end) else None
+            return [end] if within.holds_beyond(end) else None
         image = chain.last(form)
         if image is None or not within.contains_all(image[1]):
             return None
@@ -212,19 +221,19 @@ class ChainCheck:
             )
 
         return any(
-            finer(box, partial(fine, some=some, cuts=cuts), splits)
-            for some in self._tried()
+            holds_in_parts(box, partial(fine, some=some, cuts=cuts), splits)
+            for some in self._window_splits()
             for splits, cuts in LED_IN
         )
 
-    def _parts(self, form: tuple[arb, ...]) -> list[tuple[arb, ...]]:
+    def _halves_of_form(self, form: tuple[arb, ...]) -> list[tuple[arb, ...]]:
         """A form in two: the beta of the state with the widest rest, in cells, is halved."""
         n = len(self.group.states)
         widths = [(e[-1] - e[0]) / (len(e) - 1) for e in self.group.grid.edges]
-        count = states_of(len(form), n)
+        count = count_states(len(form), n)
         rest = 2 * count + count + count * n
         axis = max(range(n), key=lambda i: float(form[rest + i]) / widths[i])
-        return [halved(form, n, axis, side) for side in (-HALF, HALF)]
+        return [half_of_form(form, n, axis, side) for side in (-HALF, HALF)]
 
 
 def _box_of(form: Sequence[arb], n: int) -> tuple[float, ...]:
@@ -235,7 +244,7 @@ def _box_of(form: Sequence[arb], n: int) -> tuple[float, ...]:
     return tuple(bounds)
 
 
-def witnessed(
+def cells_not_led(
     check: ChainCheck,
     witnesses: NDArray[np.uint8],
     within: Cells,
@@ -251,7 +260,7 @@ def witnessed(
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         own = witnesses[block_index(at)]
         shown = np.zeros_like(wanted)
-        for holds, ends in check.reached(grid.box(at), holds_of(own, wanted), within, PIECES[0]):
+        for holds, ends in check.follow(grid.box(at), holds_of(own, wanted), within, PIECES[0]):
             if all(target.contains(end) for end in ends):
                 shown |= wanted & (own == holds)
         return shown
@@ -260,7 +269,7 @@ def witnessed(
         holds = int(witnesses[block_index(cell)].flat[0])
         return check.leads_in_parts(grid.box(cell), holds, within, target.contains)
 
-    waiting = unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE)
+    waiting = cells_unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE)
     return (cell for cell in waiting if not leads(cell))
 
 
@@ -269,7 +278,7 @@ def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[in
     return [int(n) for n in np.unique(witnesses[wanted]) if n > 0]
 
 
-def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
+def cells_not_nearer(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
     """Cells of W from which SC does not certainly lead to lower ranks."""
     group = check.group
     assert group.rank is not None
@@ -292,9 +301,7 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         own, ranks = every_holds[block_index(at)], order[block_index(at)]
         shown = np.zeros_like(wanted)
-        for holds, ends in check.reached(
-            grid.box(at), holds_of(own, wanted), everywhere, PIECES[0]
-        ):
+        for holds, ends in check.follow(grid.box(at), holds_of(own, wanted), everywhere, PIECES[0]):
             top = max(highest(end) for end in ends)
             shown |= wanted & (own == holds) & (ranks > top)
         return shown
@@ -305,7 +312,7 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
             grid.box(cell), holds, everywhere, lambda end: highest(end) < rank
         )
 
-    waiting = unshown(todo, block, attempt, CELLS_AT_ONCE)
+    waiting = cells_unshown(todo, block, attempt, CELLS_AT_ONCE)
     return (cell for cell in waiting if not leads(cell))
 
 
@@ -341,21 +348,21 @@ class FreeCheck:
                 form = image[0]
         return True
 
-    def keeps(self, box: list[tuple[arb, arb]], within: Cells, splits: int) -> bool:
+    def stays_in_parts(self, box: list[tuple[arb, arb]], within: Cells, splits: int) -> bool:
         """As `stays`; where that fails, with finer tubes of parts of the box, halved so often."""
         if self.stays(box, within, FREE_PIECES[0]):
             return True
         tried = (partial(self.stays, within=within, pieces=n) for n in FREE_PIECES[1:])
-        return splits > 0 and any(finer(box, stays, splits) for stays in tried)
+        return splits > 0 and any(holds_in_parts(box, stays, splits) for stays in tried)
 
 
-def driven_out(
+def cells_driven_out(
     check: FreeCheck, claimed: NDArray[np.bool_], within: Cells, block: Block
 ) -> Iterator[Block]:
     """Cells of `claimed` (shaped as the grid) that some command may drive out of `within`."""
     grid = check.group.grid
 
     def attempt(at: Block) -> bool:
-        return check.keeps(grid.box(at), within, SPLITS if volume(at) == 1 else 0)
+        return check.stays_in_parts(grid.box(at), within, SPLITS if volume(at) == 1 else 0)
 
-    return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
+    return cells_uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)

@@ -1,8 +1,8 @@
 """Cells from which SC comes to rest, wherever it then is: "Rest anywhere" of docs/proof-sets.md.
 
-Purpose: `rests` shows that SC keeps C for ever from the cells that a certificate marks so. It marks
-them, and no more: which states nothing reads (the *ways*), the box B that the others stay in, and
-how far a way gets in all is found here.
+Purpose: `Resting` shows that SC keeps C for ever from the cells that a certificate
+marks so. It marks them, and no more: which states nothing reads (the *ways*), the box B that the
+others stay in, and how far a way gets in all is found here.
 Non-goals: cells with a number of holds (`group_claims.py`).
 
 Let B be a box of the other states around 0, and a little more. Where each is above 0 (below it,
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.reading.case_model import FARTHEST, atom_of, control_inputs
+from soter.certificate.reading.case_model import FARTHEST, control_inputs
 from soter.certificate.reading.linear_flows import is_linear
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.report import NotRecheckedError, RejectedError
@@ -94,7 +94,9 @@ class Resting:
         terms = Terms()
         whole = -FARTHEST, FARTHEST
         names = [s.name for s in self.model.facts.states]
-        states = [terms.input("state", name, *ranges.get(i, whole)) for i, name in enumerate(names)]
+        states = [
+            terms.add_input("state", name, *ranges.get(i, whole)) for i, name in enumerate(names)
+        ]
         return terms, states
 
     def _commands(self) -> tuple[list[Interval], set[int]]:
@@ -106,7 +108,7 @@ class Resting:
         terms, states = self._terms({})
         rates, _ = model.rates(terms, states, control_inputs(model.facts, terms))
         found = inputs_of(terms, [*rates, *model.commands(terms, states), *terms.obligations])
-        read = {i for i, x in enumerate(states) if atom_of(x) in found}
+        read = {i for i, x in enumerate(states) if x.atom in found}
         terms, states = model.new_terms()
         answers = model.commands(terms, states)
         if not all_certain(terms, terms.obligations):
@@ -143,9 +145,9 @@ class Resting:
             ranges[self.group.states[axis]] = ends[sign]
         terms, states = self._terms(ranges)
         for axis, sign in zip(self.moving, compared, strict=True):
-            terms.excluded[atom_of(states[self.group.states[axis]])] = sign
+            terms.excluded[states[self.group.states[axis]].atom] = sign
         controls = [
-            terms.input("box", c.name, low, high)
+            terms.add_input("box", c.name, low, high)
             for c, (low, high) in zip(self.model.facts.controls, self.commands, strict=True)
         ]
         rates, _ = self.model.rates(terms, states, controls)
@@ -239,7 +241,7 @@ class Resting:
         return most
 
 
-def rests(
+def resting_cells_unshown(
     model: CaseModel, group: Axes, marked: NDArray[np.bool_], c: Cells
 ) -> partial[Iterator[Block]]:
     """A function of a block: its marked cells that are not shown; NotRecheckedError as `Resting`.

@@ -37,10 +37,10 @@ from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.cell_sets import finer
+from soter.certificate.cell_sets import holds_in_parts
 from soter.certificate.grid.flow_chains import FlowChain, Times
 from soter.certificate.grid.flow_enclosures import LocalFlow, SolvedFlow
-from soter.certificate.reading.case_model import atom_of, boxes_of, control_inputs
+from soter.certificate.reading.case_model import boxes_of, control_inputs
 from soter.certificate.reading.linear_flows import is_linear, linear_flow
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.compile_terms import compile_step
@@ -81,7 +81,7 @@ def map_step(model: CaseModel, members: Sequence[int]) -> Step:
         between += [current[i] for i in members]
     return compile_step(
         terms,
-        [atom_of(states[i]) for i in members],
+        [states[i].atom for i in members],
         len(members),
         [current[i] for i in members],
         ranges=between,
@@ -103,7 +103,7 @@ def map_free(model: CaseModel, members: Sequence[int], time_ns: int) -> tuple[St
     after = model.next_states(terms, states, commands)
     step = compile_step(
         terms,
-        [atom_of(states[i]) for i in members],
+        [states[i].atom for i in members],
         len(members),
         [after[i] for i in members],
         ranges=[after[i] for i in members],
@@ -132,7 +132,7 @@ def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
     """
     if model.facts.kind != "flow" or model.facts.at_rest:
         return [(False, False)] * len(members)
-    inwards = (_linear if is_linear(model, members) else _local_side_test)(model, members)
+    inwards = (_linear_side_test if is_linear(model, members) else _local_side_test)(model, members)
     ends = []
     for i in range(len(members)):
         sides = [[model.extents[k] for k in members] for _ in range(2)]
@@ -146,7 +146,7 @@ def uncrossed_ends(model: CaseModel, members: Sequence[int]) -> Kept:
     return ends
 
 
-def _linear(model: CaseModel, members: Sequence[int]) -> Test:
+def _linear_side_test(model: CaseModel, members: Sequence[int]) -> Test:
     """The test of a linear flow: its form is least at a corner of the box, less its noise."""
     flow = linear_flow(model, members)
 
@@ -178,7 +178,7 @@ def _local_side_test(model: CaseModel, members: Sequence[int]) -> Test:
             return bool(low >= 0 if sign > 0 else high <= 0)
 
         others = [(exact(a), exact(b)) for k, (a, b) in enumerate(side) if k != i]
-        return finer(others, holds, SPLITS * len(others)) if others else holds([])
+        return holds_in_parts(others, holds, SPLITS * len(others)) if others else holds([])
 
     return inwards
 

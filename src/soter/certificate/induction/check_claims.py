@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import z3
 
-from soter.certificate.case_check import CLAIMS, PROVED, claimed_of, of_the_module
+from soter.certificate.case_check import CLAIMS, PROVED, check_module_claims, proved_claims
 from soter.certificate.induction.induction_problem import (
     TransitionSystem,
     calendar_of,
-    compare,
+    compare_entry,
     modes_of_others,
     nanoseconds,
     read_induction,
@@ -29,7 +29,7 @@ from soter.certificate.report import (
     RecheckedModule,
     RejectedError,
 )
-from soter.certificate.scope import acknowledged
+from soter.certificate.scope import acknowledgement_assumption
 from soter.certificate.vacuous_proofs import GETS, HOLDS_ANYWAY, KEEPS, READS_NOTHING
 from soter.language.evaluate.topic_ranges import always_by_parts
 from soter.language.model.tree_walk import topic_reads
@@ -59,26 +59,26 @@ def recheck_induction(
     if set(entry) != set(KEYS):
         raise RejectedError("a module that is proved by induction is not as it should be")
     facts = read_induction(flat, entry["module"])
-    claims = claimed_of(entry["claims"])
+    claims = proved_claims(entry["claims"])
     if "failsafe" in claims:
         raise RejectedError("failsafe: an induction says nothing of plants, so of no law")
-    k, returns = compare(facts, entry["induction"])
+    k, returns = compare_entry(facts, entry["induction"])
     said = dict(entry["claims"])
     _compare_static(facts, said)
     if wanted := claims & set(TOGETHER):
         if k < 1:
             raise RejectedError("an induction needs a hypothesis: k is 0")
-        rests_on = _induction(facts, k)
+        rests_on = _show_induction(facts, k)
     conditional = facts.latching or bool(facts.symbol.verify.progress)
     if "P2b" in claims and conditional:
         raise RejectedError("P2b rests on what nobody proves: it is assumed, not proved")
     if "P2b" in claims:
-        _returns(facts, returns, entry["recover_ns"])
+        _show_return(facts, returns, entry["recover_ns"])
     report = RecheckedModule(entry["module"], said, system=flat.name)
     report.stays = bool(facts.symbol.stays)
     report.safe = " ".join(facts.symbol.safe.span.text.split())
     report.assumptions = _assumptions(facts)
-    report.times = {"hyperperiod_ns": facts.turn, "k": k, "returns": returns}
+    report.times = {"hyperperiod_ns": facts.hyperperiod, "k": k, "returns": returns}
     report.confirmed = [c for c in CLAIMS if said.get(c) == PROVED]
     report.vacuous, report.unseen = "", "nothing is claimed"
     if wanted:
@@ -86,43 +86,43 @@ def recheck_induction(
     return facts, report
 
 
-def read_all(flat: System, entry: dict[str, Any]) -> None:
+def read_entry(flat: System, entry: dict[str, Any]) -> None:
     """Read the code and the times of a module as for a check, and ask the solver nothing.
 
     As `recheck_induction`.
     """
     facts = read_induction(flat, entry["module"])
-    k, _ = compare(facts, entry["induction"])
-    _affordable(facts, k + 1)
+    k, _ = compare_entry(facts, entry["induction"])
+    _require_affordable(facts, k + 1)
     for first in (True, False):
-        TransitionSystem(facts, first=first).run(facts.turn + 1)
+        TransitionSystem(facts, first=first).run(facts.hyperperiod + 1)
 
 
 def _compare_static(facts: InductionFacts, said: dict[str, str]) -> None:
     """Compare P1a, P1b, P1c and the latch with the program; RejectedError if they overstate."""
-    of_the_module(facts.flying, facts.flying_module, said)
+    check_module_claims(facts.flying, facts.flying_module, said)
     if said.get("P1c") == PROVED and facts.undeclared:
         raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
 
 
-def _induction(facts: InductionFacts, k: int) -> int:
+def _show_induction(facts: InductionFacts, k: int) -> int:
     """Show each instant of a hyperperiod from those before it, then the start of a run.
 
     Returns how many hyperperiods of hypothesis are enough, k at most: a greater k costs nothing.
     """
-    _affordable(facts, k + 1)
-    times = sorted(calendar_of(facts, (k + 1) * facts.turn))
-    rests_on = max(_time_before(facts, at, times) for at in times if at >= k * facts.turn)
+    _require_affordable(facts, k + 1)
+    times = sorted(calendar_of(facts, (k + 1) * facts.hyperperiod))
+    rests_on = max(_time_before(facts, at, times) for at in times if at >= k * facts.hyperperiod)
     run = TransitionSystem(facts, first=True)
-    run.run(facts.settled + min(rests_on, k * facts.turn))
-    _refuse(_ask_failure(facts, _solver(run), run.instants), "the first hyperperiods")
-    return min(-(-rests_on // facts.turn), k)
+    run.run(facts.settled + min(rests_on, k * facts.hyperperiod))
+    _require_unsat(_ask_failure(facts, _new_solver(run), run.instants), "the first hyperperiods")
+    return min(-(-rests_on // facts.hyperperiod), k)
 
 
-def _affordable(facts: InductionFacts, turns: int) -> None:
+def _require_affordable(facts: InductionFacts, turns: int) -> None:
     """NotRecheckedError where so many hyperperiods have more releases than are gone through."""
     longest = max(c.phase_ns + c.period_ns for c in facts.actors)
-    end = turns * facts.turn + 2 * longest
+    end = turns * facts.hyperperiod + 2 * longest
     count = sum(end // c.period_ns for c in facts.actors)
     if count > RELEASES_MAX:
         raise NotRecheckedError(
@@ -142,11 +142,11 @@ def _time_before(facts: InductionFacts, at: int, times: list[int]) -> int:
         run = TransitionSystem(facts, first=False, begin=begin)
         run.run(at + 1)
         last = begin == 0
-        solver = _solver(run)
+        solver = _new_solver(run)
         solver.add(*[i.holds for i in run.instants[:-1]])
         answer = _ask_failure(facts, solver, run.instants[-1:], WORK if last else WORK // 10)
         if last:
-            _refuse(answer, "the induction")
+            _require_unsat(answer, "the induction")
         if last or answer == z3.unsat:
             return at - begin
         many *= 2
@@ -156,39 +156,39 @@ def _ask_failure(
     facts: InductionFacts, solver: z3.Solver, instants: list[Instant], work: int = WORK
 ) -> z3.CheckSatResult:
     solver.add(one_of(*[negation(both(i.holds, i.always)) for i in instants]))
-    return _answer(facts, solver, work)
+    return _ask_solver(facts, solver, work)
 
 
-def _answer(facts: InductionFacts, solver: z3.Solver, work: int) -> z3.CheckSatResult:
+def _ask_solver(facts: InductionFacts, solver: z3.Solver, work: int) -> z3.CheckSatResult:
     """Ask the solver, with at most `work`; all queries together have `WORK_OF_ALL`."""
     if facts.work >= WORK_OF_ALL:
         raise NotRecheckedError("the solver needs more work than is done")
-    before = _spent(solver)
+    before = _work_of(solver)
     solver.set("rlimit", min(work, WORK_OF_ALL - facts.work))
     verdict = answer_of(solver)
-    facts.work += max(_spent(solver) - before, 0)
+    facts.work += max(_work_of(solver) - before, 0)
     return verdict
 
 
-def _spent(solver: z3.Solver) -> int:
+def _work_of(solver: z3.Solver) -> int:
     """The solver's own count of its work, of all solvers since the process began."""
     count: int = dict(iter(solver.statistics())).get("rlimit count", 0)
     return count
 
 
-def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
-    if turns < 1 or (recover_ns is not None and recover_ns != (turns + 1) * facts.turn):
+def _show_return(facts: InductionFacts, turns: int, recover_ns: object) -> None:
+    if turns < 1 or (recover_ns is not None and recover_ns != (turns + 1) * facts.hyperperiod):
         raise RejectedError("P2b: no time within which SC gives control back")
     declared = facts.symbol.verify.recover
-    if declared is not None and (turns + 1) * facts.turn > nanoseconds(facts, declared):
+    if declared is not None and (turns + 1) * facts.hyperperiod > nanoseconds(facts, declared):
         raise RejectedError("P2b: SC gives control back later than `recover within` says")
-    _affordable(facts, turns)
+    _require_affordable(facts, turns)
     run = TransitionSystem(facts, first=False, fresh=True)
-    run.run(turns * facts.turn)
-    solver = _solver(run)
+    run.run(turns * facts.hyperperiod)
+    solver = _new_solver(run)
     solver.add(*[i.holds for i in run.instants])
     solver.add(*[one_of(negation(d.turn), d.stays) for d in run.decisions])
-    _refuse(_answer(facts, solver, WORK), "P2b")
+    _require_unsat(_ask_solver(facts, solver, WORK), "P2b")
 
 
 def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
@@ -202,17 +202,20 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
     if always_by_parts(facts.symbol.safe, facts.flying, facts.flying_module.scope):
         return HOLDS_ANYWAY, ""
     last = max(c.phase_ns + c.period_ns for c in facts.actors)
-    ends = (False, (k + 1) * facts.turn), (True, facts.settled + k * facts.turn + last)
+    ends = (
+        (False, (k + 1) * facts.hyperperiod),
+        (True, facts.settled + k * facts.hyperperiod + last),
+    )
     for what, of in ((GETS, attrgetter("gets")), (KEEPS, attrgetter("keeps"))):
         answers = set()
         for first, end in ends:
             run = TransitionSystem(facts, first=first)
             run.run(end)
-            solver = _solver(run)
+            solver = _new_solver(run)
             solver.add(*[i.holds for i in run.instants[:-1]])
-            since = 0 if first else k * facts.turn
+            since = 0 if first else k * facts.hyperperiod
             solver.add(one_of(*[both(d.turn, of(d)) for d in run.decisions if d.at >= since]))
-            answers.add(str(_answer(facts, solver, WORK // 10)))
+            answers.add(str(_ask_solver(facts, solver, WORK // 10)))
             if "sat" in answers:
                 break
         if answers == {"unsat"}:
@@ -222,14 +225,14 @@ def _vacuous(facts: InductionFacts, k: int) -> tuple[str, str]:
     return "", ""
 
 
-def _solver(run: TransitionSystem) -> z3.Solver:
+def _new_solver(run: TransitionSystem) -> z3.Solver:
     solver = z3.Solver()
     solver.set("timeout", PATIENCE_MS)
     solver.add(*run.constraints)
     return solver
 
 
-def _refuse(answer: z3.CheckSatResult, what: str) -> None:
+def _require_unsat(answer: z3.CheckSatResult, what: str) -> None:
     if answer == z3.sat:
         raise RejectedError(f"{what}: something fails in an execution")
     if answer != z3.unsat:
@@ -246,7 +249,7 @@ def _assumptions(facts: InductionFacts) -> list[RecheckAssumption]:
         ("z3", "z3 is right where it says that no counterexample exists"),
         ("machine", "the compiler and the hardware do what the C of the steps says"),
     ]
-    said += acknowledged(facts.symbol)
+    said += acknowledgement_assumption(facts.symbol)
     if facts.latching:
         text = (
             "a step that faults in what is opaque latches its node: `safe` holds all the same, "

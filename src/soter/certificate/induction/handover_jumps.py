@@ -1,10 +1,10 @@
 """The node part of a hand-over: a view's state jumps only in steps of which `enters` holds.
 
-Purpose: `why_not` asks z3, for one topic that the map of a view reads, of any two steps in a row of
-the node that publishes it, and of its very first step (proof-sets.md, "Hand-over"): either it
-publishes what the map reads as it did last, or `enters` holds of what the later step reads and
+Purpose: `why_not_shown` asks z3, for one topic that the map of a view reads, of any two steps in a
+row of the node that publishes it, and of its very first step (proof-sets.md, "Hand-over"): either
+it publishes what the map reads as it did last, or `enters` holds of what the later step reads and
 publishes, and that step publishes all by which the decision module and SC know of the view.
-Non-goals: that the state lies in R(H) wherever `enters` holds (`control_changes.py`).
+Non-goals: that the state lies in R(H) wherever `enters` holds (`handovers.py`).
 
 Of the locals before the first of the two steps nothing is taken for granted, nor of what any step
 reads. A step that faults publishes nothing, and its node is latched: it is the last one.
@@ -20,12 +20,12 @@ import z3
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import (
     both,
-    either,
-    flat,
+    choose,
+    leaf_terms,
     negation,
     one_of,
-    shaped,
-    unknown,
+    unknown_value,
+    value_as_terms,
 )
 from soter.certificate.reading.symbolic_reading import part_of
 from soter.certificate.report import NotRecheckedError
@@ -55,7 +55,9 @@ by itself, as one with `time`, an age or a mode does."""
 
 
 @ctrl_c_waits()
-def why_not(facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol) -> tuple[str, str]:
+def why_not_shown(
+    facts: Facts, link: typed.AbstractionLink, topic: typed.TopicSymbol
+) -> tuple[str, str]:
     """The node that publishes a topic, and why nothing is shown of it; "" where it is shown.
 
     NotRecheckedError for what is not understood.
@@ -172,10 +174,10 @@ class _Steps:
         """Why a step may change a topic where it must not; "" where none does."""
         node, topic = self.c.node, self.facts.flying.topics[index]
         assert node is not None
-        anything = [unknown(v.type, v.name, self.known) for v in node.locals]
+        anything = [unknown_value(v.type, v.name, self.known) for v in node.locals]
         pairs = zip(node.locals, self.c.initial, strict=True)
-        initial = [shaped(v.type, value, self.known) for v, value in pairs]
-        default = shaped(topic.type, topic.default, self.known)
+        initial = [value_as_terms(v.type, value, self.known) for v, value in pairs]
+        default = value_as_terms(topic.type, topic.default, self.known)
         before = self._step(anything)
         for what, last, fault, step in (
             ("the first step", (True, default), False, self._step(initial)),
@@ -201,10 +203,10 @@ class _Steps:
         if topic.index not in step.said:
             return False
         says, value = step.said[topic.index]
-        old = unknown(topic.type, "before", self.known)
+        old = unknown_value(topic.type, "before", self.known)
         if last is not None:
-            old = either(last[0], last[1], old)
-        same = [_equal(value, old, topic.type, p) for p in paths]
+            old = choose(last[0], last[1], old)
+        same = [_is_same_part(value, old, topic.type, p) for p in paths]
         shows = [step.said[i][0] if i in step.said else False for i in shown]
         good = one_of(both(*same), both(self._enters_term(step), *shows))
         return both(negation(step.fault), says, negation(good))
@@ -224,7 +226,7 @@ class _Steps:
             if flying.topics[i].queue_of is not None:
                 raise NotRecheckedError(f"`{flying.topics[i].name}` is a queue")
             if i not in topics:
-                topics[i] = unknown(flying.topics[i].type, flying.topics[i].name, self.known)
+                topics[i] = unknown_value(flying.topics[i].type, flying.topics[i].name, self.known)
             return topics[i]
 
         def age(_: int) -> Term:
@@ -238,11 +240,11 @@ class _Steps:
     def _step(self, before: Sequence[Term]) -> _Step:
         assert self.c.node is not None
         read: dict[int, Term] = {}
-        sight = self._visible_values(self.c.scope, read, unknown(MODE, "mode", self.known))
+        sight = self._visible_values(self.c.scope, read, unknown_value(MODE, "mode", self.known))
         reading = SolverReading(sight, deep=True)
         behind, published = reading.step(self.c.node, before)
         said = {self.c.scope.topics[t]: value for t, value in published.items()}
-        return _Step(behind, said, one_of(reading.make.fault, reading.make.doubt), read)
+        return _Step(behind, said, one_of(reading.operations.fault, reading.operations.doubt), read)
 
     def _enters_term(self, step: _Step) -> Term:
         """Whether `enters` holds of what a step reads and publishes."""
@@ -251,15 +253,15 @@ class _Steps:
         seen = dict(step.read)
         for i, (says, value) in step.said.items():
             t = self.facts.flying.topics[i].type
-            seen[i] = either(says, value, unknown(t, "before", self.known))
+            seen[i] = choose(says, value, unknown_value(t, "before", self.known))
         scope = self.facts.flying_module.scope
-        sight = self._visible_values(scope, seen, unknown(MODE, "mode", self.known))
+        sight = self._visible_values(scope, seen, unknown_value(MODE, "mode", self.known))
         value, fault = SolverReading(sight, deep=True).truth(enters)
         return both(value, negation(fault))
 
 
-def _equal(a: Term, b: Term, t: Type, path: Path) -> Term:
+def _is_same_part(a: Term, b: Term, t: Type, path: Path) -> Term:
     """Whether a part of two values of a type is the same."""
     for k in path:
         a, b, t = a[k], b[k], part_of(t, k)
-    return both(*(x == y for x, y in zip(flat(a), flat(b), strict=True)))
+    return both(*(x == y for x, y in zip(leaf_terms(a), leaf_terms(b), strict=True)))

@@ -1,9 +1,9 @@
 """The problem of an induction, read again, and its executions: steps, each on the state before.
 
 Purpose: `read_induction` reads `InductionFacts` off the checked program, by other code than the
-prover's; `compare` holds the certificate against them. A `TransitionSystem` runs the instants of
-some hyperperiods as terms of a solver: at each, every component that is due makes its step, in an
-order that is left open. Topics carry the absolute times of their publications. What holds is
+prover's; `compare_entry` holds the certificate against them. A `TransitionSystem` runs the instants
+of some hyperperiods as terms of a solver: at each, every component that is due makes its step, in
+an order that is left open. Topics carry the absolute times of their publications. What holds is
 recorded at the end of every instant. What is known stays a number or a truth of Python.
 Non-goals: what a step does (`solver_reading.py`), showing anything (`check_claims.py`).
 """
@@ -20,19 +20,19 @@ import z3
 from soter.certificate.induction.solver_reading import SolverReading, VisibleValues
 from soter.certificate.induction.solver_values import (
     Elapsed,
+    as_term,
     both,
-    either,
-    inside,
+    choose,
     is_exact,
     negation,
     one_of,
-    shaped,
-    term,
-    unknown,
+    unknown_value,
+    value_as_terms,
+    within_bounds,
 )
-from soter.certificate.reading.module_times import delayed
 from soter.certificate.reading.sc_locals_and_modes import modes_in
 from soter.certificate.reading.symbolic_operations import is_known
+from soter.certificate.reading.thread_times import delayed_in_thread
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.language.check.constants_and_types import Calculator
@@ -76,14 +76,14 @@ class InductionFacts:
         return self.flying.components[self.flying_module.dm]
 
     @property
-    def turn(self) -> int:
+    def hyperperiod(self) -> int:
         """The hyperperiod in ns: after so long all releases come again."""
         return lcm(*(c.period_ns for c in self.actors))
 
     @property
     def settled(self) -> int:
         """The first begin of a hyperperiod, in ns, by which everybody was released once."""
-        return -(-max(c.phase_ns for c in self.actors) // self.turn) * self.turn
+        return -(-max(c.phase_ns for c in self.actors) // self.hyperperiod) * self.hyperperiod
 
 
 def read_induction(flat: System, name: str) -> InductionFacts:
@@ -103,7 +103,7 @@ def read_induction(flat: System, name: str) -> InductionFacts:
         raise NotRecheckedError("a `verify` block that speaks of sets")
     facts = InductionFacts(flat, module, symbol, flat.components[module.sc])
     _enter_actors(facts)
-    _times(facts)
+    _check_times(facts)
     return facts
 
 
@@ -129,7 +129,7 @@ def _enter_actors(facts: InductionFacts) -> None:
                 changed = True
     facts.topics = _published_topics(facts.actors)
     for index in facts.topics:
-        _published_here_only(facts, index)
+        _require_one_publisher(facts, index)
 
 
 def _published_topics(actors: list[Component]) -> list[int]:
@@ -142,7 +142,7 @@ def _is_followable(c: Component) -> bool:
     return not c.extern and not c.node.bursts and len(modes_in(c.node.step)) < 2
 
 
-def _published_here_only(facts: InductionFacts, index: int) -> None:
+def _require_one_publisher(facts: InductionFacts, index: int) -> None:
     flat = facts.flying
     for c in flat.components:
         if c not in facts.actors and index in c.writes:
@@ -176,7 +176,7 @@ def _without_times(facts: InductionFacts, *said: Iterable[str]) -> bool:
     return False
 
 
-def _times(facts: InductionFacts) -> None:
+def _check_times(facts: InductionFacts) -> None:
     verify = facts.symbol.verify
     said = [verify.late_dm, verify.late_sc, verify.response_dm, verify.response_sc]
     facts.undeclared = any(e is None for e in said)
@@ -186,7 +186,7 @@ def _times(facts: InductionFacts) -> None:
     if any(c.wcet_ns is not None for c in facts.flying.components):
         raise NotRecheckedError("declared execution times: not rechecked yet beside an induction")
     late = any(c.jitter_ns for c in facts.flying.components)
-    if late and (who := delayed(facts.flying, facts.actors)):
+    if late and (who := delayed_in_thread(facts.flying, facts.actors)):
         raise NotRecheckedError(f"releases that are late (`jitter`), and with them `{who}`")
     if any(c.takes_ns is not None for c in facts.actors):
         raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
@@ -210,7 +210,7 @@ def _leave_out_nodes(facts: InductionFacts, followed: object) -> None:
     facts.topics = _published_topics(facts.actors)
 
 
-def compare(facts: InductionFacts, given: Any) -> tuple[int, int]:  # noqa: ANN401 - any JSON
+def compare_entry(facts: InductionFacts, given: Any) -> tuple[int, int]:  # noqa: ANN401 - any JSON
     """K and the hyperperiods of P2b; RejectedError where a figure is another in the program."""
     names = ("k", "returns", "hyperperiod_ns", "lemmas", "progress", "latching", "clocks")
     if not isinstance(given, dict) or set(given) != set(names):
@@ -226,8 +226,8 @@ def compare(facts: InductionFacts, given: Any) -> tuple[int, int]:  # noqa: ANN4
     clocks = {c.name: [c.period_ns, c.phase_ns, 0, 0] for c in facts.actors}
     if given["clocks"] != clocks:
         raise RejectedError("the nodes, or their times, are others in the program")
-    if given["hyperperiod_ns"] != facts.turn:
-        raise RejectedError(f"the hyperperiod is {facts.turn} ns by the program")
+    if given["hyperperiod_ns"] != facts.hyperperiod:
+        raise RejectedError(f"the hyperperiod is {facts.hyperperiod} ns by the program")
     for key in ("k", "returns"):
         if type(given[key]) is not int or not 0 <= given[key] <= 64:
             raise RejectedError(f"`{key}` of the induction is no number of hyperperiods")
@@ -292,20 +292,22 @@ class TransitionSystem:
 
     def _start(self) -> State:
         facts, flying, known = self.facts, self.facts.flying, self.constraints
-        state: State = {"mode": IN_SC if self.first else unknown(MODE, "mode", known)}
+        state: State = {"mode": IN_SC if self.first else unknown_value(MODE, "mode", known)}
         state["faulted"] = False
         for i in facts.topics:
             topic = flying.topics[i]
             if self.first:
-                state["topic", i] = shaped(topic.type, topic.default, known)
+                state["topic", i] = value_as_terms(topic.type, topic.default, known)
                 state["stamp", i] = UNPUBLISHED
                 continue
-            state["topic", i] = self._anything_of(i)
+            state["topic", i] = self._any_value(i)
             state["stamp", i] = z3.FreshInt("stamp")
             known.append(state["stamp", i] < self.begin)
         for c in facts.actors:
             state["locals", c.index] = tuple(
-                shaped(v.type, x, known) if self.first else unknown(v.type, v.name, known)
+                value_as_terms(v.type, x, known)
+                if self.first
+                else unknown_value(v.type, v.name, known)
                 for v, x in (zip(c.node.locals, c.initial, strict=True) if c.node else ())
             )
             free = self.tolerant and not self.first
@@ -313,11 +315,11 @@ class TransitionSystem:
             state["latched", c.index] = z3.FreshBool("latched") if free else False
         return state
 
-    def _anything_of(self, i: int) -> Term:
+    def _any_value(self, i: int) -> Term:
         """Any value of the set of a topic."""
         topic = self.facts.flying.topics[i]
-        value = unknown(topic.type, topic.name, self.constraints)
-        self.constraints.append(inside(value, topic.type, topic.bounds))
+        value = unknown_value(topic.type, topic.name, self.constraints)
+        self.constraints.append(within_bounds(value, topic.type, topic.bounds))
         return value
 
     # ------------------------------------------------------------ time
@@ -338,7 +340,7 @@ class TransitionSystem:
         others = [c.phase_ns for c in self.facts.flying.components]
         others += [0 for _ in self.facts.flying.inputs]
         if min(others) < first:
-            self._judge(0, first)
+            self._record_instant(0, first)
 
     def _instant(self, at: int, due: list[Component], following: int) -> None:
         """Let each component that is due make one step, in any order, and record what holds."""
@@ -351,17 +353,17 @@ class TransitionSystem:
             after = self._state_after(due[0], at, who == 0)
             for n, c in enumerate(due[1:], 1):
                 one = self._state_after(c, at, who == n)
-                after = {k: either(who == n, x, after[k]) for k, x in one.items()}
-            self.now = {k: self._name(v) for k, v in after.items()}
+                after = {k: choose(who == n, x, after[k]) for k, x in one.items()}
+            self.now = {k: self._name_parts(v) for k, v in after.items()}
         if len(turns) > 1:
             self.constraints.append(z3.Distinct(*turns))
-        self._judge(at, following)
+        self._record_instant(at, following)
 
-    def _name(self, value: Term) -> Term:
+    def _name_parts(self, value: Term) -> Term:
         """Give each part of a state that is no constant yet a name, so that terms stay small."""
         if isinstance(value, tuple):
-            return tuple(self._name(v) for v in value)
-        value = term(value) if isinstance(value, Elapsed) else value
+            return tuple(self._name_parts(v) for v in value)
+        value = as_term(value) if isinstance(value, Elapsed) else value
         if is_known(value) or z3.is_const(value):
             return value
         constant = z3.FreshConst(value.sort(), "is")
@@ -372,10 +374,10 @@ class TransitionSystem:
 
     def _state_after(self, c: Component, at: int, turn: Term) -> State:
         if c.role == "dm":
-            return self._decision(at, turn)
+            return self._step_of_dm(at, turn)
         if c.role == "ac":
-            return self._anything(c, at, self.now["mode"] == IN_AC)
-        return self._code(c, at, c.role != "sc" or self.now["mode"] == IN_SC)
+            return self._step_of_ac(c, at, self.now["mode"] == IN_AC)
+        return self._step_of_code(c, at, c.role != "sc" or self.now["mode"] == IN_SC)
 
     def _visible_values(self, c: Component, at: Term, on: Term) -> VisibleValues:
         now, flying = self.now, self.facts.flying
@@ -385,8 +387,8 @@ class TransitionSystem:
                 return now["topic", i]
             of = flying.topics[i]
             if of.queue_of is None:
-                return self._anything_of(i)
-            return unknown(of.type, of.name, self.constraints)
+                return self._any_value(i)
+            return unknown_value(of.type, of.name, self.constraints)
 
         def age(i: int) -> Term:
             source = flying.topics[i].queue_of
@@ -400,7 +402,7 @@ class TransitionSystem:
         own = self.facts.flying_module.index
         return VisibleValues(c.scope, topic, age, now["mode"], own, on, self.constraints)
 
-    def _decision(self, at: int, turn: Term) -> State:
+    def _step_of_dm(self, at: int, turn: Term) -> State:
         dm, symbol, module = self.facts.dm, self.facts.symbol, self.facts.flying_module
         assert symbol.ttf is not None
         assert symbol.safer is not None
@@ -416,21 +418,21 @@ class TransitionSystem:
         stay = negation(one_of(ttf, unsure, old, refused))
         get = both(safer, negation(doubtful), negation(old), negation(owed))
         had = self.now["mode"]
-        mode = either(either(had == IN_AC, stay, get), IN_AC, IN_SC)
+        mode = choose(choose(had == IN_AC, stay, get), IN_AC, IN_SC)
         ways = ((IN_SC, IN_SC), (IN_SC, IN_AC), (IN_AC, IN_AC))
         self.decisions.append(Decision(at, turn, *(both(had == a, mode == b) for a, b in ways)))
         return {**self.now, "mode": mode}
 
-    def _anything(self, c: Component, at: int, on: Term) -> State:
+    def _step_of_ac(self, c: Component, at: int, on: Term) -> State:
         """AC: each of its topics, or not, any value of the set."""
         assert c.node is not None
         after = dict(self.now)
         for symbol in c.node.publishes:
             i = c.scope.topics[symbol]
-            _publish(after, i, both(on, z3.FreshBool("published")), self._anything_of(i), at)
+            _publish(after, i, both(on, z3.FreshBool("published")), self._any_value(i), at)
         return after
 
-    def _code(self, c: Component, at: int, on: Term) -> State:
+    def _step_of_code(self, c: Component, at: int, on: Term) -> State:
         """SC or a node: its statements."""
         now, flying, node = self.now, self.facts.flying, c.node
         assert node is not None
@@ -438,10 +440,10 @@ class TransitionSystem:
         before = now["locals", c.index]
         taken = both(on, negation(now["had", c.index]))
         behind, said = reading.step(node, before, taken)
-        fault, doubt = reading.make.fault, reading.make.doubt
+        fault, doubt = reading.operations.fault, reading.operations.doubt
         for symbol, (flag, value) in said.items():
             topic = flying.topics[c.scope.topics[symbol]]
-            refused = both(flag, negation(inside(value, topic.type, topic.bounds)))
+            refused = both(flag, negation(within_bounds(value, topic.type, topic.bounds)))
             if is_exact(topic.type):
                 fault = one_of(fault, refused)
             else:
@@ -456,17 +458,17 @@ class TransitionSystem:
             i = c.scope.topics[symbol]
             flag, value = said.get(symbol, (False, after["topic", i]))
             if i in c.failsafe:
-                own = shaped(flying.topics[i].type, c.failsafe[i], self.constraints)
-                value = either(gone, own, value)
-            _publish(after, i, both(on, either(gone, i in c.failsafe, flag)), value, at)
-        after["locals", c.index] = either(gone, before, behind)
-        after["had", c.index] = either(gone, now["had", c.index], on)
+                own = value_as_terms(flying.topics[i].type, c.failsafe[i], self.constraints)
+                value = choose(gone, own, value)
+            _publish(after, i, both(on, choose(gone, i in c.failsafe, flag)), value, at)
+        after["locals", c.index] = choose(gone, before, behind)
+        after["had", c.index] = choose(gone, now["had", c.index], on)
         after["latched", c.index] = gone
         return after
 
     # ------------------------------------------------------------ what holds
 
-    def _judge(self, at: int, following: int) -> None:
+    def _record_instant(self, at: int, following: int) -> None:
         symbol, dm = self.facts.symbol, self.facts.dm
 
         def holds(e: typed.TypedExpr, now: Term) -> Term:
@@ -485,5 +487,5 @@ class TransitionSystem:
 
 
 def _publish(state: State, topic: int, out: Term, value: Term, at: int) -> None:
-    state["topic", topic] = either(out, value, state["topic", topic])
-    state["stamp", topic] = either(out, at, state["stamp", topic])
+    state["topic", topic] = choose(out, value, state["topic", topic])
+    state["stamp", topic] = choose(out, at, state["stamp", topic])

@@ -22,28 +22,28 @@ from soter.certificate.induction.solver_values import (
     OPAQUE,
     SMALLEST,
     Elapsed,
-    applied,
-    asks_extern,
+    as_term,
     both,
-    either,
+    calls_extern,
+    choose,
     element,
-    is_read,
     length,
     negation,
     one_of,
     parts_of_value,
-    shaped,
-    term,
-    unknown,
+    reads_body,
+    unknown_value,
+    unread_result,
+    value_as_terms,
 )
 from soter.certificate.reading.symbolic_operations import (
     BUILTINS,
     COMPARED,
     FLOATS,
     INTS,
-    flat,
     in_range,
     is_known,
+    scalar_leaves,
 )
 from soter.certificate.reading.symbolic_reading import CallFrame, CodeReader, part_of
 from soter.certificate.report import NotRecheckedError
@@ -86,25 +86,25 @@ class SolverOperations:
 
     def join(self, of: Type, c: Term, a: Term, b: Term) -> Term:
         """`c ? a : b`."""
-        return either(c, shaped(of, a, self.facts), shaped(of, b, self.facts))
+        return choose(c, value_as_terms(of, a, self.facts), value_as_terms(of, b, self.facts))
 
-    def negated(self, x: Term) -> Term:
+    def negate(self, x: Term) -> Term:
         """The number `-x`."""
         if is_known(x):
             return arithmetic.neg_int(x) if isinstance(x, int) else -x
         if is_float(x):
-            return z3.Function("floats negated", OPAQUE, OPAQUE)(term(x))
+            return z3.Function("floats negated", OPAQUE, OPAQUE)(as_term(x))
         self.oblige(x != SMALLEST)
         return -x
 
-    def compared(self, op: str, a: Term, b: Term) -> Term:
+    def compare(self, op: str, a: Term, b: Term) -> Term:
         """Whether `a op b` holds of two scalars."""
         if isinstance(a, Elapsed) and isinstance(b, float):
-            return age_compared(op, a.ns, b)
+            return compare_age(op, a.ns, b)
         if isinstance(a, float) and isinstance(b, Elapsed):
-            return age_compared(op.translate(str.maketrans("<>", "><")), b.ns, a)
+            return compare_age(op.translate(str.maketrans("<>", "><")), b.ns, a)
         if (is_float(a) or is_float(b)) and not (is_known(a) and is_known(b)):
-            return of_floats(op, a, b, z3.BoolSort())
+            return float_operation(op, a, b, z3.BoolSort())
         return COMPARED[op](a, b)
 
     def arithmetic(self, op: str, a: Term, b: Term) -> Term:
@@ -114,14 +114,14 @@ class SolverOperations:
         if is_float(a) or is_float(b):
             if op == "/":
                 raise NotRecheckedError("a division of floats outside of a function")
-            return of_floats(op, a, b, OPAQUE)
+            return float_operation(op, a, b, OPAQUE)
         if op in "/%":
-            return self._divided(op, a, b)
+            return self._divide(op, a, b)
         value = a + b if op == "+" else a - b if op == "-" else a * b
         self.oblige(both(value >= SMALLEST, value <= LARGEST))
         return value
 
-    def _divided(self, op: str, a: Term, b: Term) -> Term:
+    def _divide(self, op: str, a: Term, b: Term) -> Term:
         if not isinstance(b, int) or b == 0:
             raise NotRecheckedError("a division by what is not known")
         size = z3.If(a >= 0, a, -a) / abs(b)
@@ -137,8 +137,8 @@ class SolverOperations:
         if is_known(a) and is_known(b):
             return arithmetic.minimum(a, b) if name == "min" else arithmetic.maximum(a, b)
         if is_float(a) or is_float(b):
-            return applied(f"built in {name}", [a, b], FloatType(), self.facts)
-        return z3.If(b < a if name == "min" else b > a, term(b), term(a))
+            return unread_result(f"built in {name}", [a, b], FloatType(), self.facts)
+        return z3.If(b < a if name == "min" else b > a, as_term(b), as_term(a))
 
     def builtin(self, name: str, x: Term) -> Term:
         """A built-in function of one scalar; NotRecheckedError for a float that becomes an int."""
@@ -149,9 +149,9 @@ class SolverOperations:
             return z3.If(x < 0, -x, x)
         if name == "int":
             raise NotRecheckedError(f"`{name}` outside of a function")
-        return applied(f"built in {name}", [x], FloatType(), self.facts)
+        return unread_result(f"built in {name}", [x], FloatType(), self.facts)
 
-    def narrowed(self, x: Term, low: int, high: int) -> Term:
+    def narrow(self, x: Term, low: int, high: int) -> Term:
         """`x`, which faults unless it lies between `low` and `high`."""
         if is_known(x):
             return arithmetic.narrow(x, low, high)
@@ -164,34 +164,34 @@ def is_float(x: Term) -> bool:
     return isinstance(x, (float, Elapsed)) or (z3.is_expr(x) and x.sort() == OPAQUE)
 
 
-def of_floats(op: str, a: Term, b: Term, sort: Any) -> Term:  # noqa: ANN401 - a sort
+def float_operation(op: str, a: Term, b: Term, sort: Any) -> Term:  # noqa: ANN401 - a sort
     """The result of a machine operation on floats: unknown, but equal for equal operands."""
-    return z3.Function(f"floats {op}", OPAQUE, OPAQUE, sort)(term(a), term(b))
+    return z3.Function(f"floats {op}", OPAQUE, OPAQUE, sort)(as_term(a), as_term(b))
 
 
 def is_nan(x: Term) -> Term:
     """Whether a float is NaN."""
     if isinstance(x, float):
         return x != x  # noqa: PLR0124 - NaN
-    return z3.Function("floats NaN", OPAQUE, z3.BoolSort())(term(x))
+    return z3.Function("floats NaN", OPAQUE, z3.BoolSort())(as_term(x))
 
 
 # ---------------------------------------------------------------- ages
 
 
-def age_compared(op: str, ns: Term, limit: float) -> Term:
+def compare_age(op: str, ns: Term, limit: float) -> Term:
     """`float(ns) / 1e9 op limit`, by the least whole nanoseconds that reach it, and exceed it."""
     if limit != limit:  # noqa: PLR0124 - NaN
         return op == "!="
-    least = _first(lambda n: n / 1e9 >= limit)
-    beyond = _first(lambda n: n / 1e9 > limit)
+    least = _least_true(lambda n: n / 1e9 >= limit)
+    beyond = _least_true(lambda n: n / 1e9 > limit)
     if op in ("==", "!="):
         equal = both(ns >= least, ns < beyond)
         return equal if op == "==" else negation(equal)
     return {"<": ns < least, ">=": ns >= least, "<=": ns < beyond, ">": ns >= beyond}[op]
 
 
-def _first(there: Callable[[int], bool]) -> int:
+def _least_true(there: Callable[[int], bool]) -> int:
     """The least n from which on it is so; more than any age where it never is."""
     return bisect_left(range(LARGEST), x=True, hi=LARGEST, key=there)
 
@@ -229,13 +229,15 @@ class SolverReading(CodeReader):
         deep: bool = False,
     ) -> None:
         self.sight, self.looked_at, self.deep = sight, looked_at, deep
-        self.make = SolverOperations(sight.facts)
-        super().__init__(self.make, sight.scope.params)
+        self.operations = SolverOperations(sight.facts)
+        super().__init__(self.operations, sight.scope.params)
 
     def truth(self, e: typed.TypedExpr) -> tuple[Term, Term]:
         """The value of a predicate, and whether it faults. NotRecheckedError as `value`."""
-        _, value = self.tried(True, lambda: self.expression(e))
-        return (False if value is None else value), one_of(self.make.fault, self.make.doubt)
+        _, value = self.attempt(True, lambda: self.expression(e))
+        return (False if value is None else value), one_of(
+            self.operations.fault, self.operations.doubt
+        )
 
     def step(
         self, node: typed.NodeSymbol, before: Sequence[Term], taken: Term = False
@@ -245,10 +247,12 @@ class SolverReading(CodeReader):
         `taken`: control was taken over just now. NotRecheckedError as `value`.
         """
         frame, facts = CallFrame(dict(zip(node.locals, before, strict=True))), self.sight.facts
-        self.tried(True, lambda: self.branch(taken, node.takeover or (), (), frame))
-        self.tried(True, lambda: self.block(node.step, frame))
-        said = {t: (says, shaped(t.type, x, facts)) for t, (says, x) in frame.published.items()}
-        return tuple(shaped(v.type, frame.variables[v], facts) for v in node.locals), said
+        self.attempt(True, lambda: self.branch(taken, node.takeover or (), (), frame))
+        self.attempt(True, lambda: self.block(node.step, frame))
+        said = {
+            t: (says, value_as_terms(t.type, x, facts)) for t, (says, x) in frame.published.items()
+        }
+        return tuple(value_as_terms(v.type, frame.variables[v], facts) for v in node.locals), said
 
     # ------------------------------------------------------------ what names mean
 
@@ -259,10 +263,10 @@ class SolverReading(CodeReader):
         if index == sight.module:
             return sight.mode
         if index not in sight.others:
-            sight.others[index] = unknown(e.type, "mode of another", sight.facts)
+            sight.others[index] = unknown_value(e.type, "mode of another", sight.facts)
         return sight.others[index]
 
-    def _chosen(self, e: typed.TypedChoose, frame: CallFrame) -> Term:
+    def _choose(self, e: typed.TypedChoose, frame: CallFrame) -> Term:
         options = [self.value(o, frame) for o in e.options]
         if e.ages is not None:
             raise NotRecheckedError("a fair choice")
@@ -273,14 +277,16 @@ class SolverReading(CodeReader):
         self.sight.facts.append(z3.And(number >= low, number < low + e.count))
         choice = options[0] if options else number
         for k, option in enumerate(options[1:], 1):
-            choice = self.make.join(e.type, number == k, option, choice)
+            choice = self.operations.join(e.type, number == k, option, choice)
         return choice
 
     def operand(self, e: typed.TypedExpr, frame: CallFrame) -> Term:
         """The value of an operand; where it is `looked_at` its comparison faults if it is NaN."""
         value = self.value(e, frame)
         if e in self.looked_at and not isinstance(value, Elapsed):
-            self.make.suspect(one_of(*(is_nan(x) for x in flat(value) if is_float(x))))
+            self.operations.suspect(
+                one_of(*(is_nan(x) for x in scalar_leaves(value) if is_float(x)))
+            )
         return value
 
     # ------------------------------------------------------------ parts of values
@@ -303,11 +309,11 @@ class SolverReading(CodeReader):
             return sequence[in_range(at, len(sequence))]
         of, facts = e.target.type, self.sight.facts
         assert isinstance(of, (ListType, ArrayType))
-        sequence = shaped(of, sequence, facts)
-        self.make.oblige(both(at >= 0, at < length(sequence, of, facts)))
+        sequence = value_as_terms(of, sequence, facts)
+        self.operations.oblige(both(at >= 0, at < length(sequence, of, facts)))
         return element(sequence, at, of, facts)
 
-    def replaced(self, of: Type, whole: Term, keys: Sequence[Term], new: Term) -> Term:
+    def replace_part(self, of: Type, whole: Term, keys: Sequence[Term], new: Term) -> Term:
         """A value of a type with another part at a path; an index that it has not is a fault.
 
         NotRecheckedError for an index of what is not told apart.
@@ -315,31 +321,33 @@ class SolverReading(CodeReader):
         if keys and parts_of_value(of) is None:
             raise NotRecheckedError("an assignment at an index of what is not told apart")
         if not keys or isinstance(keys[0], int):
-            return super().replaced(of, whole, keys, new)
+            return super().replace_part(of, whole, keys, new)
         at, rest = keys[0], keys[1:]
-        self.make.oblige(both(at >= 0, at < len(whole)))
+        self.operations.oblige(both(at >= 0, at < len(whole)))
         parts = []
         for k, part in enumerate(whole):
-            inner, path = part_of(of, k), both(self.make.path, at == k)
-            other = self.tried(path, partial(self.replaced, inner, part, rest, new))[1]
-            parts.append(part if other is None else self.make.join(inner, at == k, other, part))
+            inner, path = part_of(of, k), both(self.operations.path, at == k)
+            other = self.attempt(path, partial(self.replace_part, inner, part, rest, new))[1]
+            parts.append(
+                part if other is None else self.operations.join(inner, at == k, other, part)
+            )
         return tuple(parts)
 
     # ------------------------------------------------------------ functions
 
-    def called(self, fun: typed.FunSymbol, arguments: Sequence[Term]) -> Term:
+    def call(self, fun: typed.FunSymbol, arguments: Sequence[Term]) -> Term:
         """The result of a call; a function that is not read gives equal ones for equal arguments.
 
         NotRecheckedError where that is not so: where it asks extern functions.
         """
-        if asks_extern(fun):
+        if calls_extern(fun):
             raise NotRecheckedError(f"`{fun.name}` is an extern function, or asks one")
-        outside, read = self.looked_at, is_read(fun, deep=self.deep)
+        outside, read = self.looked_at, reads_body(fun, deep=self.deep)
         try:
             if fun.prelude:
                 self.looked_at = frozenset()
             if read or is_known(tuple(arguments)):
-                return super().called(fun, arguments)
+                return super().call(fun, arguments)
         except StepFault:
             if read:
                 raise
@@ -352,9 +360,9 @@ class SolverReading(CodeReader):
         name = f"fun {fun.name} {id(fun)} {params}"
         nan = " or compares a NaN" if self.looked_at & operands_in(fun) else ""
         pairs = zip(fun.parameters, arguments, strict=True)
-        values = [shaped(p.type, x, facts) for p, x in pairs]
-        self.make.suspect(applied(f"{name} faults{nan}", values, BOOL, facts))
-        return applied(name, values, fun.result, facts)
+        values = [value_as_terms(p.type, x, facts) for p, x in pairs]
+        self.operations.suspect(unread_result(f"{name} faults{nan}", values, BOOL, facts))
+        return unread_result(name, values, fun.result, facts)
 
     readings: ClassVar[dict[type[typed.TypedExpr], Callable[[Any, Any, CallFrame], Term]]] = {
         **CodeReader.readings,
@@ -362,9 +370,9 @@ class SolverReading(CodeReader):
         typed.AgeRead: lambda self, e, _: Elapsed(self.sight.age(self.sight.scope.topics[e.topic])),
         typed.ModeRead: _mode,
         typed.InControl: lambda self, *_: self.sight.in_control,
-        typed.TimeRead: lambda self, e, _: unknown(e.type, "time", self.sight.facts),
-        typed.PeriodRead: lambda self, e, _: unknown(e.type, "time", self.sight.facts),
-        typed.TypedChoose: _chosen,
+        typed.TimeRead: lambda self, e, _: unknown_value(e.type, "time", self.sight.facts),
+        typed.PeriodRead: lambda self, e, _: unknown_value(e.type, "time", self.sight.facts),
+        typed.TypedChoose: _choose,
         typed.Aggregate: _aggregate,
         typed.TypedLength: _length,
         typed.Index: _index,

@@ -1,10 +1,11 @@
 """The re-checker's values as terms of a solver: exact, or opaque, with nothing known of them.
 
-Purpose: `unknown` and `shaped` make values of a type, `applied` that of a function that is not
-read. A value is a bool, an int or a float of Python where it is known, else a term or an `Elapsed`;
-records and small arrays are tuples of values. Known lists and large arrays are tuples as long as a
-step is read, and one term in between (`shaped`). The re-checker's own rule for what is exact and
-what is opaque stands here, and which functions are read where they are called (`is_read`).
+Purpose: `unknown_value` and `value_as_terms` make values of a type, `unread_result` that of a
+function that is not read. A value is a bool, an int or a float of Python where it is known, else a
+term or an `Elapsed`; records and small arrays are tuples of values. Known lists and large arrays
+are tuples as long as a step is read, and one term in between (`value_as_terms`). The re-checker's
+own rule for what is exact and what is opaque stands here, and which functions are read where they
+are called (`reads_body`).
 Non-goals: what operators give, reading code (`solver_reading.py`).
 """
 
@@ -49,7 +50,7 @@ LONGER = (typed.ForRange, typed.ForEach, typed.Index, typed.TypedLength, typed.V
 
 
 def is_plain(t: Type) -> bool:
-    """A type whose values are exact."""
+    """Whether values of a type are truths, whole numbers, members or durations: all exact."""
     return isinstance(t, (BoolType, IntType, EnumType, DurationType))
 
 
@@ -72,7 +73,7 @@ def is_exact(t: Type) -> bool:
 
 
 @lru_cache(maxsize=1_000)
-def is_read(fun: typed.FunSymbol, *, deep: bool) -> bool:
+def reads_body(fun: typed.FunSymbol, *, deep: bool) -> bool:
     """Whether a function is read wherever it is called; another one only where all is known.
 
     It is where all is exact; and where it is short and only puts together what others found.
@@ -84,10 +85,10 @@ def is_read(fun: typed.FunSymbol, *, deep: bool) -> bool:
     if all(is_exact(t) for t in (*types, fun.result, *(p.type for p in fun.parameters))):
         return True
     asks = deep and [type(s) for s in fun.body or ()] == [typed.TypedReturn]
-    return (asks or len(parts) <= SHORT) and all(_joins(n, asks=asks) for n in parts)
+    return (asks or len(parts) <= SHORT) and all(_makes_no_float(n, asks=asks) for n in parts)
 
 
-def _joins(n: object, *, asks: bool) -> bool:
+def _makes_no_float(n: object, *, asks: bool) -> bool:
     """Whether a piece of code makes no float or list; `asks`: it may add and multiply floats."""
     if isinstance(n, typed.TypedBinary):
         of, compares = n.left.type, isinstance(n.type, BoolType)
@@ -102,7 +103,7 @@ def _joins(n: object, *, asks: bool) -> bool:
 
 
 @lru_cache(maxsize=1_000)
-def asks_extern(fun: typed.FunSymbol) -> bool:
+def calls_extern(fun: typed.FunSymbol) -> bool:
     """Whether a call ends in an extern function, which may give another value each time."""
     seen, todo = {fun}, [fun]
     for f in todo:
@@ -113,7 +114,9 @@ def asks_extern(fun: typed.FunSymbol) -> bool:
 
 
 Term = Any
+"""A value, as the head of this file says: of Python, of the solver, or a tuple of such."""
 OPAQUE = z3.DeclareSort("opaque")
+"""The sort of floats, and of lists and arrays in one term: only equality is known of these."""
 LARGEST, SMALLEST = 2**63 - 1, -(2**63)
 ELEMENTS_MAX = 64
 """Nothing is told of a longer list of the program."""
@@ -153,54 +156,56 @@ def negation(a: Term) -> Term:
 # ---------------------------------------------------------------- values
 
 
-def unknown(t: Type, name: str, facts: list[Term]) -> Term:
+def unknown_value(t: Type, name: str, facts: list[Term]) -> Term:
     """Any value of a type; what the type says of it goes to `facts`."""
     parts = parts_of_value(t)
     if parts is not None:
-        return tuple(unknown(p, f"{name}.{k}", facts) for k, p in enumerate(parts))
-    return _of_type(t, z3.FreshConst(_sort(t), name), facts)
+        return tuple(unknown_value(p, f"{name}.{k}", facts) for k, p in enumerate(parts))
+    return _with_range_of_type(t, z3.FreshConst(_sort(t), name), facts)
 
 
 def _sort(t: Type) -> Any:  # noqa: ANN401 - a sort
     return z3.BoolSort() if isinstance(t, BoolType) else z3.IntSort() if is_plain(t) else OPAQUE
 
 
-def _of_type(t: Type, x: Term, facts: list[Term]) -> Term:
+def _with_range_of_type(t: Type, x: Term, facts: list[Term]) -> Term:
     if is_plain(t) and not isinstance(t, BoolType):
-        low, high = extent(t)
+        low, high = integer_range(t)
         facts.append(z3.And(x >= low, x <= high))
     return x
 
 
-def extent(t: Type) -> tuple[int, int]:
+def integer_range(t: Type) -> tuple[int, int]:
     """The least and the greatest value of a type of whole numbers."""
     if isinstance(t, EnumType):
         return 0, len(t.members) - 1
     return (t.low, t.high) if isinstance(t, IntType) else (SMALLEST, LARGEST)
 
 
-def shaped(t: Type, value: Term, facts: list[Term]) -> Term:
+def value_as_terms(t: Type, value: Term, facts: list[Term]) -> Term:
     """A value that is one term where its type is; what is known of its elements goes to `facts`."""
     parts = parts_of_value(t)
     if parts is not None:
-        return tuple(shaped(p, v, facts) for p, v in zip(parts, value, strict=True))
+        return tuple(value_as_terms(p, v, facts) for p, v in zip(parts, value, strict=True))
     if not isinstance(value, tuple):
         return value
     whole = z3.Const(f"{t!r}: {value!r}", OPAQUE)
     if isinstance(t, (ListType, ArrayType)) and len(value) <= ELEMENTS_MAX:
         facts.append(length(whole, t, facts) == len(value))
         for k, v in enumerate(value):
-            item, own = element(whole, k, t, facts), shaped(t.element, v, facts)
-            facts += [a == b for a, b in zip(flat(item), flat(own), strict=True)]
+            item, own = element(whole, k, t, facts), value_as_terms(t.element, v, facts)
+            facts += [a == b for a, b in zip(leaf_terms(item), leaf_terms(own), strict=True)]
     return whole
 
 
-def flat(value: Term) -> list[Term]:
+def leaf_terms(value: Term) -> list[Term]:
     """The leaves of a value as terms."""
-    return [x for v in value for x in flat(v)] if isinstance(value, tuple) else [term(value)]
+    return (
+        [x for v in value for x in leaf_terms(v)] if isinstance(value, tuple) else [as_term(value)]
+    )
 
 
-def term(value: Term) -> Term:
+def as_term(value: Term) -> Term:
     """A number or a truth as a term; floats are elements of the sort."""
     if isinstance(value, bool):
         return z3.BoolVal(value)
@@ -213,33 +218,33 @@ def term(value: Term) -> Term:
     return value
 
 
-def either(c: Term, a: Term, b: Term) -> Term:
+def choose(c: Term, a: Term, b: Term) -> Term:
     """`c ? a : b`, of values of one shape."""
     if isinstance(c, bool):
         return a if c else b
     if isinstance(a, tuple):
-        return tuple(either(c, x, y) for x, y in zip(a, b, strict=True))
+        return tuple(choose(c, x, y) for x, y in zip(a, b, strict=True))
     if a is b or (is_known(a) and is_known(b) and identical(a, b)):
         return a
     if isinstance(a, Elapsed) and isinstance(b, Elapsed):
         return Elapsed(z3.If(c, a.ns, b.ns))
-    return z3.If(c, term(a), term(b))
+    return z3.If(c, as_term(a), as_term(b))
 
 
-def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
+def within_bounds(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
     """Whether a value lies within the bounds of a topic, and so may be published."""
     parts = parts_of_value(t)
     if parts is not None:
         conditions, at = [], 0
         for v, p in zip(value, parts, strict=True):
             count = sum(1 for _ in leaves(p))
-            conditions.append(inside(v, p, bounds[at : at + count]))
+            conditions.append(within_bounds(v, p, bounds[at : at + count]))
             at += count
         return both(*conditions)
     if isinstance(t, (BoolType, EnumType)):
         return True
     if is_plain(t):
-        low, high = extent(t)
+        low, high = integer_range(t)
         if bounds and bounds[0] is not None:
             low, high = max(low, ceil(bounds[0].low)), min(high, floor(bounds[0].high))
         return both(value >= low, value <= high)
@@ -247,22 +252,22 @@ def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
     if isinstance(value, float):
         limits = said[0] or (float("-inf"), float("inf"))
         return value - value == 0.0 and limits[0] <= value <= limits[1]
-    return z3.Function(f"taken {t!r} {said}", OPAQUE, z3.BoolSort())(term(value))
+    return z3.Function(f"taken {t!r} {said}", OPAQUE, z3.BoolSort())(as_term(value))
 
 
 # ---------------------------------------------------------------- functions, lists
 
 
-def applied(name: str, values: Sequence[Term], t: Type, facts: list[Term]) -> Term:
+def unread_result(name: str, values: Sequence[Term], t: Type, facts: list[Term]) -> Term:
     """The unknown result of a function, equal for equal `values`; its type goes to `facts`."""
     parts = parts_of_value(t)
     if parts is not None:
-        return tuple(applied(f"{name}.{k}", values, p, facts) for k, p in enumerate(parts))
-    arguments = [x for v in values for x in flat(v)]
+        return tuple(unread_result(f"{name}.{k}", values, p, facts) for k, p in enumerate(parts))
+    arguments = [x for v in values for x in leaf_terms(v)]
     if not arguments:
         return z3.Const(name, _sort(t))
     function = z3.Function(name, *[a.sort() for a in arguments], _sort(t))
-    return _of_type(t, function(*arguments), facts)
+    return _with_range_of_type(t, function(*arguments), facts)
 
 
 def length(sequence: Term, t: Type, facts: list[Term]) -> Term:
@@ -278,8 +283,8 @@ def length(sequence: Term, t: Type, facts: list[Term]) -> Term:
 def element(sequence: Term, index: Term, t: ListType | ArrayType, facts: list[Term]) -> Term:
     """The element of a list or an array at an index that it has."""
     if not isinstance(sequence, tuple):
-        return applied(f"element of {t!r}", [sequence, index], t.element, facts)
+        return unread_result(f"element of {t!r}", [sequence, index], t.element, facts)
     value = sequence[-1]
     for k in range(len(sequence) - 2, -1, -1):
-        value = either(index == k, sequence[k], value)
+        value = choose(index == k, sequence[k], value)
     return value

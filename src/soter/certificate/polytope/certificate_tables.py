@@ -1,8 +1,8 @@
 """The tables of a polytope group in a certificate: half-spaces, multipliers, what they presuppose.
 
 Purpose: `read_polytope` reads `PolytopeTables` off a manifest and checks every shape and number.
-`HalfSpaces.bound` says what a linear function is at most on half-spaces, by weak duality with given
-multipliers: for lambda >= 0 and every x of {low <= x <= high, F x <= f}
+`HalfSpaces.upper_bound` says what a linear function is at most on half-spaces, by weak duality with
+given multipliers: for lambda >= 0 and every x of {low <= x <= high, F x <= f}
 
     r x  <=  lambda f + max over the box of (r - lambda F) x,
 
@@ -64,7 +64,7 @@ class HalfSpaces:
         return [[exact(x) for x in row] for row in faces], [exact(x) for x in ends]
 
     @cached_property
-    def own(self) -> tuple[list[list[arb]], list[arb]]:
+    def own_faces(self) -> tuple[list[list[arb]], list[arb]]:
         """The half-spaces of `rows` alone, without those of the box, in balls."""
         faces, ends = self.in_balls
         return faces[: len(self.rows)], ends[: len(self.rows)]
@@ -75,9 +75,9 @@ class HalfSpaces:
             a <= b for a, b in zip(self.high, other.high, strict=True)
         )
 
-    def bound(self, row: Sequence[arb], weights: Weights) -> arb:
+    def upper_bound(self, row: Sequence[arb], weights: Weights) -> arb:
         """An upper bound of `row` x on these half-spaces, by these multipliers."""
-        rows, limits = self.own
+        rows, limits = self.own_faces
         rest, total = list(row), ZERO
         for face, value in weights:
             weight = exact(value)
@@ -98,11 +98,11 @@ class HalfSpaces:
         for row, limit, own in zip(rows, limits, weights, strict=True):
             if any(face >= len(self.rows) for face, _ in own):
                 raise RejectedError(f"{what}: a multiplier belongs to no half-space")
-            if not self.bound(row, own) <= limit:
+            if not self.upper_bound(row, own) <= limit:
                 raise RejectedError(f"{what}: not confirmed by its multipliers")
 
 
-def less(limits: Sequence[arb], losses: Sequence[arb]) -> list[arb]:
+def minus_losses(limits: Sequence[arb], losses: Sequence[arb]) -> list[arb]:
     """Limits less losses, row by row."""
     return [a - b for a, b in zip(limits, losses, strict=True)]
 
@@ -157,14 +157,21 @@ class PolytopeTables:
     flow: ClaimedRates | None
     """The linear rates around which a flow that is not linear is enclosed."""
     core: HalfSpaces
+    """K."""
     free: HalfSpaces
+    """R(H)."""
     home: HalfSpaces | None
+    """Q; `target`: where `safer` is certain, and Q lies."""
     target: HalfSpaces | None
     levels: list[HalfSpaces]
+    """S_0, S_1, ..., of estimates; `carried`: G_1, G_2, ..., the states behind them from S_1 on."""
     carried: list[HalfSpaces]
     rates: dict[str, Floats]
+    """By "K" and "Q" how fast z may change there, for each control of the law, but for noise."""
     periods: int
+    """In how many holds of SC it leads from all of K to Q."""
     instants: dict[str, tuple[int, ...]]
+    """By the names of `INSTANTS` the times in ns, from 0 on, at which a motion is looked at."""
     multipliers: dict[str, list[Triples]] = field(default_factory=dict)
     gives_back: list[tuple[tuple[float, ...], arb]] | None = None
     """Half-spaces of real estimates on which the DM gives control back (`polytope_group.py`)."""
@@ -196,12 +203,12 @@ def read_polytope(
     for (least, most), a, b in zip(extents, low, high, strict=True):
         if not least <= a < b <= most:
             raise RejectedError("C of a polytope is no box within the ranges of its states")
-    law = _law(reader, entry["law"], inputs)
+    law = _read_law(reader, entry["law"], inputs)
     tables = PolytopeTables(
         states=states,
         constraint=HalfSpaces(low, high, (), ()),
         law=law,
-        flow=_rates(reader, entry["flow"], len(law.controls)) if "flow" in entry else None,
+        flow=_read_rates(reader, entry["flow"], len(law.controls)) if "flow" in entry else None,
         core=reader.half_spaces(entry["K"]),
         free=reader.half_spaces(entry["R"]),
         home=reader.half_spaces(entry["Q"]) if "Q" in entry else None,
@@ -209,8 +216,8 @@ def read_polytope(
         levels=[reader.half_spaces(e) for e in entry["S"]],
         carried=[reader.half_spaces(e) for e in entry["G"]],
         rates={k: reader.matrix(rate, None) for k, rate in entry["rates"].items()},
-        periods=_whole(entry["periods"], PERIODS_MAX, "`periods`"),
-        instants={k: _instants(given, k) for k, given in entry["instants"].items()},
+        periods=_read_whole_number(entry["periods"], PERIODS_MAX, "`periods`"),
+        instants={k: _read_instants(given, k) for k, given in entry["instants"].items()},
     )
     given = entry.get("multipliers", {})
     if not set(given) <= set(PARTS):
@@ -224,7 +231,7 @@ def read_half_spaces(certificate: Certificate, entry: Any, n: int) -> HalfSpaces
     return _MatrixReader(certificate, n).half_spaces(entry)
 
 
-def _law(reader: _MatrixReader, entry: dict[str, Any], inputs: int) -> ClaimedLaw:
+def _read_law(reader: _MatrixReader, entry: dict[str, Any], inputs: int) -> ClaimedLaw:
     if set(entry) != {"controls", "gain", "offset", "limits"}:
         raise RejectedError("the law of a polytope group is controls, gain, offset and limits")
     controls = tuple(entry["controls"])
@@ -241,7 +248,7 @@ def _law(reader: _MatrixReader, entry: dict[str, Any], inputs: int) -> ClaimedLa
     )
 
 
-def _rates(reader: _MatrixReader, entry: dict[str, Any], controls: int) -> ClaimedRates:
+def _read_rates(reader: _MatrixReader, entry: dict[str, Any], controls: int) -> ClaimedRates:
     n = reader.n
     shapes = {"A": (n, n), "B": (n, controls), "c": (n,)}
     if set(entry) != set(shapes):
@@ -249,13 +256,13 @@ def _rates(reader: _MatrixReader, entry: dict[str, Any], controls: int) -> Claim
     return ClaimedRates(*(reader.matrix(entry[k], shape) for k, shape in shapes.items()))
 
 
-def _whole(value: object, most: int, what: str) -> int:
+def _read_whole_number(value: object, most: int, what: str) -> int:
     if type(value) is not int or not 0 <= value <= most:
         raise RejectedError(f"{what} of a polytope group is no number that can be")
     return value
 
 
-def _instants(value: Any, what: str) -> tuple[int, ...]:  # noqa: ANN401
+def _read_instants(value: Any, what: str) -> tuple[int, ...]:  # noqa: ANN401
     whole = isinstance(value, list) and all(type(t) is int for t in value)
     if whole and BOX <= len(value) <= INSTANTS_MAX and value[0] == 0 and sorted(value) == value:
         return tuple(value)
@@ -302,7 +309,9 @@ class _MatrixReader:
 
     def triples(self, entry: Any) -> Triples:  # noqa: ANN401
         """Multipliers: none is negative, and each belongs to a row and a half-space."""
-        count, width = (_whole(k, 1 << 24, "the size of multipliers") for k in entry["of"])
+        count, width = (
+            _read_whole_number(k, 1 << 24, "the size of multipliers") for k in entry["of"]
+        )
         given = self.matrix({k: v for k, v in entry.items() if k != "of"}, None)
         self.weights += count + len(given)
         if self.weights > TRIPLES_MAX:

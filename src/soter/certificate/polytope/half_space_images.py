@@ -56,17 +56,17 @@ PIECES_OF_EXCHANGE = 8
 """Pieces of a hold where the effect of commands that act too early or too late is bounded."""
 
 
-def sizes(m: arb_mat) -> arb_mat:
+def absolute_bounds(m: arb_mat) -> arb_mat:
     """For each entry of a matrix its largest absolute value."""
     return arb_mat([[magnitude(x) for x in row] for row in m.tolist()])
 
 
-def column(values: Sequence[arb]) -> arb_mat:
+def column_matrix(values: Sequence[arb]) -> arb_mat:
     """The matrix of one column."""
     return arb_mat([[x] for x in values])
 
 
-def first(m: arb_mat) -> list[arb]:
+def first_column(m: arb_mat) -> list[arb]:
     """The first column of a matrix."""
     return [row[0] for row in m.tolist()]
 
@@ -88,25 +88,27 @@ class BallFlow:
         if any(not row[k].is_zero() for row in flow.b for k in unused):
             raise NotRecheckedError("a command moves a polytope group that its law leaves out")
         self.n, self.exact_a = n, flow.a
-        self.a, self.size_a = arb_mat(flow.a), sizes(arb_mat(flow.a))
+        self.a, self.size_a = arb_mat(flow.a), absolute_bounds(arb_mat(flow.a))
         self.b = arb_mat([[row[k] for k in acting] for row in flow.b])
         self.w = arb_mat([row or [ZERO] for row in flow.noise])
         ranges = [flow.ranges[k] for k in acting]
         self.control_centre, self.control_radius = _centres(ranges)
-        centre, radius = map(column, _centres([(exact(low), exact(high)) for low, high in box]))
-        self.constant = column(flow.constant) + self.b * column(self.control_centre)
+        centre, radius = map(
+            column_matrix, _centres([(exact(low), exact(high)) for low, high in box])
+        )
+        self.constant = column_matrix(flow.constant) + self.b * column_matrix(self.control_centre)
         """b + B u_c."""
-        self.calm = sizes(self.a * centre + self.constant) + self.size_a * radius
+        self.calm = absolute_bounds(self.a * centre + self.constant) + self.size_a * radius
         """|A x + b + B u_c|."""
-        self.speed = self.calm + sizes(self.b) * column(self.control_radius)
+        self.speed = self.calm + absolute_bounds(self.b) * column_matrix(self.control_radius)
         """D."""
-        ones = column([arb(1)] * self.w.ncols())
-        self.shaken = sizes(self.w) * ones
+        ones = column_matrix([arb(1)] * self.w.ncols())
+        self.shaken = absolute_bounds(self.w) * ones
         """|W| 1."""
         self._exponentials: dict[Fraction, arb_mat] = {}
         self._growths: dict[Fraction, arb_mat] = {}
 
-    def at(self, time: Fraction) -> arb_mat:
+    def exponential(self, time: Fraction) -> arb_mat:
         """The matrix e^{At}."""
         if time not in self._exponentials:
             self._exponentials[time] = (self.a * exact(time)).exp()
@@ -115,10 +117,10 @@ class BallFlow:
     def growth(self, time: Fraction) -> arb_mat:
         """e^{|A| t}: bounds every entry of e^{As}, |s| <= t."""
         if time not in self._growths:
-            self._growths[time] = sizes((self.size_a * exact(time)).exp())
+            self._growths[time] = absolute_bounds((self.size_a * exact(time)).exp())
         return self._growths[time]
 
-    def summed(self, time: Fraction) -> arb_mat:
+    def integral(self, time: Fraction) -> arb_mat:
         """The integral of e^{As} over [0, t]."""
         return arb_mat(integral(self.exact_a, time))
 
@@ -130,14 +132,18 @@ class BallFlow:
         """(r, r, c e^{Am}) of each piece [m - r, m + r]."""
         r = (end - start) / (2 * count)
         for k in range(count):
-            yield exact(r), r, rows * self.at(start + (2 * k + 1) * r)
+            yield exact(r), r, rows * self.exponential(start + (2 * k + 1) * r)
 
     def _line_bounds(
         self, at: arb_mat, r: Fraction, columns: arb_mat
     ) -> Iterator[tuple[list[arb], list[arb], list[arb]]]:
         """Per row |f(m)|, |f'(m)| and a bound of |f''| on the piece, for every column."""
-        bend = sizes(at * self.a * self.a) * self.growth(r) * sizes(columns)
-        three = (sizes(at * columns), sizes(at * self.a * columns), sizes(bend))
+        bend = absolute_bounds(at * self.a * self.a) * self.growth(r) * absolute_bounds(columns)
+        three = (
+            absolute_bounds(at * columns),
+            absolute_bounds(at * self.a * columns),
+            absolute_bounds(bend),
+        )
         yield from zip(*(m.tolist() for m in three), strict=True)
 
     def noise(self, rows: arb_mat, columns: arb_mat, times: Sequence[Fraction]) -> list[list[arb]]:
@@ -151,7 +157,7 @@ class BallFlow:
             integrals.append(total)
         return integrals
 
-    def greatest(self, rows: arb_mat, columns: arb_mat, end: Fraction) -> list[list[arb]]:
+    def greatest_effect(self, rows: arb_mat, columns: arb_mat, end: Fraction) -> list[list[arb]]:
         """For each row c and column the greatest |c e^{As} column|, s in [0, end]."""
         maxima: list[list[arb]] = [[ZERO] * columns.ncols() for _ in range(rows.nrows())]
         for r, exact_r, at in self._time_pieces(rows, Fraction(0), end, PIECES_OF_EXCHANGE):
@@ -165,11 +171,11 @@ class BallFlow:
         suprema = [ZERO] * rows.nrows()
         h = exact(end - start)
         for _, r, at in self._time_pieces(rows, start, end, PIECES):
-            here = first(sizes(at * self.a) * self.growth(r) * speed)
+            here = first_column(absolute_bounds(at * self.a) * self.growth(r) * speed)
             suprema = [x.max(y) for x, y in zip(suprema, here, strict=True)]
         return [x * h * h / 8 for x in suprema]
 
-    def between(
+    def between_instants(
         self,
         c: arb_mat,
         moved: Sequence[tuple[arb_mat, list[arb]]],
@@ -210,11 +216,14 @@ class FreeImage:
         ]
         self.columns = arb_mat([a + b for a, b in zip(push, flow.w.tolist(), strict=True)])
 
-    def everywhere(self, rows: Rows) -> list[Moved]:
+    def at_all_times(self, rows: Rows) -> list[Moved]:
         """For every instant (row, loss): the greatest of them bounds c x in between, too."""
         flow, c = self.flow, arb_mat(rows)
-        still = [(c * flow.at(t), first(c * flow.summed(t) * flow.constant)) for t in self.times]
-        return flow.between(c, still, self.columns, flow.calm, self.times)
+        still = [
+            (c * flow.exponential(t), first_column(c * flow.integral(t) * flow.constant))
+            for t in self.times
+        ]
+        return flow.between_instants(c, still, self.columns, flow.calm, self.times)
 
 
 class HoldImage:
@@ -236,7 +245,7 @@ class HoldImage:
         self.rate = [exact(float(x)) for x in rate]
         self.k = arb_mat(law.gain)
         self.rate_rows = self.k * flow.a
-        self.rate_offset = first(self.k * flow.constant)
+        self.rate_offset = first_column(self.k * flow.constant)
         half = exact(self.delay / 2)
         self.gain = self.k - self.rate_rows * half
         self.offset = [a - b * half for a, b in zip(law.offset, self.rate_offset, strict=True)]
@@ -246,15 +255,17 @@ class HoldImage:
     def push(self) -> list[arb]:
         """|K (B (u - u_c) + W w)|."""
         flow = self.flow
-        by_u = first(sizes(self.k * flow.b) * column(flow.control_radius))
-        by_w = first(sizes(self.k * flow.w) * column([arb(1)] * flow.w.ncols()))
+        by_u = first_column(absolute_bounds(self.k * flow.b) * column_matrix(flow.control_radius))
+        by_w = first_column(
+            absolute_bounds(self.k * flow.w) * column_matrix([arb(1)] * flow.w.ncols())
+        )
         return [a + b for a, b in zip(by_u, by_w, strict=True)]
 
     def _command_slope(self, time: Fraction) -> list[arb]:
         """|K A (x(n + s) - x(n))| / |s|."""
         flow = self.flow
         away = flow.growth(time) * (flow.speed + flow.shaken)
-        return first(sizes(self.rate_rows) * away)
+        return first_column(absolute_bounds(self.rate_rows) * away)
 
     def _read_gap(self) -> list[arb]:
         """The most that a read differs from one of age d / 2, row by row (see "its read" above)."""
@@ -268,7 +279,7 @@ class HoldImage:
         ]
 
     @cached_property
-    def other(self) -> list[arb]:
+    def neighbour_gap(self) -> list[arb]:
         """A bound of |u_(k+-1) - u_k|, control by control (see "other" above)."""
         span = self.times[-1] + self.delay + self.jitter
         apart = exact(span)
@@ -278,41 +289,42 @@ class HoldImage:
             for r, p, b, s in zip(self.rate, self.push, bend, self.law.spread, strict=True)
         ]
 
-    def _exchanged(self, c: arb_mat) -> list[arb]:
+    def _exchange_loss(self, c: arb_mat) -> list[arb]:
         if self.jitter == 0:
             return [ZERO] * c.nrows()
-        steer = self.flow.greatest(c, self.flow.b, self.times[-1])
+        steer = self.flow.greatest_effect(c, self.flow.b, self.times[-1])
         j = exact(self.jitter)
         return [
-            j * sum((a * b for a, b in zip(row, self.other, strict=True)), ZERO) for row in steer
+            j * sum((a * b for a, b in zip(row, self.neighbour_gap, strict=True)), ZERO)
+            for row in steer
         ]
 
     def _row_image(self, c: arb_mat, time: Fraction) -> tuple[arb_mat, list[arb]]:
         flow = self.flow
-        through = c * flow.summed(time)
+        through = c * flow.integral(time)
         steer = through * flow.b
         # b + B u = (b + B u_c) + B (u - u_c), u = gain x + offset up to the spread
         held = [a - b for a, b in zip(self.offset, flow.control_centre, strict=True)]
-        loss = through * flow.constant + steer * column(held)
-        loss = loss + sizes(steer) * column(self.spread)
-        return c * flow.at(time) + steer * self.gain, first(loss)
+        loss = through * flow.constant + steer * column_matrix(held)
+        loss = loss + absolute_bounds(steer) * column_matrix(self.spread)
+        return c * flow.exponential(time) + steer * self.gain, first_column(loss)
 
-    def everywhere(self, rows: Rows) -> list[Moved]:
+    def at_all_times(self, rows: Rows) -> list[Moved]:
         """For every instant (row, loss): the greatest of them bounds c x during the hold."""
         flow, c = self.flow, arb_mat(rows)
-        moved, more = [self._row_image(c, t) for t in self.times], self._exchanged(c)
+        moved, more = [self._row_image(c, t) for t in self.times], self._exchange_loss(c)
         still = [(row, [a + b for a, b in zip(loss, more, strict=True)]) for row, loss in moved]
-        return flow.between(c, still, flow.w, flow.speed, self.times)
+        return flow.between_instants(c, still, flow.w, flow.speed, self.times)
 
-    def after(self, rows: Rows) -> Moved:
+    def at_end(self, rows: Rows) -> Moved:
         """(row, loss): `rows` of the end of the hold are at most row x + loss, x its begin."""
         c = arb_mat(rows)
         noise = self.flow.noise(c, self.flow.w, self.times)[-1]
         row, loss = self._row_image(c, self.times[-1])
-        parts = zip(loss, noise, self._exchanged(c), strict=True)
+        parts = zip(loss, noise, self._exchange_loss(c), strict=True)
         return row.tolist(), [sum(p, ZERO) for p in parts]
 
-    def linear(self) -> list[Moved]:
+    def linearity_limits(self) -> list[Moved]:
         """(rows, limits) that a state must satisfy for the law to be linear, and for `rate`."""
         rows, minus = self.gain.tolist(), (-self.gain).tolist()
         ends = zip(self.law.low, self.law.high, self.offset, self.spread, strict=True)

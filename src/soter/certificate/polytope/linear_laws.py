@@ -65,10 +65,6 @@ def _control_row(claimed: Sequence[float], acting: Sequence[int], controls: int)
     return made
 
 
-def _diagonal(values: Sequence[arb], rows: int) -> list[list[arb]]:
-    return [[x if i == k else ZERO for k, x in enumerate(values)] for i in range(rows)]
-
-
 def enclosed_flow(
     model: CaseModel, members: Sequence[int], acting: Sequence[int], claimed: ClaimedRates
 ) -> LinearFlow:
@@ -92,7 +88,7 @@ def enclosed_flow(
         parts += [(-x, states[k]) for k, x in zip(members, a[at], strict=True)]
         parts += [(-x, u) for u, x in zip(controls, b[at], strict=True)]
         rests.append(terms.combine(parts, -constant[at]))
-    inputs = [next(iter(x.terms)) for x in (*states, *controls, *disturbances)]
+    inputs = [x.atom for x in (*states, *controls, *disturbances)]
     ranges = [(terms.atoms[k].low, terms.atoms[k].high) for k in inputs]
     ranges[: len(states)] = [(exact(low), exact(high)) for low, high in model.extents]
     lines = compile_lines(terms, inputs, 0, rests, terms.obligations, {})
@@ -107,7 +103,7 @@ def enclosed_flow(
 
     bent = _nonlinear_inputs(terms, rests)
     noise = _largest_sizes(ranges, [at for at, k in enumerate(inputs) if k in bent], sizes, SPLITS)
-    columns = _diagonal(noise, len(members))
+    columns = [[x if i == k else ZERO for k, x in enumerate(noise)] for i in range(len(members))]
     limits = tuple((exact(c.low), exact(c.high)) for c in model.facts.controls)
     return LinearFlow(tuple(members), a, b, constant, columns, limits)
 
@@ -177,10 +173,10 @@ def linear_law(model: CaseModel, members: Sequence[int], claimed: ClaimedLaw) ->
     commands = model.commands(terms, states)
     ranges = {i: (a.low, a.high) for i, a in enumerate(terms.atoms) if a.kind == "box"}
     for x, (least, most) in zip(states, model.extents, strict=True):
-        ranges[next(iter(x.terms))] = exact(least), exact(most)
+        ranges[x.atom] = exact(least), exact(most)
     zs = _claimed_laws(model, terms, states, claimed)
     low, high = ([exact(float(x)) for x in ends] for ends in (claimed.low, claimed.high))
-    form = _with_limits(ranges, zs, list(zip(low, high, strict=True)))
+    form = _form_within_limits(ranges, zs, list(zip(low, high, strict=True)))
     rests = [
         terms.combine(((ONE, commands[c]), (-ONE, z))) for c, z in zip(controls, zs, strict=True)
     ]
@@ -191,7 +187,7 @@ def linear_law(model: CaseModel, members: Sequence[int], claimed: ClaimedLaw) ->
     found = Function(forms.make, forms.length, ends)(form)
     if found is None:
         raise RejectedError("SC is not certain to step within its sets where it is linear")
-    own = [next(iter(states[i].terms)) for i in members]
+    own = [states[i].atom for i in members]
     gain, offset, spread = [], [], []
     for z, least, most in zip(zs, found[::2], found[1::2], strict=True):
         constant, rest = _middle_without(own, z, magnitude(least).max(magnitude(most)), ranges)
@@ -207,7 +203,7 @@ def _claimed_laws(
     """Each z, over the inputs of the manifest: states, controls, disturbances, errors, others."""
     facts = model.facts
     boxes = {a.name: i for i, a in enumerate(terms.atoms) if a.kind == "box"}
-    places: list[int | None] = [next(iter(x.terms)) for x in states]
+    places: list[int | None] = [x.atom for x in states]
     places += [None] * (len(facts.controls) + len(facts.disturbances))
     places += [boxes.get(e.name) for e in (*facts.errors, *facts.others)]
     zs = []
@@ -226,7 +222,7 @@ def _middle_and_radius(low: arb, high: arb) -> tuple[arb, arb]:
     return (low + high) * HALF, (high - low) * HALF
 
 
-def _with_limits(
+def _form_within_limits(
     ranges: dict[int, tuple[arb, arb]], zs: Sequence[Linear], limits: Sequence[tuple[arb, arb]]
 ) -> tuple[arb, ...]:
     """The form (`terms/compile_terms.py`) of all inputs in their ranges with each z in its limits.
@@ -261,4 +257,4 @@ class _ByBothRanges(AffineForms):
     """`AffineForms` with ranges no wider than the intervals of their atoms make them."""
 
     def _make_range(self, x: Linear) -> Ends:
-        return self.within(*super()._make_range(x), *self.natural(x))
+        return self.tighter_ends(*super()._make_range(x), *self.range_by_atoms(x))

@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.certificate.cell_predicates import AdmitCheck, published
+from soter.certificate.cell_predicates import AdmitCheck, cells_published_in_set
 from soter.certificate.cell_sets import Axes, Grid
 from soter.certificate.groups import GroupCheck, whole
-from soter.certificate.polytope.certificate_tables import INSTANTS, HalfSpaces, less
+from soter.certificate.polytope.certificate_tables import INSTANTS, HalfSpaces, minus_losses
 from soter.certificate.polytope.half_space_images import BallFlow, FreeImage, HoldImage
 from soter.certificate.polytope.linear_laws import enclosed_flow, linear_law
 from soter.certificate.reading.case_model import CaseModel
@@ -71,7 +71,7 @@ def all_published(model: CaseModel, groups: Sequence[Kept], topic: int) -> bool:
     limits = model.limits(terms, states, topic)
     if terms.obligations:
         return False
-    atoms = [next(iter(x.terms)) for x in states]
+    atoms = [x.atom for x in states]
     own = {atoms[s] for tables, _ in groups for s in tables.states}
     elsewhere = {*atoms} - own
     for value, low, high in limits:
@@ -103,9 +103,9 @@ def _upper_bound(
 
 def _hold_bound(kernel: HalfSpaces, hold: HoldImage, row: list[arb]) -> arb:
     """An upper bound of row x(t): in K, and while SC holds what it commanded there."""
-    bound = kernel.bound(row, _weights(kernel, row))
-    for own, loss in chain.from_iterable(zip(*x, strict=True) for x in hold.everywhere([row])):
-        bound = bound.max(kernel.bound(own, _weights(kernel, own)) + loss)
+    bound = kernel.upper_bound(row, _weights(kernel, row))
+    for own, loss in chain.from_iterable(zip(*x, strict=True) for x in hold.at_all_times([row])):
+        bound = bound.max(kernel.upper_bound(own, _weights(kernel, own)) + loss)
     return bound
 
 
@@ -139,7 +139,7 @@ def starts_in_sets(model: CaseModel) -> None:
         Axes(tuple(range(len(ends))), Grid(ends)),
     )
     for topic in bounded_topics(facts):
-        if not published(at_start, [box], topic)[0].members.all():
+        if not cells_published_in_set(at_start, [box], topic)[0].members.all():
             name = facts.system.topics[topic].name
             raise RejectedError(f"an initial state may be none of those that `{name}` holds")
 
@@ -153,7 +153,7 @@ ROUNDING = 1e-12
 """Far above the rounding of a sum of a dozen products of doubles, relative to their sizes."""
 
 
-def affordable(tables: PolytopeTables) -> None:
+def require_affordable(tables: PolytopeTables) -> None:
     """NotRecheckedError where the sets and instants of a group are more work than is done.
 
     Every half-space is carried over every piece of time of each claim, and those of Q over as many
@@ -186,19 +186,19 @@ class PolytopeCheck(GroupCheck):
     def __init__(self, model: CaseModel, tables: PolytopeTables) -> None:
         self.model, self.tables = model, tables
 
-    def safe(self, cells: Cells) -> None:
+    def note_safe_cells(self, cells: Cells) -> None:
         """RejectedError where `safe` is not certain on all of C; then the law and flow are read."""
         if not cells.members.all():
             raise RejectedError("`safe` is not certain on the box of a polytope group")
-        self.tried(set())
+        self.prepare(set())
 
-    def tried(self, claims: set[str]) -> None:
+    def prepare(self, claims: set[str]) -> None:
         """Read SC's law and the flow; RejectedError, NotRecheckedError where they are not known."""
         del claims
         model, tables = self.model, self.tables
         if model.facts.kind != "flow":
             raise NotRecheckedError("a polytope group of a map")
-        affordable(tables)
+        require_affordable(tables)
         box = list(zip(tables.constraint.low, tables.constraint.high, strict=True))
         if box != [model.extents[s] for s in tables.states]:
             raise RejectedError("a polytope group ranges over another box than its C")
@@ -273,22 +273,22 @@ class PolytopeCheck(GroupCheck):
         """RejectedError where SC may not keep `own` and, on the way, C and `within_faces`."""
         self._require_box_in(f"{what} in C", own, self.tables.constraint)
         if within_faces.rows:
-            own.require(f"{what} in what it keeps", *within_faces.own, given())
-        for rows, limits in hold.linear():
+            own.require(f"{what} in what it keeps", *within_faces.own_faces, given())
+        for rows, limits in hold.linearity_limits():
             own.require(f"{what}: SC is linear", rows, limits, given())
         faces, ends = within_faces.in_balls
-        for row, loss in hold.everywhere(faces):
-            own.require(f"{what}: C during a period", row, less(ends, loss), given())
+        for row, loss in hold.at_all_times(faces):
+            own.require(f"{what}: C during a period", row, minus_losses(ends, loss), given())
         faces, ends = own.in_balls
-        row, loss = hold.after(faces)
-        own.require(f"{what} after a period", row, less(ends, loss), given())
+        row, loss = hold.at_end(faces)
+        own.require(f"{what} after a period", row, minus_losses(ends, loss), given())
 
     @cached_property
     def hold_of_core(self) -> HoldImage:
         """A hold of SC that begins in K."""
         return self._hold_image("K")
 
-    def published(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
+    def stays_in_topic_set(self, topic: int, cells: Cells, checks: Sequence[GroupCheck]) -> bool:
         """Shown on all of C, or else on K and along what SC does from there.
 
         NotRecheckedError where neither is shown, but of an abstraction, where it is assumed.
@@ -307,17 +307,17 @@ class PolytopeCheck(GroupCheck):
         return certain
 
     @whole
-    def core(self) -> None:
+    def show_core(self) -> None:
         """SC keeps K and, on the way, C."""
         with self._multipliers("K") as given:
             self._show_kept("K", self.hold_of_core, self.tables.core, self.tables.constraint, given)
 
     @property
-    def holds(self) -> int:
+    def holds_to_return(self) -> int:
         """At most how many holds of SC it takes to come from any state of K back to Q."""
         return self.tables.periods
 
-    def home(self, calm: Cells | None) -> list[Task]:
+    def show_return(self, calm: Cells | None) -> list[Task]:
         """Show P2b; without `calm` (all of the target's box) the DM's half-spaces are asked, too.
 
         RejectedError where `calm` is not all of that box.
@@ -341,11 +341,11 @@ class PolytopeCheck(GroupCheck):
         row, ends = home.in_balls
         loss = [ZERO] * len(row)
         for _ in range(tables.periods):
-            row, more = self.hold_of_core.after(row)
+            row, more = self.hold_of_core.at_end(row)
             loss = [a + b for a, b in zip(loss, more, strict=True)]
         with self._multipliers("Q") as given:
             self._show_kept("Q", self._hold_image("Q"), home, inside, given)
-            tables.core.require("K returns to Q", row, less(ends, loss), given())
+            tables.core.require("K returns to Q", row, minus_losses(ends, loss), given())
 
     @whole
     def _show_given_back(self) -> None:
@@ -355,7 +355,7 @@ class PolytopeCheck(GroupCheck):
         if tables.gives_back is None:
             raise RejectedError("a claim needs the half-spaces of the DM, which are not there")
         faces, limits = tables.target.faces
-        known = least(zip(faces, (exact(x) for x in limits), strict=True))
+        known = least_limits(zip(faces, (exact(x) for x in limits), strict=True))
         for row, limit in tables.gives_back:
             if row not in known or not known[row] + self._error_effect([*map(exact, row)]) <= limit:
                 raise RejectedError(
@@ -364,7 +364,7 @@ class PolytopeCheck(GroupCheck):
 
     # ------------------------------------------------------------ any command
 
-    def _show_free(
+    def _require_kept_by_any_command(
         self,
         what: str,
         start: HalfSpaces,
@@ -375,36 +375,40 @@ class PolytopeCheck(GroupCheck):
         """RejectedError unless any command keeps states from `start` in `inner` all the time."""
         self._require_box_in(f"{what} in C", start, self.tables.constraint)
         faces, ends = inner
-        for row, loss in FreeImage(self.flow, instants).everywhere(faces):
-            start.require(what, row, less(ends, loss), None if given is None else given())
+        for row, loss in FreeImage(self.flow, instants).at_all_times(faces):
+            start.require(what, row, minus_losses(ends, loss), None if given is None else given())
 
     def _eroded(self, p: HalfSpaces) -> tuple[Rows, Sequence[arb]]:
         """All z with z + E in `p`: estimates of states in `p` only, or states of such estimates."""
         faces, ends = p.in_balls
-        return faces, less(ends, [self._error_effect(row) for row in faces])
+        return faces, minus_losses(ends, [self._error_effect(row) for row in faces])
 
     def _error_effect(self, row: Sequence[arb]) -> arb:
         """The most that the errors of estimates change the value of a row."""
         return sum((abs(a) * e for a, e in zip(row, self.errors, strict=True)), ZERO)
 
     @whole
-    def free(self, horizon_ns: int) -> None:
+    def show_free(self, horizon_ns: int) -> None:
         """Show that from R(H) the state stays in K for the horizon, whatever is commanded."""
         instants = self._instants_until("R", horizon_ns)
         with self._multipliers("R") as given:
-            self._show_free("R(H)", self.tables.free, self.tables.core.in_balls, instants, given)
+            self._require_kept_by_any_command(
+                "R(H)", self.tables.free, self.tables.core.in_balls, instants, given
+            )
 
     @whole
-    def start(self, until_ns: int) -> None:
+    def show_start(self, until_ns: int) -> None:
         """Show that initial states stay in K, and that what is published of them is in its set."""
         starts_in_sets(self.model)
         own = [self.model.facts.states[i] for i in self.tables.states]
         box = HalfSpaces(tuple(s.low for s in own), tuple(s.high for s in own), (), ())
         instants = self._instants_until("start", until_ns)
-        self._show_free("an initial state", box, self.tables.core.in_balls, instants, None)
+        self._require_kept_by_any_command(
+            "an initial state", box, self.tables.core.in_balls, instants, None
+        )
 
     @whole
-    def admits(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> None:
+    def show_predicate(self, name: str, expr: typed.TypedExpr, *, admits: bool) -> None:
         """Halve boxes until each lies in R(H), or AC surely gets or keeps no control on it.
 
         RejectedError where one can be halved no further, or they are too many.
@@ -422,7 +426,7 @@ class PolytopeCheck(GroupCheck):
             if (excess <= 0).all():
                 continue
             ends = [(exact(a), exact(b)) for a, b in box.T.tolist()]
-            if check.decision.holds(ends, 0):
+            if check.decision.holds_on_box(ends, 0):
                 continue
             shares = (box[1] - box[0]) / width
             if looked > BOXES_MAX or shares.max() < SMALLEST:
@@ -438,7 +442,7 @@ class PolytopeCheck(GroupCheck):
                 todo.append((half, depth + 1))
 
     @whole
-    def levels(self, between_ns: int) -> None:
+    def show_levels(self, between_ns: int) -> None:
         """The sets S_0, S_1, ... of computed predicates; RejectedError where they are too few."""
         tables, count = self.tables, self.model.facts.levels - 1
         if len(tables.levels) != max(count, 1) or len(tables.carried) != len(tables.levels) - 1:
@@ -448,11 +452,13 @@ class PolytopeCheck(GroupCheck):
             self._estimates("S_0", tables.levels[0], tables.free, given())
             for k, carried in enumerate(tables.carried):
                 before, after = tables.levels[k], tables.levels[k + 1]
-                self._show_free(f"G_{k + 1}", carried, self._eroded(before), instants, given)
+                self._require_kept_by_any_command(
+                    f"G_{k + 1}", carried, self._eroded(before), instants, given
+                )
                 self._estimates(f"S_{k + 1}", after, carried, given())
                 self._require_box_in(f"S_{k + 1} in S_{k}", after, before)
                 if before.rows:
-                    after.require(f"S_{k + 1} in S_{k}", *before.own, given())
+                    after.require(f"S_{k + 1} in S_{k}", *before.own_faces, given())
 
     def _estimates(
         self, what: str, estimates: HalfSpaces, states: HalfSpaces, weights: Triples
@@ -470,7 +476,7 @@ def _box_excess(faces: Floats, limits: Floats, box: Floats) -> Floats:
     return excess
 
 
-def least(parts: Iterable[tuple[tuple[float, ...], arb]]) -> dict[tuple[float, ...], arb]:
+def least_limits(parts: Iterable[tuple[tuple[float, ...], arb]]) -> dict[tuple[float, ...], arb]:
     """For each row the smallest limit that it has."""
     limit_by_row: dict[tuple[float, ...], arb] = {}
     for row, limit in parts:

@@ -25,7 +25,7 @@ from soter.certificate.polytope.certificate_tables import (
     read_half_spaces,
     read_polytope,
 )
-from soter.certificate.polytope.polytope_check import PolytopeCheck, least
+from soter.certificate.polytope.polytope_check import PolytopeCheck, least_limits
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.linear_enclosures import TINIEST, UNIT_ROUNDOFF, ZERO, exact
 from soter.certificate.vacuous_proofs import RARE_SHARE, on_drawn, rarity
@@ -55,7 +55,7 @@ class PolytopeGroup(Group):
 
     kind = "polytope"
     required, optional = REQUIRED, (*OPTIONAL, *HINTS)
-    unentered = "half-spaces are not looked at"
+    why_no_entry = "half-spaces are not looked at"
 
     def __init__(self, tables: PolytopeTables) -> None:
         self.tables, self.states = tables, tables.states
@@ -69,7 +69,7 @@ class PolytopeGroup(Group):
         count, ends = sum(len(x) for x in inputs), [(e[0], e[-1]) for e in axes.grid.edges]
         return cls(read_polytope(certificate, entry, axes.states, ends, count))
 
-    def part(self, *, errors: bool) -> Axes:
+    def cells_asked(self, *, errors: bool) -> Axes:
         """The box of C as one cell, or that of the target. RejectedError where that is empty."""
         box = self.tables.target if errors else self.tables.constraint
         if box is None:
@@ -103,13 +103,16 @@ class PolytopeGroup(Group):
                 raise RejectedError("the cases have other polytopes, and the DM has one for all")
             _require_no_more(outer, group.levels[0], [outer])
             _require_no_more(inner, group.levels[-1], [outer, inner])
-            group.leaves, group.gives_back = _surely([outer]), _surely([outer, inner])
+            group.leaves, group.gives_back = (
+                _certainly_passed([outer]),
+                _certainly_passed([outer, inner]),
+            )
 
-    def tell(self, report: RecheckedModule) -> None:
+    def add_size_to(self, report: RecheckedModule) -> None:
         """Add to a report how many half-spaces K has."""
         report.half_spaces += len(self.tables.core.bounds)
 
-    def never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
+    def why_ac_never(self, drawn: Iterator[NDArray[np.float64]]) -> tuple[str, str]:
         """Asks the half-spaces of the DM, on states that are drawn (one number a state)."""
         tables, states = self.tables, list(drawn)
         if not states:
@@ -128,7 +131,9 @@ class PolytopeGroup(Group):
                 return f"{rarity(count)} {what} control ({where})", ""
         return "", ""
 
-    def drawn(self, facts: Facts, chance: np.random.Generator) -> Iterator[NDArray[np.float64]]:
+    def random_points(
+        self, facts: Facts, chance: np.random.Generator
+    ) -> Iterator[NDArray[np.float64]]:
         """States of K (one number a state) by hit and run; none where none is found."""
         p = self.tables
         faces, limits = (np.array(part) for part in p.core.faces)
@@ -166,7 +171,7 @@ def _require_no_more(box: HalfSpaces, claimed: HalfSpaces, held: Sequence[HalfSp
     """RejectedError unless what passes `box` and all comparisons of `held` is in `claimed`."""
     if not box.boxed_in(claimed):
         raise RejectedError("the DM's box is larger than that of its set")
-    passed = least(
+    passed = least_limits(
         (row, exact(limit) + _rounding(row, p))
         for p in held
         for row, limit in zip(p.rows, p.bounds, strict=True)
@@ -176,7 +181,7 @@ def _require_no_more(box: HalfSpaces, claimed: HalfSpaces, held: Sequence[HalfSp
             raise RejectedError("the DM does not hold the half-spaces of its sets")
 
 
-def _surely(held: Sequence[HalfSpaces]) -> list[tuple[tuple[float, ...], arb]]:
+def _certainly_passed(held: Sequence[HalfSpaces]) -> list[tuple[tuple[float, ...], arb]]:
     """Half-spaces: an estimate in all of them passes every comparison of `held`."""
     half_spaces = []
     for p in held:

@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.module_facts import driven_topics, modes_read, topics_of_others
-from soter.certificate.reading.sc_locals_and_modes import any_mode, every_step, one_of
-from soter.certificate.reading.symbolic_operations import filled, flat, truth_of
+from soter.certificate.reading.module_facts import driven_topics, reads_mode, topics_of_others
+from soter.certificate.reading.sc_locals_and_modes import any_alternative, any_mode, every_step
+from soter.certificate.reading.symbolic_operations import scalar_leaves, truth_of, value_of_leaves
 from soter.certificate.reading.symbolic_reading import Surroundings, SymbolicReader, variables_in
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import ONE, exact, greatest_below
@@ -66,7 +66,7 @@ class CaseModel:
                 ends = -farthest, farthest
             if i in self.facts.turning:
                 terms.turning.add(len(terms.atoms))
-            states.append(terms.input("state", s.name, *ends))
+            states.append(terms.add_input("state", s.name, *ends))
         return terms, states
 
     # ------------------------------------------------------------ plants
@@ -83,14 +83,14 @@ class CaseModel:
             known[p.owner, p.variable, p.leaf] = v
         for s in self.facts.left_out:
             name = f"{LEFT_OUT}{s.name}"
-            known[s.owner, s.variable, s.leaf] = terms.input("box", name, -FARTHEST, FARTHEST)
+            known[s.owner, s.variable, s.leaf] = terms.add_input("box", name, -FARTHEST, FARTHEST)
         value_by_variable: dict[typed.Variable, Any] = {}
         for variable in c.plant.states:
             parts = []
             for k, (_, of) in enumerate(leaves(variable.type)):
                 value = known[c.index, variable.name, k]
                 parts.append(bool(value) if isinstance(of, BoolType) else value)
-            value_by_variable[variable] = filled(variable.type, parts)
+            value_by_variable[variable] = value_of_leaves(variable.type, parts)
         return value_by_variable
 
     def _with_let_values(
@@ -99,7 +99,7 @@ class CaseModel:
         assert c.plant is not None
         for variable, expr in c.plant.lets:
             known = all(v in variables for v in variables_in(expr))
-            if known and topic_reads(expr).keys() <= reader.around.topics.keys():
+            if known and topic_reads(expr).keys() <= reader.surroundings.topics.keys():
                 variables[variable] = reader.expression(expr, variables)
         return variables
 
@@ -129,19 +129,19 @@ class CaseModel:
             value_by_topic[index] = value
         for index in dict.fromkeys(x.owner for x in self.facts.others):
             if index not in value_by_topic:
-                parts = free(terms, (x for x in self.facts.others if x.owner == index))
-                value_by_topic[index] = filled(self.facts.system.topics[index].type, parts)
+                parts = free_inputs(terms, (x for x in self.facts.others if x.owner == index))
+                value_by_topic[index] = value_of_leaves(self.facts.system.topics[index].type, parts)
         return value_by_topic
 
     def _with_errors(self, terms: Terms, index: int, value: Any) -> Any:  # noqa: ANN401
         """A value with its errors added; each sum of value and error is rounded once."""
-        parts = flat(value)
+        parts = scalar_leaves(value)
         for e in (e for e in self.facts.errors if e.owner == index):
             x = parts[e.leaf]
-            (error,) = free(terms, [e])
+            (error,) = free_inputs(terms, [e])
             x = terms.constant(x) if isinstance(x, float) else x
             parts[e.leaf] = terms.rounded(terms.add(x, error))
-        return filled(self.facts.system.topics[index].type, parts)
+        return value_of_leaves(self.facts.system.topics[index].type, parts)
 
     # ------------------------------------------------------------ SC and predicates
 
@@ -155,12 +155,12 @@ class CaseModel:
         assert sc.node is not None
         values = self.topics(terms, states, errors=True)
         known = {t: values[i] for t, i in sc.scope.topics.items() if i in values}
-        with_modes = partial(stepping, terms, sc, known)
-        if sc.node.locals or modes_read(sc.node.step):
+        with_modes = partial(step_of_sc, terms, sc, known)
+        if sc.node.locals or reads_mode(sc.node.step):
             published = list(every_step(terms, sc.node, with_modes))
         else:
             published = [with_modes({})({})]
-        return [commanded(terms, control, published) for control in self.facts.controls]
+        return [command_term(terms, control, published) for control in self.facts.controls]
 
     def predicate(
         self, terms: Terms, states: Sequence[Linear], expr: typed.TypedExpr, *, errors: bool
@@ -169,7 +169,7 @@ class CaseModel:
         values = self.topics(terms, states, errors=errors)
         scope = self.facts.module.scope
         known = {t: values[i] for t, i in scope.topics.items() if i in values}
-        modes = any_mode(terms, [expr]) if modes_read([expr]) else {}
+        modes = any_mode(terms, [expr]) if reads_mode([expr]) else {}
         return truth_of(
             SymbolicReader(terms, Surroundings(scope.params, known, modes=modes)).expression(expr)
         )
@@ -183,7 +183,7 @@ class CaseModel:
         exactly where the value lies between the least and the greatest number of which it does.
         """
         declared = self.facts.system.topics[topic]
-        parts = flat(self.topics(terms, states, errors=False)[topic])
+        parts = scalar_leaves(self.topics(terms, states, errors=False)[topic])
         measured = [m for c in self.facts.plants for m in c.measured if m.topic == topic]
         errors = {m.leaf: m.bound for m in measured}
         limits = []
@@ -201,8 +201,8 @@ class CaseModel:
         conjunction = TRUE
         for value, low, high in self.limits(terms, states, topic):
             short = value if low == 0.0 else terms.combine(((ONE, value),), -exact(low))
-            below = terms.below(short)
-            beyond = terms.below(terms.combine(((-ONE, value),), exact(high)))
+            below = terms.below_zero(short)
+            beyond = terms.below_zero(terms.combine(((-ONE, value),), exact(high)))
             conjunction = both(conjunction, both(negation(below), negation(beyond)))
         return conjunction
 
@@ -228,7 +228,7 @@ class CaseModel:
 
     def _others_inputs(self, terms: Terms, c: Component, topic: typed.TopicSymbol) -> list[Linear]:
         own = (x for x in self.facts.disturbances if x.of_others and x.owner == c.index)
-        return free(terms, (x for x in own if x.variable == topic.name))
+        return free_inputs(terms, (x for x in own if x.variable == topic.name))
 
     def _rates_or_next(
         self,
@@ -248,14 +248,14 @@ class CaseModel:
             variables = self._state_values(terms, c, states)
             for d in c.disturbances:
                 name, low, high = d.variable.name, exact(d.low), exact(d.high)
-                parts = [terms.input("box", name, low, high) for _ in leaves(d.variable.type)]
+                parts = [terms.add_input("box", name, low, high) for _ in leaves(d.variable.type)]
                 disturbances += parts
-                variables[d.variable] = filled(d.variable.type, parts)
+                variables[d.variable] = value_of_leaves(d.variable.type, parts)
             topics = self._inputs_of_plant(c, controls)
             for symbol in topics_of_others(c, self.facts.module):
                 parts = self._others_inputs(terms, c, symbol)
                 disturbances += parts
-                topics[symbol] = filled(symbol.type, parts)
+                topics[symbol] = value_of_leaves(symbol.type, parts)
             around = Surroundings(c.scope.params, topics, seconds(c.period_ns))
             reader = SymbolicReader(terms, around, rounded=rounded)
             reader.operations.everywhere = wanted is self.facts.left_out
@@ -264,7 +264,7 @@ class CaseModel:
             for variable, expr in moves.items():
                 if (c.index, variable.name) not in members:
                     continue
-                for k, x in enumerate(flat(reader.expression(expr, variables))):
+                for k, x in enumerate(scalar_leaves(reader.expression(expr, variables))):
                     value = x if not isinstance(x, (int, float)) else terms.constant(float(x))
                     by_leaf[c.index, variable.name, k] = value
         motions = []
@@ -286,11 +286,11 @@ class CaseModel:
                 raise NotRecheckedError(
                     f"plant `{c.name}` reads `{topic.name}`, which is no output of the module"
                 )
-            value_by_topic[topic] = filled(topic.type, parts)
+            value_by_topic[topic] = value_of_leaves(topic.type, parts)
         return value_by_topic
 
 
-def stepping(
+def step_of_sc(
     terms: Terms, sc: Component, known: Mapping[typed.TopicSymbol, Any], modes: Mapping[Any, Any]
 ) -> Callable[[Mapping[typed.Variable, Any]], dict[int, Any]]:
     """A function of SC's locals: what a step publishes, by topic, where it reads `known` topics."""
@@ -304,7 +304,7 @@ def stepping(
     return published
 
 
-def commanded(terms: Terms, control: Input, published: Sequence[Mapping[int, Any]]) -> Linear:
+def command_term(terms: Terms, control: Input, published: Sequence[Mapping[int, Any]]) -> Linear:
     """The term of a command that any of these steps publishes; its set becomes an obligation.
 
     NotRecheckedError where one of them publishes none.
@@ -313,24 +313,24 @@ def commanded(terms: Terms, control: Input, published: Sequence[Mapping[int, Any
     for by_index in published:
         if control.owner not in by_index:
             raise NotRecheckedError(f"SC does not publish `{control.name}` in every step")
-        value = flat(by_index[control.owner])[control.leaf]
+        value = scalar_leaves(by_index[control.owner])[control.leaf]
         alternatives.append(terms.constant(value) if isinstance(value, float) else value)
-    command = alternatives[0] if len(alternatives) == 1 else one_of(terms, alternatives)
+    command = alternatives[0] if len(alternatives) == 1 else any_alternative(terms, alternatives)
     low = terms.combine(((ONE, command),), -exact(control.low))
     high = terms.combine(((-ONE, command),), exact(control.high))
-    terms.oblige(negation(terms.below(low)))
-    terms.oblige(negation(terms.below(high)))
+    terms.oblige(negation(terms.below_zero(low)))
+    terms.oblige(negation(terms.below_zero(high)))
     return command
 
 
-def free(terms: Terms, inputs: Iterable[Input]) -> list[Linear]:
+def free_inputs(terms: Terms, inputs: Iterable[Input]) -> list[Linear]:
     """New terms for inputs that may be anything in their ranges."""
-    return [terms.input("box", x.name, exact(x.low), exact(x.high)) for x in inputs]
+    return [terms.add_input("box", x.name, exact(x.low), exact(x.high)) for x in inputs]
 
 
 def control_inputs(facts: Facts, terms: Terms) -> list[Linear]:
     """New terms for commands that may be anything in their sets."""
-    return free(terms, facts.controls)
+    return free_inputs(terms, facts.controls)
 
 
 def boxes_of(
@@ -340,13 +340,6 @@ def boxes_of(
     range_by_atom = {}
     for i, x in enumerate(states):
         if i not in members:
-            (atom,) = x.terms
             low, high = model.extents[i]
-            range_by_atom[atom] = (exact(low), exact(high))
+            range_by_atom[x.atom] = (exact(low), exact(high))
     return range_by_atom
-
-
-def atom_of(x: Linear) -> int:
-    """The atom that an input is."""
-    (atom,) = x.terms
-    return atom

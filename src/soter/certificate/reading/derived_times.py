@@ -46,11 +46,11 @@ class Clock:
         """The longest time from a release to its publication."""
         return self.late + self.response
 
-    def next_at(self, time: int) -> int:
+    def next_release(self, time: int) -> int:
         """The first release at or after a time; there is none before the first one."""
         return max(self.phase, time + (self.phase - time) % self.period)
 
-    def last_at(self, time: int) -> int:
+    def last_release(self, time: int) -> int:
         """The last release at or before a time, releases before the first one included."""
         return time - (time - self.phase) % self.period
 
@@ -70,28 +70,28 @@ class TopicPath:
         """The sensor, and what follows it."""
         return (self.sensor,)
 
-    def stamp(self, time: int) -> int:
+    def oldest_stamp(self, time: int) -> int:
         """The oldest stamp that a read at this time may show, long after the start.
 
         A sensor publishes at its release and first of all: what it publishes at `time` is seen.
         """
-        return self.sensor.last_at(time)
+        return self.sensor.last_release(time)
 
-    def state(self, time: int) -> int:
+    def oldest_state(self, time: int) -> int:
         """The oldest state time that a read at this time may show, long after the start."""
-        return self.stamp(time)
+        return self.oldest_stamp(time)
 
-    def turns(self, start: int, end: int) -> Iterator[int]:
+    def age_peaks(self, start: int, end: int) -> Iterator[int]:
         """The times in [start, end] at which the age of a read is greatest: before it falls."""
         yield from self.sensor.times_in(start, end, self.sensor.phase - 1)
         yield end
 
-    def lag(self, silent: int) -> int:
+    def longest_lag(self, silent: int) -> int:
         """P: from the state to its publication, at most, where the sensor may be `silent`."""
         del silent  # it publishes nothing, and its stamp gets older
         return 0
 
-    def certain_from(self, silent: int = 0) -> int:
+    def certain_since(self, silent: int = 0) -> int:
         """The first time at which a read certainly shows a state, `silent` added by the sensor."""
         return self.sensor.phase + silent
 
@@ -113,12 +113,12 @@ class Effect:
         """The nodes on the way."""
         return ()
 
-    def first(self, published: int) -> int:
-        """The earliest it may act."""
+    def earliest(self, published: int) -> int:
+        """The earliest time at which what is published then may act."""
         return published + self.least
 
-    def last(self, published: int, *, at_once: bool) -> int:
-        """The latest it may act. `at_once`: a node that starts at that very time sees it."""
+    def latest(self, published: int, *, at_once: bool) -> int:
+        """The latest time at which it may act. `at_once`: a node that starts then sees it."""
         del at_once
         return published + self.most
 
@@ -160,7 +160,7 @@ class TimingSetting:
 
         Verdicts of earlier DMs are in force before the next one is due.
         """
-        due = self.dm.last_at(release)
+        due = self.dm.last_release(release)
         waited = due + self.dm.slow if due >= self.dm.phase else release
         return max(release + self.sc.late, waited)
 
@@ -175,9 +175,9 @@ class TimingSetting:
         order with them: what it publishes in an instant may be missed by a step of that instant.
         """
         published = start + self.sc.response
-        return max(e.last(published, at_once=published == release) for e in self.effects)
+        return max(e.latest(published, at_once=published == release) for e in self.effects)
 
-    def steady(self) -> Iterator[int]:
+    def steady_releases(self) -> Iterator[int]:
         """Releases of SC over a hyperperiod, after everything has started."""
         return releases(self.sc, self.periods, after=self.settled)
 
@@ -195,8 +195,8 @@ class TimingSetting:
 
     def first_available(self, after: int, reads: Sequence[TopicReading]) -> int:
         """SC's first release at or after a time at which these reads certainly show a state."""
-        known = [p.certain_from(self.silent) for r in reads for p in r.paths]
-        return self.sc.next_at(max([after, *known]))
+        known = [p.certain_since(self.silent) for r in reads for p in r.paths]
+        return self.sc.next_release(max([after, *known]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,7 +224,7 @@ def releases(of: Clock, periods: Sequence[int], after: int = 0) -> Iterator[int]
     count = lcm(of.period, *periods) // of.period
     if count > RELEASES_MAX:
         raise NotRecheckedError(f"`{of.name}` meets the others in a new way for {count:,} releases")
-    first = of.next_at(after)
+    first = of.next_release(after)
     return (first + k * of.period for k in range(count))
 
 
@@ -238,8 +238,8 @@ def derive(setting: TimingSetting) -> DerivedTimes:
         age_sc, delay, stamps = _answered_ages(setting)
         jitter = _jitter(setting)
     # SC's release whose reads are all there, whatever is late, if the DM never says "AC"
-    plain = [p.certain_from() for r in setting.by_sc for p in r.paths]
-    h_0 = setting.acts_by(setting.sc.next_at(max([0, *plain])))
+    plain = [p.certain_since() for r in setting.by_sc for p in r.paths]
+    h_0 = setting.acts_by(setting.sc.next_release(max([0, *plain])))
     return DerivedTimes(
         age=age,
         age_sc=age_sc,
@@ -260,7 +260,7 @@ def check_runs(setting: TimingSetting) -> None:
             raise NotRecheckedError(f"a run of `{c.name}` may not be over when the next one is due")
     if setting.sc.period > setting.dm.period:
         raise NotRecheckedError("SC is slower than its DM")
-    for t in () if setting.instants else setting.steady():
+    for t in () if setting.instants else setting.steady_releases():
         if setting.starts_by(t) + setting.sc.response > t + setting.sc.period:
             raise NotRecheckedError("SC may not be done when its next step is due")
 
@@ -271,7 +271,7 @@ def _enforced_age(setting: TimingSetting, read: TopicReading) -> int:
     The stamp is no older than `max_age`, and that is enforced; what was published then is as old
     as its path makes it, and as a silent sensor makes what a node goes on publishing.
     """
-    return read.max_age + max(path.lag(setting.silent) for path in read.paths)
+    return read.max_age + max(path.longest_lag(setting.silent) for path in read.paths)
 
 
 def _answered_ages(setting: TimingSetting) -> tuple[int, int, dict[str, int]]:
@@ -280,14 +280,14 @@ def _answered_ages(setting: TimingSetting) -> tuple[int, int, dict[str, int]]:
     Both with drop-outs; and greatest age of stamps, without.
     """
     age, delay, stamps = 0, 0, dict.fromkeys((r.name for r in setting.by_sc), 0)
-    for t in setting.steady():
+    for t in setting.steady_releases():
         end = setting.starts_by(t)
         delay = max(delay, setting.last_effect(t, end) - end)  # an SC that reads no state
         for name, path in ((r.name, path) for r in setting.by_sc for path in r.paths):
-            for s in path.turns(t, end):
-                state = path.state(s) - setting.silent
+            for s in path.age_peaks(t, end):
+                state = path.oldest_state(s) - setting.silent
                 age, delay = max(age, s - state), max(delay, setting.last_effect(t, s) - state)
-                stamps[name] = max(stamps[name], s - path.stamp(s))
+                stamps[name] = max(stamps[name], s - path.oldest_stamp(s))
     return age, delay, stamps
 
 
@@ -298,19 +298,19 @@ def _age_in_force(setting: TimingSetting) -> int:
     published for the next one acts in every component.
     """
     worst = 0
-    for t in setting.steady():
+    for t in setting.steady_releases():
         replaced = setting.acts_by(t + setting.sc.period)
         worst = max(worst, replaced - t)  # an SC that reads no state
         for path in (path for read in setting.by_sc for path in read.paths):
-            for s in path.turns(t, setting.starts_by(t)):
-                worst = max(worst, replaced - path.state(s) + setting.silent)
+            for s in path.age_peaks(t, setting.starts_by(t)):
+                worst = max(worst, replaced - path.oldest_state(s) + setting.silent)
     return worst
 
 
 def _jitter(setting: TimingSetting) -> int:
     """The window around k delta that holds every instant at which output k acts."""
-    steady = list(setting.steady())
-    early = min(e.first(t) - t for e in setting.effects for t in steady)
+    steady = list(setting.steady_releases())
+    early = min(e.earliest(t) - t for e in setting.effects for t in steady)
     return max(setting.acts_by(t) - t for t in steady) - early
 
 
@@ -343,9 +343,9 @@ def _time_without_state(setting: TimingSetting) -> int:
     """
     start = setting.first_available(0, setting.by_sc)
     for path in (path for read in setting.by_dm for path in read.paths):
-        last = path.certain_from(setting.silent) - 1
+        last = path.certain_since(setting.silent) - 1
         if path.may_publish_nothing(setting.silent) and last >= setting.dm.phase:
-            after = setting.dm.last_at(last) + setting.dm.period
+            after = setting.dm.last_release(last) + setting.dm.period
             start = max(start, setting.first_available(after, setting.by_sc))
     return setting.acts_by(start)
 
@@ -361,13 +361,18 @@ class Ways:
     undeclared: dict[str, None] = field(default_factory=dict, kw_only=True)
     """Nodes on them whose times are not declared."""
 
-    def to(self, index: int) -> tuple[TopicPath, ...]:
+    def ways_to(self, index: int) -> tuple[TopicPath, ...]:
         """All ways from a sensor to a topic; `NotRecheckedError` where there is none."""
-        paths = [straight(c) for c in self.system.components if index in c.writes]
+        paths = self._paths_to(index, ())
         if not paths:
             name = self.system.topics[index].name
             raise NotRecheckedError(f"no plant stands behind `{name}` in `{self.system.name}`")
         return tuple(dict.fromkeys(paths))
+
+    def _paths_to(self, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
+        """The ways to a topic; `behind`: the nodes that were followed already, none here."""
+        del behind
+        return [straight_path(c) for c in self.system.components if index in c.writes]
 
     def effects(self, least: int, most: int) -> tuple[Effect, ...]:
         """All ways from an output to the plants; NotRecheckedError where one has none."""
@@ -379,7 +384,7 @@ class Ways:
         return (Effect(least, most),)
 
 
-def straight(c: Component) -> TopicPath:
+def straight_path(c: Component) -> TopicPath:
     """The path of a topic that a plant publishes itself."""
     return TopicPath(Clock(c.name, c.period_ns, c.phase_ns))
 
@@ -397,3 +402,24 @@ def nodes_between(system: System, module: Module, topics: Iterable[int]) -> bool
         if c.plant is None and {*c.writes} & {*topics}:
             return True
     return False
+
+
+def handed_back(setting: TimingSetting, own: DerivedTimes, above: Clock, age: int) -> int:
+    """The longest time in ns from the state of a hand-back until all that acts is SC's.
+
+    A module above gives control back to SC: `above` is the clock of its DM, `age` its A, in ns. Its
+    verdict is released at r, on a state of r - A or later, and is in force `slow` later at most.
+    Until then it is in SC itself, and what SC here publishes is dropped; in one instant SC may come
+    first. Of states before that one nothing is known, and a command of SC answers a state that is d
+    old: SC's run begins with the first output that acts d or more after it. NotRecheckedError where
+    there are too many releases to go through.
+    """
+    worst = own.start
+    settled = setting.settled + above.phase + 2 * above.period
+    for r in releases(above, setting.periods, after=settled):
+        passes = setting.sc.next_release(r + above.slow + 1)
+        worst = max(worst, age + setting.acts_by(passes) - r)
+    for t in setting.steady_releases():
+        before = min(effect.earliest(t) for effect in setting.effects)
+        worst = max(worst, own.delay + setting.acts_by(t + setting.sc.period) - before)
+    return worst

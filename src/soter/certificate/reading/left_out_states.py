@@ -33,7 +33,7 @@ from soter.certificate.reading.symbolic_operations import EVERYWHERE, FAR_TURNS,
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain
 from soter.certificate.terms.linear_enclosures import exact
-from soter.certificate.terms.terms import Linear, Proposition, Terms, closure, inputs_of
+from soter.certificate.terms.terms import Linear, Proposition, Terms, atoms_under, inputs_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -180,11 +180,11 @@ def refuse_turns_read(model: CaseModel) -> None:
 
 def _is_turn_invariant(terms: Terms, asked: Linear | Proposition) -> bool:
     """Whether a term is the same where angles are turns further."""
-    for index in closure(terms, [asked]):
+    for index in atoms_under(terms, [asked]):
         atom = terms.atoms[index]
         if atom.condition is not None and not _compares_no_angle(terms, atom.condition):
             return False
-        angles = [x for x in atom.arguments if terms.turns(x)]
+        angles = [x for x in atom.arguments if terms.may_be_turned(x)]
         if angles and not (atom.kind in OF_A_TURN and all(_is_angle(terms, x) for x in angles)):
             return False
     return _compares_no_angle(terms, asked)
@@ -193,8 +193,8 @@ def _is_turn_invariant(terms: Terms, asked: Linear | Proposition) -> bool:
 def _compares_no_angle(terms: Terms, x: Linear | Proposition) -> bool:
     """Whether no angle stands in it by itself."""
     if isinstance(x, Linear):
-        return not terms.turns(x)
-    alone = x.argument is None or not terms.turns(x.argument)
+        return not terms.may_be_turned(x)
+    alone = x.argument is None or not terms.may_be_turned(x.argument)
     return alone and all(_compares_no_angle(terms, part) for part in x.parts)
 
 

@@ -17,7 +17,13 @@ from flint import arb, arb_mat
 from soter.certificate.reading.case_model import control_inputs
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT, ZERO, above, exact, magnitude
-from soter.certificate.terms.straight_line import beside, plus, product, total, units
+from soter.certificate.terms.straight_line import (
+    plus_scaled,
+    product,
+    side_by_side,
+    total,
+    unit_rows,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -73,14 +79,14 @@ class LinearFlow:
         back = [[-x for x in row] for row in self.a]
         for time, a in ((-start, back), (end, self.a)):
             if time > 0 and any(columns):
-                most = [x.max(y) for x, y in zip(most, _sizes(a, columns, time), strict=True)]
+                most = [x.max(y) for x, y in zip(most, _noise_sizes(a, columns, time), strict=True)]
         return most
 
 
-def _sizes(a: Rows, columns: Rows, time: Fraction) -> list[arb]:
+def _noise_sizes(a: Rows, columns: Rows, time: Fraction) -> list[arb]:
     """The integral of |e^{As} W| over [0, time], for each state the sum of all columns."""
     share = time / PIECES
-    whole, around = product(integral(a, time), columns), _around(a, share / 2)
+    whole, around = product(integral(a, time), columns), _exponential_around_zero(a, share / 2)
     pieces = [
         product(_exponential(a, share * k + share / 2, around), columns) for k in range(PIECES)
     ]
@@ -111,7 +117,7 @@ def _absolute_integral(whole: arb, over: Sequence[arb], share: arb) -> arb:
 # ---------------------------------------------------------------- matrices
 
 
-def _reach(a: Rows) -> list[list[bool]]:
+def _reachable_entries(a: Rows) -> list[list[bool]]:
     """Whether each entry of e^{At} can differ from the identity's: paths of the graph of A."""
     n = len(a)
     closure = [[not a[i][j].is_zero() for j in range(n)] for i in range(n)]
@@ -123,9 +129,9 @@ def _reach(a: Rows) -> list[list[bool]]:
     return closure
 
 
-def _cleaned(a: Rows, e: Rows) -> Rows:
+def _with_exact_entries(a: Rows, e: Rows) -> Rows:
     """`e` as a matrix e^{At}, with the entries that are 0 or 1 by the zeros of A exactly so."""
-    reach = _reach(a)
+    reach = _reachable_entries(a)
     return [
         [x if reach[i][j] else (ONE if i == j else ZERO) for j, x in enumerate(row)]
         for i, row in enumerate(e)
@@ -137,16 +143,16 @@ def exponential(a: Rows, start: Fraction, end: Fraction) -> Rows:
 
     NotRecheckedError where the span is too long for the series.
     """
-    around = units(len(a)) if start == end else _around(a, (end - start) / 2)
+    around = unit_rows(len(a)) if start == end else _exponential_around_zero(a, (end - start) / 2)
     return _exponential(a, (start + end) / 2, around)
 
 
 def _exponential(a: Rows, middle: Fraction, around: Rows) -> Rows:
-    """e^{A middle} times `around`, with the entries that are 0 or 1 by the zeros of A exact."""
-    return _cleaned(a, product((arb_mat(a) * exact(middle)).exp().tolist(), around))
+    """e^{A middle} times `around`; entries that are 0 or 1 by the zeros of A are exact."""
+    return _with_exact_entries(a, product((arb_mat(a) * exact(middle)).exp().tolist(), around))
 
 
-def _around(a: Rows, width: Fraction) -> Rows:
+def _exponential_around_zero(a: Rows, width: Fraction) -> Rows:
     """e^{At} for all t in [-width, width].
 
     As many terms as make the rest a series that is at least halved from term to term.
@@ -158,11 +164,11 @@ def _around(a: Rows, width: Fraction) -> Rows:
         if last == TAYLOR_MAX:
             raise NotRecheckedError("a span of time too long for these rates")
         last += 1
-    around, power, reached, factor = units(len(a)), a, absolute, ONE
+    around, power, reached, factor = unit_rows(len(a)), a, absolute, ONE
     for k in range(1, last + 1):
         factor = factor * half / k
         # t^k over [-half, half]: all of [-1, 1] for odd k, [0, 1] for even k
-        around = plus(around, power, factor * (UNIT if k % 2 else arb(0.5, 0.5)))
+        around = plus_scaled(around, power, factor * (UNIT if k % 2 else arb(0.5, 0.5)))
         power, reached = product(power, a), product(reached, absolute)
     # later powers: |A|^(K+1) h^(K+1)/(K+1)! (1 + |A| h/(K+2) + ...), bounded by row sums
     tail = factor * half / (last + 1) * 2 * UNIT
@@ -180,7 +186,7 @@ def integral(a: Rows, time: Fraction) -> Rows:
 def integrals(a: Rows, start: Fraction, end: Fraction) -> Rows:
     """The integral of e^{As} over [0, t] for all t in [start, end]."""
     n = len(a)
-    full = [*beside(a, units(n)), *([ZERO] * (2 * n) for _ in range(n))]
+    full = [*side_by_side(a, unit_rows(n)), *([ZERO] * (2 * n) for _ in range(n))]
     e = exponential(full, start, end)
     return [row[n:] for row in e[:n]]
 
@@ -190,7 +196,7 @@ def integrals(a: Rows, start: Fraction, end: Fraction) -> Rows:
 
 def is_linear(model: CaseModel, members: Sequence[int]) -> bool:
     """Whether the rates of these states are linear in everything they depend on."""
-    rows = _whole(model)
+    rows = _rows_of_all_states(model)
     return all(rows[i] is not None for i in members)
 
 
@@ -201,10 +207,10 @@ def linear_flow(model: CaseModel, members: Sequence[int]) -> LinearFlow:
     solution of what is found, too (`_scheme`); elsewhere that it is one is a printed assumption.
     NotRecheckedError where a state of the group has no linear flow.
     """
-    rows = _whole(model)
+    rows = _rows_of_all_states(model)
     if any(rows[i] is None for i in members):
         raise NotRecheckedError("a flow that is not linear is not solved at once")
-    moving = _moving(rows, members)
+    moving = _states_behind(rows, members)
     whole = all(row is not None for row in rows)
     known = whole or all(c.plant.method in ORDERS for c in model.facts.plants if c.plant)
     if known and all(rows[i] is not None for i in moving):
@@ -251,17 +257,13 @@ def _from_outside(model: CaseModel, row: FlowRow, members: Sequence[int]) -> tup
     return c, outside
 
 
-def _whole(model: CaseModel) -> list[FlowRow | None]:
+def _rows_of_all_states(model: CaseModel) -> list[FlowRow | None]:
     """The rows of all states; None where a rate is not linear."""
     terms, states = model.new_terms()
     controls = control_inputs(model.facts, terms)
     rates, disturbances = model.rates(terms, states, controls)
 
-    def index(x: object) -> int:
-        (atom,) = x.terms  # type: ignore[attr-defined]
-        return int(atom)
-
-    columns = [[index(x) for x in group] for group in (states, controls, disturbances)]
+    columns = [[x.atom for x in group] for group in (states, controls, disturbances)]
     known = {k for group in columns for k in group}
     optional_rows: list[FlowRow | None] = []
     for rate in rates:
@@ -280,7 +282,7 @@ def _whole(model: CaseModel) -> list[FlowRow | None]:
     return optional_rows
 
 
-def _moving(rows: Sequence[FlowRow | None], members: Sequence[int]) -> list[int]:
+def _states_behind(rows: Sequence[FlowRow | None], members: Sequence[int]) -> list[int]:
     """The states on which those of a group depend, themselves included: a system of its own.
 
     A step of a scheme on all states is one on these alone: no other state occurs in their rates.
@@ -321,15 +323,23 @@ def _scheme(model: CaseModel, a: Rows, states: Sequence[int]) -> tuple[Rows, Row
     true = Fraction(period_ns, 10**9 * substeps)
     phi, gamma = exponential(a, true, true), integral(a, true)
     h = exact(machine)
-    p, q, power, factor = units(n), [[h * x for x in row] for row in units(n)], units(n), ONE
+    p, q, power, factor = (
+        unit_rows(n),
+        [[h * x for x in row] for row in unit_rows(n)],
+        unit_rows(n),
+        ONE,
+    )
     for k in range(1, order + 1):
         power, factor = product(power, a), factor * h / k
-        p = plus(p, power, factor)
+        p = plus_scaled(p, power, factor)
         if k < order:
-            q = plus(q, power, factor * h / (k + 1))
+            q = plus_scaled(q, power, factor * h / (k + 1))
     back = arb_mat(gamma).inv().tolist()
-    of_x, of_v = product(back, plus(p, phi, -ONE)), product(back, plus(q, gamma, -ONE))
-    paths = _reach(a)
+    of_x, of_v = (
+        product(back, plus_scaled(p, phi, -ONE)),
+        product(back, plus_scaled(q, gamma, -ONE)),
+    )
+    paths = _reachable_entries(a)
     for i in range(n):
         for j in range(n):
             if not paths[i][j]:

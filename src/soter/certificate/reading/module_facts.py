@@ -2,8 +2,7 @@
 
 Purpose: `Facts` is what nearly every file of the re-checker asks: inputs with their ranges, axes,
 times, the plants, SC and the systems they are in.
-Non-goals: reading them off the program (`problem.py`, `verification_system.py`,
-`module_times.py`).
+Non-goals: reading them off the program (`problem.py`, `module_times.py`).
 """
 
 from __future__ import annotations
@@ -184,13 +183,13 @@ class Facts:
     def ttf(self) -> typed.TypedExpr | None:
         """`ttf` without the parts that ask for an age, which no state decides."""
         ttf = self.symbol.ttf
-        return ttf if ttf is None or not reads(AgeRead, [ttf]) else without_ages(ttf)
+        return ttf if ttf is None or not has_part(AgeRead, [ttf]) else without_ages(ttf)
 
     @property
     def modes(self) -> bool:
         """Whether SC or a predicate looks at the mode of a module."""
         code = () if self.sc.node is None else self.sc.node.step
-        return modes_read([*code, *self.symbol.predicates])
+        return reads_mode([*code, *self.symbol.predicates])
 
     @property
     def tower(self) -> tuple[Module, ...]:
@@ -223,11 +222,11 @@ def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.TypedExpr]]:
     }
 
 
-def read_by(facts: Facts) -> tuple[list[int], list[int]]:
+def topics_read(facts: Facts) -> tuple[list[int], list[int]]:
     """The topics that plants drive and the DM reads, and those that SC reads."""
     driven = driven_topics(facts)
     by_dm = [facts.module.scope.topics[t] for t in facts.read_by_dm(facts.symbol.ttf)]
-    by_sc = [facts.sc.scope.topics[t] for t in read_by_sc(facts.sc)]
+    by_sc = [facts.sc.scope.topics[t] for t in topics_read_by_sc(facts.sc)]
     if facts.symbol.rest is not None:  # what is computed of it reads what the module reads
         by_dm = [*facts.module.scope.topics.values(), *by_sc]
     elif facts.computed:  # computed predicates read what carries the axes
@@ -247,20 +246,20 @@ def bounded_topics(facts: Facts) -> list[int]:
     ]
 
 
-def named(name: str, of: Type) -> Iterator[tuple[int, str, Type]]:
+def named_leaves(name: str, of: Type) -> Iterator[tuple[int, str, Type]]:
     """(number, name, type) of each leaf of a value called `name`."""
     for k, (path, leaf) in enumerate(leaves(of)):
         yield k, leaf_name(name, path), leaf
 
 
-def reads(kind: type, code: Iterable[object]) -> bool:
+def has_part(kind: type, code: Iterable[object]) -> bool:
     """Whether a piece of code has an expression of that kind."""
     return any(isinstance(node, kind) for node in nodes(code))
 
 
-def modes_read(code: Iterable[object]) -> bool:
+def reads_mode(code: Iterable[object]) -> bool:
     """Whether a piece of code reads the mode of a module."""
-    return reads(ModeRead, code)
+    return has_part(ModeRead, code)
 
 
 def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:
@@ -272,7 +271,7 @@ def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:
     return [t for t in c.plant.reads if t in mentioned and c.scope.topics[t] not in own]
 
 
-def read_by_sc(sc: Component) -> list[typed.TopicSymbol]:
+def topics_read_by_sc(sc: Component) -> list[typed.TopicSymbol]:
     """The topics that the step of SC reads; NotRecheckedError where SC is extern."""
     if sc.node is None or sc.node.extern:
         raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")

@@ -21,7 +21,7 @@ from soter.certificate.reading.derived_times import (
     TopicPath,
     Ways,
     releases,
-    straight,
+    straight_path,
 )
 from soter.certificate.report import NotRecheckedError
 from soter.language.model import typed
@@ -74,7 +74,7 @@ class NodePath(TopicPath):
         rest = self.nodes[:-1]
         return NodePath(self.sensor, rest) if rest else TopicPath(self.sensor)
 
-    def stamp(self, time: int) -> int:
+    def oldest_stamp(self, time: int) -> int:
         """The oldest stamp that a read at this time may show, long after the start.
 
         A node's publication of release t is certainly seen at a time after t + slow, not before:
@@ -83,32 +83,32 @@ class NodePath(TopicPath):
         the earliest.
         """
         node = self.nodes[-1]
-        return node.last_at(time - node.slow - 1)
+        return node.last_release(time - node.slow - 1)
 
-    def state(self, time: int) -> int:
+    def oldest_state(self, time: int) -> int:
         """The oldest state time that a read at this time may show, long after the start.
 
         What may be seen of a node does not get older with time, so that its read is oldest where
         its step starts at its release.
         """
-        return self.before.state(self.stamp(time))
+        return self.before.oldest_state(self.oldest_stamp(time))
 
-    def turns(self, start: int, end: int) -> Iterator[int]:
+    def age_peaks(self, start: int, end: int) -> Iterator[int]:
         """The times in [start, end] at which the age of a read is greatest: before it falls."""
         node = self.nodes[-1]
         yield from node.times_in(start, end, node.phase + node.slow)
         yield end
 
-    def lag(self, silent: int) -> int:
+    def longest_lag(self, silent: int) -> int:
         """P: from the state to its publication, at most; a silent sensor's is published on."""
         node, before = self.nodes[-1], self.before
         worst = 0
         for t in releases(node, [c.period for c in self.clocks]):
-            for s in before.turns(t, t + node.late):
-                worst = max(worst, s + node.response - before.state(s))
+            for s in before.age_peaks(t, t + node.late):
+                worst = max(worst, s + node.response - before.oldest_state(s))
         return worst + silent
 
-    def certain_from(self, silent: int = 0) -> int:
+    def certain_since(self, silent: int = 0) -> int:
         """The first time at which a read certainly shows a state, `silent` added by the sensor.
 
         F is one less: seen is what was published before.
@@ -117,7 +117,7 @@ class NodePath(TopicPath):
 
     def _first_certain(self, silent: int) -> int:
         """The release of the last node from which on it certainly publishes a state."""
-        return self.nodes[-1].next_at(self.before.certain_from(silent))
+        return self.nodes[-1].next_release(self.before.certain_since(silent))
 
     def may_publish_nothing(self, silent: int = 0) -> bool:
         """Whether a fresh publication may show the default of a topic before: no state at all."""
@@ -135,16 +135,16 @@ class NodeEffect(Effect):
         """The nodes on the way."""
         return self.nodes
 
-    def first(self, published: int) -> int:
+    def earliest(self, published: int) -> int:
         """The earliest it may act."""
         at = published
         for node in self.nodes:
             # the first release whose start may be as late as that; in one instant it is seen
             t = at - node.late + (node.phase - at + node.late) % node.period
             at = max(t, at)
-        return super().first(at)
+        return super().earliest(at)
 
-    def last(self, published: int, *, at_once: bool) -> int:
+    def latest(self, published: int, *, at_once: bool) -> int:
         """The latest it may act. `at_once`: a node that starts at that very time sees it.
 
         The release in whose interval it is published may start before and see nothing; the first
@@ -152,9 +152,9 @@ class NodeEffect(Effect):
         """
         at, seen = published, at_once
         for node in self.nodes:
-            at = node.next_at(at if seen else at + 1) + node.slow
+            at = node.next_release(at if seen else at + 1) + node.slow
             seen = False
-        return super().last(at, at_once=seen)
+        return super().latest(at, at_once=seen)
 
 
 @dataclass
@@ -173,14 +173,6 @@ class NodeWays(Ways):
 
     # ------------------------------------------------------------ towards the module
 
-    def to(self, index: int) -> tuple[TopicPath, ...]:
-        """All ways from a sensor to a topic; `NotRecheckedError` where there is none."""
-        paths = self._paths_to(index, ())
-        if not paths:
-            name = self.system.topics[index].name
-            raise NotRecheckedError(f"no plant stands behind `{name}` in `{self.system.name}`")
-        return tuple(dict.fromkeys(paths))
-
     def _paths_to(self, index: int, behind: tuple[int, ...]) -> list[TopicPath]:
         """The ways to a topic; `behind`: the nodes that were followed already."""
         self._count_look()
@@ -188,7 +180,7 @@ class NodeWays(Ways):
         for c in self._writers(index):
             if c.plant is not None:
                 if self._is_in_proof(c):
-                    paths.append(straight(c))
+                    paths.append(straight_path(c))
                 else:
                     self.notes["beside", c.name] = None
                 continue
@@ -340,7 +332,9 @@ class NodeWays(Ways):
         assert c.node is not None
         if c.node.extern:
             self.notes["extern", c.name] = None
-        elif not any(_always(c.node.step, t) for t, i in c.scope.topics.items() if i == index):
+        elif not any(
+            _always_publishes(c.node.step, t) for t, i in c.scope.topics.items() if i == index
+        ):
             name = self.system.topics[index].name
             raise NotRecheckedError(f"`{c.name}` may not publish `{name}` in every step")
 
@@ -379,18 +373,18 @@ def _subscribed(system: System, c: Component) -> list[int]:
     return topics
 
 
-def _always(body: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool:
+def _always_publishes(body: tuple[typed.TypedStmt, ...], topic: typed.TopicSymbol) -> bool:
     """Whether a body publishes a topic whatever it reads."""
 
     def does(s: typed.TypedStmt) -> bool:
         if isinstance(s, typed.TypedIf):
-            return all(_always(b, topic) for b in (*(b for _, b in s.arms), s.otherwise))
+            return all(_always_publishes(b, topic) for b in (*(b for _, b in s.arms), s.otherwise))
         return isinstance(s, typed.TypedPublish) and s.topic is topic
 
     return any(map(does, body))
 
 
-def assumed(ways: Ways) -> Said:
+def node_assumptions(ways: Ways) -> Said:
     """The assumptions about nodes between the plants and the module."""
     for kind, name in ways.notes:
         yield f"{kind} {name}", TEXTS[kind].format(name)

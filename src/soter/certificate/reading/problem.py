@@ -1,9 +1,12 @@
 """The verification problem once more: read off the program text by different code.
 
-Purpose: plants, inputs with their ranges, times, H*, declared axes of one module, as
-docs/verification.md (section 1) defines them, to be compared with what a certificate says.
-Non-goals: sharing code with `verify/problem/extract.py`; diagnostics (a program that determines no
-problem has no certificate: `NotRecheckedError` or `DiffersError`).
+Purpose: `read_facts` reads plants, inputs with their ranges, times, H* and axes of one module,
+as docs/verification.md (section 1) defines them, to be compared with what a certificate says. Where
+the module `abstracts` its plants, it makes the system of the proof, and checks that the module is
+the same there as in the system that flies (an extra). `read_above`, an extra for modules below
+another one, enters what that one asks of H (docs/proof-modules.md, Towers).
+Non-goals: sharing code with `verify/problem/`; diagnostics (a program that determines no problem
+has no certificate: `NotRecheckedError` or `DiffersError`).
 
 The argument: what moves a state is the plant, what SC commands, and what nobody knows; each thing
 that nobody knows is an input with the range that the program declares, or there is no problem.
@@ -12,31 +15,37 @@ that nobody knows is an input with the range that the program declares, or there
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
+from soter.certificate.reading.derived_times import handed_back
 from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,
     Input,
+    ModuleAbove,
     StateParameter,
     driven_topics,
-    named,
+    named_leaves,
     number_of,
-    read_by_sc,
     topics_of_others,
+    topics_read,
+    topics_read_by_sc,
 )
 from soter.certificate.reading.module_times import read_times
-from soter.certificate.reading.symbolic_operations import flat
-from soter.certificate.reading.verification_system import abstracted, as_it_runs, flown
-from soter.certificate.reading.view_predicates import seen
+from soter.certificate.reading.symbolic_operations import scalar_leaves
+from soter.certificate.reading.view_predicates import module_in_view, shown_parts
 from soter.certificate.report import NotRecheckedError
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.language.elaborate.derived_systems import without_held_topics
+from soter.language.elaborate.elaborator import Elaborator
+from soter.language.elaborate.views_for_proofs import start_behind
 from soter.language.model import typed
-from soter.language.model.system import holder_of
+from soter.language.model.system import holder_of, modules_above
 from soter.language.model.tree_walk import topic_reads
 from soter.language.model.types import BoolType, EnumType, FloatType, IntType, leaf_name, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
 
     from soter.certificate.reading.module_facts import InputKind
     from soter.language.model.system import Component, Module, System
@@ -58,16 +67,16 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
         raise DiffersError(f"system `{flat_system.name}` has no module `{name}`")
     runs = modules[0]
     if view:
-        runs = seen(runs, view)
+        runs = module_in_view(runs, view)
     elif runs.symbol.verify.views:
         raise NotRecheckedError(f"`{name}` is proved in views")
     if runs.symbol.verify.abstracts:
-        system, module, plants = abstracted(flat_system, runs)
+        system, module, plants = abstracted_system(flat_system, runs)
     else:
         system, module, plants = flat_system, runs, _plants_of(flat_system, runs)
     if not plants:
         raise NotRecheckedError("no verification plant drives what the module reads")
-    kinds = {_kind(c) for c in plants}
+    kinds = {_plant_kind(c) for c in plants}
     if len(kinds) != 1:
         raise NotRecheckedError("flows and maps in one module")
     sc = system.components[module.sc]
@@ -76,7 +85,7 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
     if system is flat_system:
         facts.running = {topic.index: topic.index for topic in system.topics}
     else:
-        as_it_runs(facts)
+        check_same_as_flown(facts)
     for c in plants:
         _read_states(facts, c)
         _read_disturbances(facts, c)
@@ -91,7 +100,7 @@ def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
 def _plants_of(system: System, module: Module) -> tuple[Component, ...]:
     """The plants that drive what SC, a predicate or an axis reads, or that an axis names."""
     sc = system.components[module.sc]
-    wanted = {sc.scope.topics[t] for t in read_by_sc(sc)}
+    wanted = {sc.scope.topics[t] for t in topics_read_by_sc(sc)}
     wanted |= {module.scope.topics[t] for t in topic_reads(*module.symbol.predicates)}
     if module.symbol.rest is not None:
         wanted |= set(module.scope.topics.values())
@@ -109,7 +118,7 @@ def _is_wanted(c: Component, names: set[str], topics: set[int]) -> bool:
     )
 
 
-def _kind(c: Component) -> Literal["flow", "map"]:
+def _plant_kind(c: Component) -> Literal["flow", "map"]:
     plant = c.plant
     assert plant is not None
     if plant.extern:
@@ -135,8 +144,8 @@ def _read_states(facts: Facts, c: Component) -> None:
         moves = variable in plant.der or variable in plant.next
         if any("[]" in path for path, _ in leaves(variable.type)):
             raise NotRecheckedError(f"a list in the state `{variable.name}`")
-        values, reals = flat(initial), flat(real)
-        for k, name, of in named(f"{c.name}.{variable.name}", variable.type):
+        values, reals = scalar_leaves(initial), scalar_leaves(real)
+        for k, name, of in named_leaves(f"{c.name}.{variable.name}", variable.type):
             if isinstance(of, FloatType):
                 low, high = drawn if drawn is not None else (values[k], values[k])
                 if begun is not None:
@@ -155,7 +164,7 @@ def _read_states(facts: Facts, c: Component) -> None:
 def _read_disturbances(facts: Facts, c: Component) -> None:
     """A plant's own disturbances, and what others publish that moves it, as disturbances do."""
     for d in c.disturbances:
-        for k, name, of in named(f"{c.name}.{d.variable.name}", d.variable.type):
+        for k, name, of in named_leaves(f"{c.name}.{d.variable.name}", d.variable.type):
             if not isinstance(of, FloatType):
                 raise NotRecheckedError(f"the disturbance `{name}` is no float")
             own = Input("disturbance", name, c.index, k, d.low, d.high, unit=of.unit)
@@ -182,7 +191,7 @@ def _values_of(of: Type, name: str) -> tuple[int, ...]:
 def _read_topics(facts: Facts) -> None:
     """Enter the commands, the errors of what is read, and topics that are read and not driven."""
     module, sc, symbol = facts.module, facts.sc, facts.symbol
-    by_sc = [sc.scope.topics[t] for t in read_by_sc(sc)]
+    by_sc = [sc.scope.topics[t] for t in topics_read_by_sc(sc)]
     errors_of = {*by_sc, *(module.scope.topics[t] for t in facts.read_by_dm(symbol.ttf))}
     if facts.computed:  # computed predicates read what carries the axes
         known = {*sc.scope.topics.values(), *module.scope.topics.values()}
@@ -194,7 +203,7 @@ def _read_topics(facts: Facts) -> None:
         if m.bound > LARGEST_ERROR and topic.bounds[m.leaf] is None:
             raise NotRecheckedError(f"`{topic.name}` is measured, and the sum may be no number")
         if m.topic in errors_of and m.bound > 0.0:
-            _, name, of = list(named(topic.name, topic.type))[m.leaf]
+            _, name, of = list(named_leaves(topic.name, topic.type))[m.leaf]
             unit = of.unit if isinstance(of, FloatType) else ""
             error = Input("error", name, m.topic, m.leaf, -m.bound, m.bound, unit=unit)
             facts.errors.append(error)
@@ -209,7 +218,9 @@ def _leaves_of(facts: Facts, index: int, kind: InputKind) -> Iterator[Input]:
     topic = facts.system.topics[index]
     if topic.queue_of is not None:
         raise NotRecheckedError(f"`{topic.name}` is a queue")
-    for (k, name, of), bound in zip(named(topic.name, topic.type), topic.bounds, strict=True):
+    for (k, name, of), bound in zip(
+        named_leaves(topic.name, topic.type), topic.bounds, strict=True
+    ):
         if not isinstance(of, FloatType):
             raise NotRecheckedError(f"the {kind} `{name}` is no float")
         if bound is None:
@@ -248,7 +259,7 @@ def _state_of_axis(facts: Facts, axis: typed.TypedGridAxis) -> int | None:
     driven = driven_topics(facts)
     if (index := _topic_of_axis(facts, axis.topic)) not in driven:
         return None
-    return followed(facts, *driven[index], axis.path)
+    return state_published(facts, *driven[index], axis.path)
 
 
 def _topic_of_axis(facts: Facts, topic: typed.TopicSymbol) -> int:
@@ -272,7 +283,7 @@ def error_of(facts: Facts, state: int) -> float:
     return max((m.bound for m in measured if (m.topic, m.leaf) == (topic, leaf)), default=0.0)
 
 
-def followed(
+def state_published(
     facts: Facts, c: Component, expr: typed.TypedExpr, path: tuple[str, ...]
 ) -> int | None:
     """The state that a leaf of a driven topic is, where it is just a state."""
@@ -281,17 +292,17 @@ def followed(
     if isinstance(expr, typed.VarRead):
         lets = dict(plant.lets)
         if expr.variable in lets:
-            return followed(facts, c, lets[expr.variable], path)
+            return state_published(facts, c, lets[expr.variable], path)
         name = leaf_name(f"{c.name}.{expr.variable.name}", path)
         return next((i for i, s in enumerate(facts.states) if s.name == name), None)
     if isinstance(expr, typed.TypedField):
         fields = getattr(expr.target.type, "fields", ())
-        return followed(facts, c, expr.target, (fields[expr.index][0], *path))
+        return state_published(facts, c, expr.target, (fields[expr.index][0], *path))
     if isinstance(expr, typed.Index) and isinstance(expr.index, typed.Literal):
-        return followed(facts, c, expr.target, (f"[{expr.index.value}]", *path))
+        return state_published(facts, c, expr.target, (f"[{expr.index.value}]", *path))
     if isinstance(expr, typed.Aggregate) and path:
         element = _element(expr, path[0])
-        return None if element is None else followed(facts, c, element, path[1:])
+        return None if element is None else state_published(facts, c, element, path[1:])
     return None
 
 
@@ -302,3 +313,158 @@ def _element(expr: typed.Aggregate, part: str) -> typed.TypedExpr | None:
         return None
     order = expr.order if expr.order is not None else tuple(range(len(expr.elements)))
     return expr.elements[order.index(names.index(part))]
+
+
+# ---------------------------------------------------------------- the system of the proof
+
+
+def abstracted_system(
+    system: System, module: Module
+) -> tuple[System, Module, tuple[Component, ...]]:
+    """The system to prove in, the module there, and its plants.
+
+    SoterError where a system of the module and its `abstracts` plants cannot be elaborated.
+    """
+    symbol = module.symbol
+    ac, sc = (system.components[i].node for i in (module.ac, module.sc))
+    assert ac is not None
+    assert sc is not None
+    parts: list[tuple[str, Any]] = [(link.name, link.plant) for link in symbol.verify.abstracts]
+    parts.append((symbol.name, _with_controllers(symbol, ac, sc)))
+    instances = tuple(typed.InstanceSymbol(n, what, {}, {}, symbol.span) for n, what in parts)
+    made = typed.SystemSymbol(
+        name="recheck",
+        span=symbol.span,
+        default=False,
+        instances=instances,
+        sets=_own_parameters(module, instances),
+    )
+    diagnostics = Diagnostics()
+    around = {p.name: v for p, v in module.around.items()}
+    elaborator = Elaborator(system.program, made, around, diagnostics)
+    elaborator.partial = True
+    flattened = elaborator.run()
+    if flattened is None or diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+    flattened = without_held_topics(flattened)
+    plants = tuple(c for c in flattened.components if c.role == "plant")
+    return flattened, flattened.modules[0], plants
+
+
+def _own_parameters(
+    module: Module, instances: tuple[typed.InstanceSymbol, ...]
+) -> tuple[typed.SetSymbol, ...]:
+    """The `set`s of the module's own parameters, repeated for each plant of its proof.
+
+    Its topics are not its own: they keep what is set around it.
+    """
+    own = [(p, v) for p, v in module.scope.params.items() if repr(module.around[p]) != repr(v)]
+    return tuple(typed.SetSymbol(i.name, p, v, i.span) for i in instances for p, v in own)
+
+
+def _with_controllers(
+    symbol: typed.ModuleSymbol, ac: typed.NodeSymbol, sc: typed.NodeSymbol
+) -> typed.ModuleSymbol:
+    if symbol.ac is ac and symbol.sc is sc and symbol.over is None:
+        return symbol
+    values = {**vars(symbol), "ac": ac, "sc": sc, "over": None}
+    return typed.ModuleSymbol(**values)
+
+
+def flown(facts: Facts, name: str) -> Sequence[Any] | None:
+    """The states of a plant of the proof at the start of a run, by its map; None: not known."""
+    for link in facts.symbol.verify.abstracts:
+        if link.name == name:
+            return start_behind(facts.flying, facts.flying_module, link)
+    return None
+
+
+def check_same_as_flown(facts: Facts) -> None:
+    """Check that the system of the proof has the topics and periods of the running system.
+
+    NotRecheckedError where it has not.
+    """
+    system, flying = facts.system, facts.flying
+    module, running = facts.module, facts.flying_module
+    pairs = [(module.scope, running.scope)]
+    for part in ("dm", "ac", "sc"):
+        a = system.components[getattr(module, part)]
+        b = flying.components[getattr(running, part)]
+        if (a.period_ns, a.phase_ns) != (b.period_ns, b.phase_ns) or a.node is not b.node:
+            raise NotRecheckedError(f"`{b.name}` is another one where the module is proved")
+        given, flown = ({p: repr(v) for p, v in x.scope.params.items()} for x in (a, b))
+        if given != flown:
+            raise NotRecheckedError(f"`{b.name}` has other parameters where the module is proved")
+        pairs.append((a.scope, b.scope))
+    for proved, runs in pairs:
+        for symbol, index in proved.topics.items():
+            if symbol not in runs.topics:
+                raise NotRecheckedError(f"`{symbol.name}` is no topic of `{flying.name}`")
+            at = runs.topics[symbol]
+            one, other = system.topics[index], flying.topics[at]
+            its, ours = ((t.bounds, t.max_age_ns, repr(t.default)) for t in (one, other))
+            if its != ours:
+                raise NotRecheckedError(
+                    f"`{other.name}` has another set, default or `max_age` than `{one.name}`"
+                )
+            if facts.running.setdefault(index, at) != at:
+                raise NotRecheckedError(f"`{one.name}` stands for two topics of `{flying.name}`")
+    if {facts.running[i] for i in module.outputs} != set(running.outputs):
+        raise NotRecheckedError("the module has other outputs where it is proved")
+
+
+# ---------------------------------------------------------------- the module above
+
+
+DM_DELAYS = ("late_dm", "response_dm")
+"""Times of the `verify` block on which the age of a hand-back rests."""
+
+
+def read_above(facts: Facts) -> None:
+    """Enter the module above into the facts, and what it asks of H into the times.
+
+    Nothing where there is none; `NotRecheckedError` where its hand-backs are not followed.
+    """
+    uppers = modules_above(facts.flying, facts.flying_module.index)
+    if not uppers:
+        return
+    module = uppers[0]
+    if facts.kind != "flow":
+        raise NotRecheckedError("modules above each other over a plant that moves in steps")
+    here, there = facts.module.scope, module.scope
+    mine, its = (sorted((p.name, repr(v)) for p, v in s.params.items()) for s in (here, there))
+    if mine != its:
+        raise NotRecheckedError(f"`{module.name}` has other parameters than the module below it")
+    shown = _topics_seen_by_both(facts, there.topics)
+    assert module.symbol.safer is not None, "M019"
+    safer = shown_parts(module.symbol.safer, shown)
+    if safer is None:
+        raise NotRecheckedError(f"`safer` of `{module.name}` says nothing of the plants here")
+    seen = _problems_above(facts, module)
+    setting, own = facts.setting, facts.own
+    needs = max(handed_back(setting, own, u.setting.dm, u.own.age) for u in seen)
+    facts.above = ModuleAbove(
+        module.name,
+        safer,
+        max(u.own.age + u.setting.dm.slow for u in seen),
+        declared=not any(u.ways.undeclared for u in seen)
+        and all(getattr(u.symbol.verify, word) is not None for u in seen for word in DM_DELAYS),
+    )
+    facts.times["H_star_ns"] = max(facts.times["H_star_ns"], needs)
+    if facts.symbol.verify.horizon is None:
+        facts.times["H_ns"] = max(facts.times["H_ns"], needs)
+
+
+def _topics_seen_by_both(
+    facts: Facts, above: Mapping[typed.TopicSymbol, int]
+) -> set[typed.TopicSymbol]:
+    """The topics that the module reads, and that are the same topics for the module above."""
+    known, topics = {i for of in topics_read(facts) for i in of}, facts.module.scope.topics
+    same = {t for t, i in topics.items() if above.get(t) == facts.running.get(i, -1)}
+    return {t for t in same if topics[t] in known}
+
+
+def _problems_above(facts: Facts, module: Module) -> list[Facts]:
+    """The problem of the module above in each of its views: the longest times of these count."""
+    views = [v.name for v in module.symbol.verify.views] or [""]
+    return [read_facts(facts.flying, module.name, view) for view in views]

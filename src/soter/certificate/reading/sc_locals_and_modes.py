@@ -1,9 +1,9 @@
 """An SC with locals, or that looks at modes of other modules, read again: an extra.
 
 Purpose: `every_step` reads every step that SC may take, one combination of modes and values of its
-locals after the other; `one_of` makes a term for whatever one of several steps publishes. Who
-decides the modes of other modules is no part of a certificate: a step of SC is read once for each
-combination of them, a predicate with each of them open.
+locals after the other; `any_alternative` makes a term for whatever one of several steps publishes.
+Who decides the modes of other modules is no part of a certificate: a step of SC is read once for
+each combination of them, a predicate with each of them open.
 Non-goals: which of these values occur after which: any element of the set that every step keeps may
 be there at any step (docs/proof.md, "Setting"); that a step keeps it is an obligation of the step.
 What a module waits for (P2b is not claimed of one that waits); sharing code with
@@ -19,7 +19,7 @@ from itertools import product
 from math import prod
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.reading.symbolic_operations import filled, whole
+from soter.certificate.reading.symbolic_operations import value_of_leaves, whole
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import ONE, ZERO, exact, key_of
 from soter.certificate.terms.terms import Atom
@@ -64,10 +64,10 @@ def every_mode(code: Sequence[object]) -> Iterator[dict[Key, int]]:
 
 def any_mode(terms: Terms, code: Sequence[object]) -> dict[Key, Any]:
     """A new input for every mode that is read: 0 or 1, and nothing more is known of it."""
-    return {key: whole(terms.input("box", "mode", ZERO, ONE)) for key in modes_in(code)}
+    return {key: whole(terms.add_input("box", "mode", ZERO, ONE)) for key in modes_in(code)}
 
 
-def only_modes_of_others(facts: Facts) -> None:
+def require_modes_of_others(facts: Facts) -> None:
     """`NotRecheckedError` where the module's own mode is read, an unknown one, or one in `safe`.
 
     Asked where the module flies: symbols of a view, or of an abstraction, are others.
@@ -86,7 +86,7 @@ def only_modes_of_others(facts: Facts) -> None:
             raise NotRecheckedError("the module's own mode, or that of an unknown one")
 
 
-def assumed(facts: Facts) -> Said:
+def mode_assumptions(facts: Facts) -> Said:
     """The assumptions on modules whose modes SC, `ttf` or `safer` read, and on P2b for `safer`."""
     flying, module = facts.flying, facts.flying_module
     sc = flying.components[module.sc]
@@ -135,7 +135,7 @@ def _local_values(
         value_by_variable = {}
         for v in variables:
             count = len(_local_leaves(v))
-            value_by_variable[v] = filled(v.type, left[:count])
+            value_by_variable[v] = value_of_leaves(v.type, left[:count])
             left = left[count:]
         yield value_by_variable
 
@@ -167,16 +167,16 @@ def _values_of_type(of: Type) -> list[Any]:
 
 def _input_of_type(terms: Terms, of: Type) -> Linear | Proposition:
     if isinstance(of, BoolType):
-        free = terms.input("box", "local", exact(0.0), exact(1.0))
-        return terms.below(terms.combine(((ONE, free),), exact(-0.5)))
+        free = terms.add_input("box", "local", exact(0.0), exact(1.0))
+        return terms.below_zero(terms.combine(((ONE, free),), exact(-0.5)))
     low, high = (of.low, of.high) if isinstance(of, IntType) else (0, _count_values(of) - 1)
-    return whole(terms.input("box", "local", exact(float(low)), exact(float(high))))
+    return whole(terms.add_input("box", "local", exact(float(low)), exact(float(high))))
 
 
 # ---------------------------------------------------------------- one of several
 
 
-def one_of(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
+def any_alternative(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
     """A term for any of the alternatives; those that enclose the same numbers count once."""
     shapes = _Shapes(terms)
     kept: dict[object, Linear] = {}
@@ -190,7 +190,7 @@ def one_of(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
     for x in different[1:]:
         low, high = low.min(x.low), high.max(x.high)
     gaps = [terms.subtract(x, first) for x in different[1:]]
-    return terms.made(Atom("any", (*different, *gaps), low=low, high=high))
+    return terms.add_atom(Atom("any", (*different, *gaps), low=low, high=high))
 
 
 class _Shapes:

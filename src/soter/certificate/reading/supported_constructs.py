@@ -12,8 +12,7 @@ from __future__ import annotations
 from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.control_changes import refuse_unproved_towers
-from soter.certificate.reading.sc_locals_and_modes import only_modes_of_others
+from soter.certificate.reading.sc_locals_and_modes import require_modes_of_others
 from soter.certificate.report import FOLLOWED, NotRecheckedError
 from soter.language.model import system as model
 from soter.language.model import typed as t
@@ -116,24 +115,50 @@ def check_supported(facts: Facts, *, followed: bool = False) -> None:
             f"`{module.name}` is forced to {module.forced}: its DM never decides"
         )
     if len(facts.tower) > 1:
-        refuse_unproved_towers(facts)
+        _refuse_unproved_towers(facts)
     assert facts.sc.node is not None
     _safe_controller(facts.sc.node)
     if facts.modes:
-        only_modes_of_others(facts)
-    _topics(facts)
+        require_modes_of_others(facts)
+    _require_own_topics(facts)
     rest = () if facts.symbol.rest is None else (facts.symbol.rest.condition,)
     for expr in (*facts.symbol.predicates, *rest):
         read = facts.ttf if expr is facts.symbol.ttf else expr
-        _code(read, "the predicates of the module")
+        _require_known_code(read, "the predicates of the module")
     if facts.above is not None:
-        _code(facts.above.safer, f"`safer` of `{facts.above.name}`")
+        _require_known_code(facts.above.safer, f"`safer` of `{facts.above.name}`")
     for c in facts.plants:
-        _plant(c)
-    _components(facts)
+        _require_known_plant(c)
+    _require_known_components(facts)
 
 
-def _components(facts: Facts) -> None:
+def _refuse_unproved_towers(facts: Facts) -> None:
+    """`NotRecheckedError` for a module of a tower that no theorem here is about.
+
+    To the theorem an AC is anything that publishes values of the declared sets, and what it
+    publishes once the DM says SC is dropped. A module in the place of AC is that: a controller of
+    it has control only while the mode of every module above it is AC (docs/semantics.md, Modules
+    above modules), and each of its steps checks its values.
+    """
+    system, module, symbol = facts.flying, facts.flying_module, facts.flying_module.symbol
+    name = module.name
+    for c in facts.commanding:
+        assert c.node is not None
+        if {*c.writes} != set(module.outputs):
+            raise NotRecheckedError(f"`{c.name}` does not publish what `{name}` does")
+    uppers = model.modules_above(system, module.index)
+    if len(uppers) > 1:
+        raise NotRecheckedError(f"`{name}` stands below two other modules")
+    for upper in uppers:
+        if upper.forced is not None:
+            raise NotRecheckedError(f"`{upper.name}`, above `{name}`, is forced to {upper.forced}")
+        if symbol.verify.views or symbol.shield is not None or symbol.verify.enters is not None:
+            raise NotRecheckedError(
+                f"`{name}` stands below another module, and has views or a shield"
+            )
+
+
+def _require_known_components(facts: Facts) -> None:
     for c in facts.flying.components:
         if c.plant and any(isinstance(x, t.TypedChoose) for x in parts_of(equations(c.plant))):
             raise NotRecheckedError(f"the plant `{c.name}` chooses")
@@ -164,10 +189,10 @@ def _safe_controller(sc: t.NodeSymbol) -> None:
     if sc.bursts:
         raise NotRecheckedError("SC publishes several messages a step")
     for s in sc.step:
-        _code(s, "SC")
+        _require_known_code(s, "SC")
 
 
-def _topics(facts: Facts) -> None:
+def _require_own_topics(facts: Facts) -> None:
     """NotRecheckedError where others publish the module's outputs, or SC's topics are a queue."""
     outputs = set(facts.flying_module.outputs)
     own = facts.commanding
@@ -184,14 +209,14 @@ def _topics(facts: Facts) -> None:
             raise NotRecheckedError(f"`{facts.flying.topics[index].name}` is a queue")
 
 
-def _plant(c: Component) -> None:
+def _require_known_plant(c: Component) -> None:
     assert c.plant is not None
     if c.plant.extern:
         raise NotRecheckedError(f"the plant `{c.name}` is extern")
     if c.phase_ns != 0:
         raise NotRecheckedError(f"the plant `{c.name}` does not publish at the start")
     for root in equations(c.plant):
-        _code(root, f"the plant `{c.name}`")
+        _require_known_code(root, f"the plant `{c.name}`")
 
 
 def equations(plant: t.PlantSymbol) -> list[object]:
@@ -203,11 +228,11 @@ def equations(plant: t.PlantSymbol) -> list[object]:
 # ---------------------------------------------------------------- code
 
 
-def _code(root: object, where: str) -> None:
+def _require_known_code(root: object, where: str) -> None:
     """NotRecheckedError unless all parts of some code, and of what it calls, are on the list."""
     for part in parts_of([root]):
         if type(part) not in CODE:
-            name = _SAID.get(type(part), type(part).__name__.removeprefix("Typed").lower())
+            name = _WORDS.get(type(part), type(part).__name__.removeprefix("Typed").lower())
             raise NotRecheckedError(f"`{name}` in {where} is not rechecked yet")
         if isinstance(part, t.FunSymbol) and (part.extern or part.body is None):
             raise NotRecheckedError(f"`{part.name}` is an extern function: its values are unknown")
@@ -233,7 +258,7 @@ def parts_of(roots: list[object]) -> Iterator[object]:
                 todo.append(v)
 
 
-_SAID: dict[type, str] = {
+_WORDS: dict[type, str] = {
     t.InControl: "in_control",
     t.TimeRead: "time",
     t.AgeRead: "age",

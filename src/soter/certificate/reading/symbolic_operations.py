@@ -71,7 +71,7 @@ def truth_of(x: bool | Proposition) -> Proposition:
     return TRUE if x else negation(TRUE)
 
 
-def plain(x: Proposition) -> bool | Proposition:
+def decided(x: Proposition) -> bool | Proposition:
     """A proposition as a bool where it is decided."""
     return x.value if x.kind == "constant" else x
 
@@ -86,24 +86,24 @@ def identical(a: Value, b: Value) -> bool:
     return bool(a == b) and repr(a) == repr(b)
 
 
-def mapped(f: Callable[[Value], Value], x: Value) -> Value:
+def map_leaves(f: Callable[[Value], Value], x: Value) -> Value:
     """A function of every scalar leaf."""
-    return tuple(mapped(f, v) for v in x) if isinstance(x, tuple) else f(x)
+    return tuple(map_leaves(f, v) for v in x) if isinstance(x, tuple) else f(x)
 
 
-def zipped(f: Callable[[Value, Value], Value], a: Value, b: Value) -> Value:
+def zip_leaves(f: Callable[[Value, Value], Value], a: Value, b: Value) -> Value:
     """A function of the scalar leaves of two values of one shape."""
     if isinstance(a, tuple):
-        return tuple(zipped(f, x, y) for x, y in zip(a, b, strict=True))
+        return tuple(zip_leaves(f, x, y) for x, y in zip(a, b, strict=True))
     return f(a, b)
 
 
-def flat(x: Value) -> list[Value]:
+def scalar_leaves(x: Value) -> list[Value]:
     """The scalar leaves of a value without lists, in declared order."""
-    return [leaf for v in x for leaf in flat(v)] if isinstance(x, tuple) else [x]
+    return [leaf for v in x for leaf in scalar_leaves(v)] if isinstance(x, tuple) else [x]
 
 
-def filled(of: Type, values: Sequence[Value]) -> Value:
+def value_of_leaves(of: Type, values: Sequence[Value]) -> Value:
     """The value of a type without lists that has these scalar leaves.
 
     NotRecheckedError where leaves are left over.
@@ -150,7 +150,7 @@ class Operations:
     @property
     def path(self) -> Value:
         """Under which condition the code being read runs."""
-        return plain(self.terms.path)
+        return decided(self.terms.path)
 
     @path.setter
     def path(self, condition: Value) -> None:
@@ -162,15 +162,15 @@ class Operations:
 
     def negation(self, a: Value) -> Value:
         """The truth "not `a`"."""
-        return plain(negation(truth_of(a)))
+        return decided(negation(truth_of(a)))
 
     def both(self, a: Value, b: Value) -> Value:
         """The truth "`a` and `b`"."""
-        return plain(both(truth_of(a), truth_of(b)))
+        return decided(both(truth_of(a), truth_of(b)))
 
     def one_of(self, a: Value, b: Value) -> Value:
         """The truth "`a` or `b`"."""
-        return plain(either(truth_of(a), truth_of(b)))
+        return decided(either(truth_of(a), truth_of(b)))
 
     def join(self, of: Type, c: Proposition, a: Value, b: Value) -> Value:
         """`c ? a : b`, leaf by leaf; NotRecheckedError for lists of two lengths."""
@@ -179,24 +179,24 @@ class Operations:
                 raise NotRecheckedError(f"a list whose length depends on a branch {NOT_HERE}")
             return tuple(self.join(of, c, x, y) for x, y in zip(a, b, strict=True))
         if isinstance(a, (bool, Proposition)):
-            return plain(choice_of_truths(c, truth_of(a), truth_of(b)))
+            return decided(choice_of_truths(c, truth_of(a), truth_of(b)))
         if not isinstance(a, Linear) and not isinstance(b, Linear) and identical(a, b):
             return a
         return self._like(self.terms.choose(c, self._linear(a), self._linear(b)), a, b)
 
-    def negated(self, x: Value) -> Value:
+    def negate(self, x: Value) -> Value:
         """The number `-x`."""
         if isinstance(x, Linear):
             return self._like(self.terms.combine(((-ONE, x),)), x)
         return arith.neg_int(x) if isinstance(x, int) else -x
 
-    def compared(self, op: str, a: Value, b: Value) -> Value:
+    def compare(self, op: str, a: Value, b: Value) -> Value:
         """Whether `a op b` holds of two scalars."""
         if isinstance(a, Proposition) or isinstance(b, Proposition):
             equal = choice_of_truths(truth_of(a), truth_of(b), negation(truth_of(b)))
-            return plain(equal if op == "==" else negation(equal))
+            return decided(equal if op == "==" else negation(equal))
         if isinstance(a, Linear) or isinstance(b, Linear):
-            return plain(self.terms.compare(op, self._linear(a), self._linear(b)))
+            return decided(self.terms.compare(op, self._linear(a), self._linear(b)))
         _require_numbers(a, b)
         return COMPARED[op](a, b)
 
@@ -221,7 +221,7 @@ class Operations:
             result = self.terms.divide(x, y)
         else:
             raise NotRecheckedError(f"`{op}` of ints that depend on inputs {NOT_HERE}")
-        return self.whole(result) if whole else self._as_computed(result)
+        return self.as_int(result) if whole else self._as_computed(result)
 
     def extreme(self, name: str, a: Value, b: Value) -> Value:
         """`min` or `max` of two scalars."""
@@ -244,23 +244,23 @@ class Operations:
         if bound.relative:
             raise NotRecheckedError(f"`{name}` has a bound of another kind")
         low, high = (exact(v) for v in bound.domain[0])
-        if self.terms.turns(x):
+        if self.terms.may_be_turned(x):
             far = FAR_TURNS
             x = replace(x, radius=x.radius + far, low=x.low - far, high=x.high + far)
         if self.everywhere and name in EVERYWHERE:
-            return self.terms.function(name, x)
-        self.terms.oblige(negation(self.terms.below(self.terms.combine(((ONE, x),), -low))))
-        self.terms.oblige(negation(self.terms.below(self.terms.combine(((-ONE, x),), high))))
+            return self.terms.apply_function(name, x)
+        self.terms.oblige(negation(self.terms.below_zero(self.terms.combine(((ONE, x),), -low))))
+        self.terms.oblige(negation(self.terms.below_zero(self.terms.combine(((-ONE, x),), high))))
         if name == "tan":  # it has no value where the cosine is 0
-            cosine = self.terms.function("cos", x)
+            cosine = self.terms.apply_function("cos", x)
             minus = self.terms.combine(((-ONE, cosine),))
-            self.terms.oblige(either(self.terms.below(cosine), self.terms.below(minus)))
-        value = self.terms.function(name, x)
+            self.terms.oblige(either(self.terms.below_zero(cosine), self.terms.below_zero(minus)))
+        value = self.terms.apply_function(name, x)
         largest = magnitude(value.low).max(magnitude(value.high))
         if not largest < LARGEST:  # bounded where it is used, or not at all
             for sign in (ONE, -ONE):
                 beyond = self.terms.combine(((sign, value),), -LARGEST)
-                self.terms.oblige(self.terms.below(beyond))
+                self.terms.oblige(self.terms.below_zero(beyond))
             relative = self.terms.spread([exact(bound.ulps) * 2 * UNIT_ROUNDOFF], [value])
             enclosure = self.terms.combine(((ONE, value), (ONE, relative)))
             error = exact(bound.ulps) * TINIEST + exact(bound.absolute)
@@ -269,7 +269,7 @@ class Operations:
         error = exact(bound.ulps) * ulp + exact(bound.absolute)
         if not self.is_rounded:
             error = 0 * error
-        return self.terms.widened(value, error, *(exact(v) for v in bound.values))
+        return self.terms.with_error(value, error, *(exact(v) for v in bound.values))
 
     def builtin(self, name: str, x: Value) -> Value:
         """A built-in function of one scalar; NotRecheckedError where it is not understood."""
@@ -277,27 +277,27 @@ class Operations:
             return BUILTINS[name](x)
         if name == "sqrt":
             if not x.nonnegative:
-                self.terms.oblige(negation(self.terms.below(x)))
-            return self._as_computed(self.terms.function("sqrt", x, nonnegative=True))
+                self.terms.oblige(negation(self.terms.below_zero(x)))
+            return self._as_computed(self.terms.apply_function("sqrt", x, nonnegative=True))
         if name == "abs":
-            return self._like(self.terms.function("abs", x, nonnegative=True), x)
+            return self._like(self.terms.apply_function("abs", x, nonnegative=True), x)
         if name == "float":
             return Linear(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
         if name == "int":
             return self._truncated(x)
         if name != "floor":
             raise NotRecheckedError(f"`{name}` of what depends on inputs {NOT_HERE}")
-        return self.terms.function("floor", x)
+        return self.terms.apply_function("floor", x)
 
     def _truncated(self, x: Linear) -> Value:
         """The whole number towards zero."""
         if self._is_floor(x):
-            return self.whole(x)
-        down = self.terms.function("floor", x)
+            return self.as_int(x)
+        down = self.terms.apply_function("floor", x)
         if x.nonnegative or x.low >= 0:
-            return self.whole(down)
-        up = self.negated(self.terms.function("floor", self.negated(x)))
-        return self.whole(self.terms.choose(self.terms.below(x), up, down))
+            return self.as_int(down)
+        up = self.negate(self.terms.apply_function("floor", self.negate(x)))
+        return self.as_int(self.terms.choose(self.terms.below_zero(x), up, down))
 
     def _is_floor(self, x: Linear) -> bool:
         """Whether it is the result of `floor`, a whole number already."""
@@ -306,7 +306,7 @@ class Operations:
         ((atom, factor),) = x.terms.items()
         return bool(factor == 1) and self.terms.atoms[atom].kind == "floor"
 
-    def row(self, rows: Rows) -> Value:
+    def row_values(self, rows: Rows) -> Value:
         """All numbers of a row at an index that depends on inputs.
 
         NotRecheckedError where rows differ in length.
@@ -314,30 +314,30 @@ class Operations:
         if len({len(row) for row in rows.elements}) != 1:
             raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
         width = range(len(rows.elements[0]))
-        return tuple(self.selected([row[k] for row in rows.elements], rows.index) for k in width)
+        return tuple(self.select([row[k] for row in rows.elements], rows.index) for k in width)
 
-    def narrowed(self, x: Value, low: int, high: int) -> Value:
+    def narrow(self, x: Value, low: int, high: int) -> Value:
         """`x`, which faults unless it lies between `low` and `high`."""
         if not isinstance(x, Linear):
             return arith.narrow(x, low, high)
         for short in (((ONE, x),), exact(-low)), (((-ONE, x),), exact(high)):
-            self.terms.oblige(negation(self.terms.below(self.terms.combine(*short))))
+            self.terms.oblige(negation(self.terms.below_zero(self.terms.combine(*short))))
         return x
 
-    def selected(self, elements: Sequence[Value], index: Linear) -> Value:
+    def select(self, elements: Sequence[Value], index: Linear) -> Value:
         """An element at an index that depends on inputs; NotRecheckedError for no numbers."""
         first = elements[0]
         if isinstance(first, tuple) and all(type(x) in (float, int) for x in first):
             return Rows(elements, index)
         if isinstance(first, tuple):
             parts = range(len(first))
-            return tuple(self.selected([e[k] for e in elements], index) for k in parts)
+            return tuple(self.select([e[k] for e in elements], index) for k in parts)
         if not all(type(e) in (float, int) for e in elements):
             raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
         values = [float(e) for e in elements]
         return self._like(self.terms.lookup(values, (index,), (len(elements),)), first)
 
-    def selected_twice(self, rows: Rows, index: Value) -> Value:
+    def select_from_table(self, rows: Rows, index: Value) -> Value:
         """An element of a table with two indices; NotRecheckedError where rows differ in kind."""
         first = rows.elements[0]
         if len({len(row) for row in rows.elements}) != 1 or len({type(v) for v in first}) != 1:
@@ -349,17 +349,17 @@ class Operations:
 
     def _like(self, x: Linear, *of: Value) -> Value:
         """`x`, as an int where one of `of` is one."""
-        return self.whole(x) if _is_whole(*of) else x
+        return self.as_int(x) if _is_whole(*of) else x
 
-    def whole(self, x: Linear) -> Value:
+    def as_int(self, x: Linear) -> Value:
         """An int: exact, and never near the ends of 64 bits; NotRecheckedError beyond 2^53."""
         if not (magnitude(x.low) < 2**53 and magnitude(x.high) < 2**53):
             raise NotRecheckedError(f"an int beyond 2^53 that depends on inputs {NOT_HERE}")
         return SymbolicInt(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
 
-    def whole_beside(self, x: Linear) -> Linear:
+    def nearest_whole(self, x: Linear) -> Linear:
         """The whole number next to x, as a real function; of two that are as near the greater."""
-        return self.terms.function("floor", self.terms.combine(((ONE, x),), HALF))
+        return self.terms.apply_function("floor", self.terms.combine(((ONE, x),), HALF))
 
     def _as_computed(self, x: Linear) -> Linear:
         return self.terms.rounded(x) if self.is_rounded else x

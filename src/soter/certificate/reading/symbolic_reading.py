@@ -22,10 +22,10 @@ from soter.certificate.reading.symbolic_operations import (
     Rows,
     SymbolicInt,
     Value,
-    flat,
     in_range,
-    mapped,
-    zipped,
+    map_leaves,
+    scalar_leaves,
+    zip_leaves,
 )
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import PRELUDE
@@ -65,7 +65,7 @@ class CodeReader:
         self.operations, self.params = operations, params
         self._steps = 0
 
-    def tried(self, path: Value, run: Callable[[], Value]) -> tuple[bool, Value]:
+    def attempt(self, path: Value, run: Callable[[], Value]) -> tuple[bool, Value]:
         """(True, what `run` gives under `path`); (False, None): it faults, so `path` must fail."""
         outside, self.operations.path = self.operations.path, path
         try:
@@ -76,21 +76,21 @@ class CodeReader:
         finally:
             self.operations.path = outside
 
-    def _both_ways(
+    def _read_both_sides(
         self, c: Value, then: Callable[[], Value], otherwise: Callable[[], Value]
     ) -> tuple[tuple[bool, Value], tuple[bool, Value]]:
-        """Both sides of what is not decided, as `tried`; StepFault where both fault.
+        """Both sides of what is not decided, as `attempt`; StepFault where both fault.
 
         A variable that only one side has is read by nobody afterwards: the language refuses that.
         """
         path, make = self.operations.path, self.operations
-        first = self.tried(make.both(path, c), then)
-        second = self.tried(make.both(path, make.negation(c)), otherwise)
+        first = self.attempt(make.both(path, c), then)
+        second = self.attempt(make.both(path, make.negation(c)), otherwise)
         if not (first[0] or second[0]):
             raise arithmetic.StepFault(arithmetic.FaultKind.ASSERT)
         return first, second
 
-    def _counted(self) -> None:
+    def _count_step(self) -> None:
         self._steps += 1
         if self._steps > STEPS_MAX:
             raise NotRecheckedError("the step is too long to be read as one formula")
@@ -101,7 +101,7 @@ class CodeReader:
         """Runs statements; gives what `return` left with, or None."""
         todo = list(body)
         while todo:
-            self._counted()
+            self._count_step()
             statement = todo.pop(0)
             if isinstance(statement, t.TypedReturn):
                 return self.value(statement.value, frame)
@@ -132,7 +132,7 @@ class CodeReader:
     ) -> Value | None:
         """Both sides of a branch, joined at the single exit."""
         other = frame.copy()
-        (fine, first), (well, second) = self._both_ways(
+        (fine, first), (well, second) = self._read_both_sides(
             c, lambda: self.block(then, frame), lambda: self.block(otherwise, other)
         )
         if not fine:  # an obligation says that the other side is taken
@@ -174,7 +174,7 @@ class CodeReader:
             place = statement.place
             keys = [k if isinstance(k, int) else self.value(k, frame) for k in place.path]
             new, old = self.value(statement.value, frame), frame.variables[place.variable]
-            frame.variables[place.variable] = self.replaced(place.variable.type, old, keys, new)
+            frame.variables[place.variable] = self.replace_part(place.variable.type, old, keys, new)
         elif isinstance(statement, t.TypedPublish):
             frame.published[statement.topic] = True, self.value(statement.value, frame)
         elif isinstance(statement, t.Assert):
@@ -184,7 +184,7 @@ class CodeReader:
                 f"`{type(statement).__name__.removeprefix('Typed').lower()}` {NOT_HERE}"
             )
 
-    def replaced(self, of: Type, whole: Value, keys: Sequence[Value], new: Value) -> Value:
+    def replace_part(self, of: Type, whole: Value, keys: Sequence[Value], new: Value) -> Value:
         """A value of a type with the part at these indices made new.
 
         NotRecheckedError for an index that depends on inputs.
@@ -195,7 +195,7 @@ class CodeReader:
         if not isinstance(at, int):
             raise NotRecheckedError(f"an assignment at an index that depends on inputs {NOT_HERE}")
         part = whole[in_range(at, len(whole))]
-        return (*whole[:at], self.replaced(part_of(of, at), part, rest, new), *whole[at + 1 :])
+        return (*whole[:at], self.replace_part(part_of(of, at), part, rest, new), *whole[at + 1 :])
 
     # ------------------------------------------------------------ expressions
 
@@ -207,7 +207,7 @@ class CodeReader:
 
     def value(self, e: t.TypedExpr, frame: CallFrame) -> Value:
         """The value of an expression; NotRecheckedError for what is not understood."""
-        self._counted()
+        self._count_step()
         reading = self.readings.get(type(e))
         if reading is None:
             raise NotRecheckedError(f"`{type(e).__name__.removeprefix('Typed')}` {NOT_HERE}")
@@ -220,7 +220,7 @@ class CodeReader:
 
     def _unary(self, e: t.TypedUnary, frame: CallFrame) -> Value:
         x = self.value(e.operand, frame)
-        return self.operations.negation(x) if e.op == "!" else mapped(self.operations.negated, x)
+        return self.operations.negation(x) if e.op == "!" else map_leaves(self.operations.negate, x)
 
     def _binary(self, e: t.TypedBinary, frame: CallFrame) -> Value:
         a = self.operand(e.left, frame)
@@ -228,7 +228,7 @@ class CodeReader:
             return self._short_circuit(e, a, frame)
         b = self.operand(e.right, frame)
         if e.op in ("<", "<=", ">", ">=", "==", "!="):
-            return self.operations.compared(e.op, a, b)
+            return self.operations.compare(e.op, a, b)
         return self.operations.arithmetic(e.op, a, b)
 
     def operand(self, e: t.TypedExpr, frame: CallFrame) -> Value:
@@ -240,7 +240,7 @@ class CodeReader:
         if isinstance(a, bool):
             return self.value(e.right, frame) if a == going_on else a
         path = make.both(make.path, a if going_on else make.negation(a))
-        fine, b = self.tried(path, lambda: self.value(e.right, frame))
+        fine, b = self.attempt(path, lambda: self.value(e.right, frame))
         if not fine:
             return not going_on
         return make.both(a, b) if going_on else make.one_of(a, b)
@@ -249,19 +249,23 @@ class CodeReader:
         a, b = self.value(e.left, frame), self.value(e.right, frame)
         of = partial(self.operations.arithmetic, e.op)
         if isinstance(a, tuple) and isinstance(b, tuple):
-            return zipped(of, a, b)
-        return mapped(lambda x: of(x, b), a) if isinstance(a, tuple) else mapped(partial(of, a), b)
+            return zip_leaves(of, a, b)
+        return (
+            map_leaves(lambda x: of(x, b), a)
+            if isinstance(a, tuple)
+            else map_leaves(partial(of, a), b)
+        )
 
     def _conditional(self, e: t.Conditional, frame: CallFrame) -> Value:
         c = self.value(e.condition, frame)
         if isinstance(c, bool):
             return self.value(e.then if c else e.otherwise, frame)
-        (fine, a), (well, b) = self._both_ways(
+        (fine, a), (well, b) = self._read_both_sides(
             c, lambda: self.value(e.then, frame), lambda: self.value(e.otherwise, frame)
         )
         return self.operations.join(e.type, c, a, b) if fine and well else (a if fine else b)
 
-    def called(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
+    def call(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
         """The result of a call, its body read; NotRecheckedError for an extern function."""
         if fun.body is None:
             raise NotRecheckedError(f"`{fun.name}` is an extern function: its values are unknown")
@@ -275,14 +279,14 @@ class CodeReader:
         x, *others = [self.operand(a, frame) for a in e.arguments]
         make = self.operations
         if e.name in ("dot", "norm"):
-            pairs = zip(flat(x), flat(*others or (x,)), strict=True)
+            pairs = zip(scalar_leaves(x), scalar_leaves(*others or (x,)), strict=True)
             total, *products = (make.arithmetic("*", a, b) for a, b in pairs)
             for product in products:
                 total = make.arithmetic("+", total, product)
             return make.builtin("sqrt", total) if e.name == "norm" else total
         if e.name == "saturate":
-            negative = make.negated(others[0])
-            return mapped(
+            negative = make.negate(others[0])
+            return map_leaves(
                 lambda v: make.extreme("min", make.extreme("max", v, negative), others[0]), x
             )
         if e.name in ("min", "max"):
@@ -301,7 +305,7 @@ class CodeReader:
 
     def _narrow(self, e: t.Narrow, frame: CallFrame) -> Value:
         of = cast("IntType", e.type)
-        return self.operations.narrowed(self.value(e.operand, frame), of.low, of.high)
+        return self.operations.narrow(self.value(e.operand, frame), of.low, of.high)
 
     readings: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any, CallFrame], Value]]] = {
         t.Literal: lambda _, e, __: e.value,
@@ -311,7 +315,7 @@ class CodeReader:
         t.TypedBinary: _binary,
         t.Vector: _vector,
         t.Conditional: _conditional,
-        t.TypedCall: lambda self, e, frame: self.called(
+        t.TypedCall: lambda self, e, frame: self.call(
             e.fun, [self.value(a, frame) for a in e.arguments]
         ),
         t.Builtin: _builtin,
@@ -341,14 +345,14 @@ class SymbolicReader(CodeReader):
 
     def __init__(self, terms: Terms, around: Surroundings, *, rounded: bool = True) -> None:
         super().__init__(Operations(terms, rounded=rounded), around.params)
-        self.around = around
+        self.surroundings = around
 
     def step(
         self, body: Sequence[t.TypedStmt], variables: Mapping[t.Variable, Value]
     ) -> dict[t.TopicSymbol, Value]:
         """The value that a step publishes on each topic; NotRecheckedError if it always faults."""
         frame = CallFrame(dict(variables))
-        if not self.tried(self.operations.path, lambda: self.block(body, frame))[0]:
+        if not self.attempt(self.operations.path, lambda: self.block(body, frame))[0]:
             raise NotRecheckedError("SC faults wherever it steps")
         if any(says is not True for says, _ in frame.published.values()):
             raise NotRecheckedError(f"a step that publishes on one side only {NOT_HERE}")
@@ -362,51 +366,51 @@ class SymbolicReader(CodeReader):
         """
         value = super().value(e, frame)
         if isinstance(value, Rows) and not rows:
-            value = self.operations.row(value)
+            value = self.operations.row_values(value)
         if isinstance(e.type, (IntType, DurationType)) and isinstance(value, Linear):
-            return value if isinstance(value, SymbolicInt) else self.operations.whole(value)
+            return value if isinstance(value, SymbolicInt) else self.operations.as_int(value)
         if isinstance(e.type, BoolType) and not isinstance(value, (bool, Proposition)):
             raise NotRecheckedError(f"such a bool {NOT_HERE}")
         return value
 
-    def called(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
+    def call(self, fun: t.FunSymbol, arguments: Sequence[Value]) -> Value:
         """Functions of the prelude by their tested bounds, where inputs are involved."""
         if fun.prelude and isinstance(arguments[0], Linear):
-            turned = fun.name in OF_A_TURN and self.operations.terms.turns(arguments[0])
+            turned = fun.name in OF_A_TURN and self.operations.terms.may_be_turned(arguments[0])
             if fun.name in PRELUDE or turned:
                 return self.operations.prelude(fun.name, arguments[0])
         if fun.prelude and fun.name == "_round" and not self.operations.is_rounded:
-            return self.operations.whole_beside(arguments[0])
-        return super().called(fun, arguments)
+            return self.operations.nearest_whole(arguments[0])
+        return super().call(fun, arguments)
 
     def _field(self, e: t.TypedField, frame: CallFrame) -> Value:
         target = self.value(e.target, frame, rows=True)
         if isinstance(target, Rows):
-            return self.operations.selected([row[e.index] for row in target.elements], target.index)
+            return self.operations.select([row[e.index] for row in target.elements], target.index)
         return target[e.index]
 
     def _index(self, e: t.Index, frame: CallFrame) -> Value:
         target, index = self.value(e.target, frame, rows=True), self.value(e.index, frame)
         if isinstance(target, Rows):
-            return self.operations.selected_twice(target, index)
+            return self.operations.select_from_table(target, index)
         if isinstance(index, Linear):
-            return self.operations.selected(target, index)
+            return self.operations.select(target, index)
         return target[in_range(index, len(target))]
 
     def _topic(self, e: t.TopicRead, _: CallFrame) -> Value:
-        if e.topic not in self.around.topics:
+        if e.topic not in self.surroundings.topics:
             raise NotRecheckedError(f"topic `{e.topic.name}` is read, but nobody says its values")
-        return self.around.topics[e.topic]
+        return self.surroundings.topics[e.topic]
 
     def _period(self, _: t.PeriodRead, __: CallFrame) -> Value:
-        if self.around.period is None:
+        if self.surroundings.period is None:
             raise NotRecheckedError(f"`dt` {NOT_HERE} here")
-        return self.around.period
+        return self.surroundings.period
 
     def _mode(self, e: t.ModeRead, _: CallFrame) -> Value:
-        if e.module not in self.around.modes:
+        if e.module not in self.surroundings.modes:
             raise NotRecheckedError(f"`mode` {NOT_HERE}")
-        return self.around.modes[e.module]
+        return self.surroundings.modes[e.module]
 
     readings: ClassVar[dict[type[t.TypedExpr], Callable[[Any, Any, CallFrame], Value]]] = {
         **CodeReader.readings,

@@ -1,7 +1,8 @@
 """One view of a module, read again: the parts of its predicates that its plants show.
 
-Purpose: `seen` gives the module with those parts, `entered` those of `enters`; `left_out` says what
-no view of a certificate shows; `without_ages` is `ttf` without the parts that ask for an age.
+Purpose: `module_in_view` gives the module with those parts, `shown_part_of_enters` those of
+`enters`; `why_views_leave_out` says what no view of a certificate shows; `without_ages` is `ttf`
+without the parts that ask for an age.
 Non-goals: sharing code with `language/elaborate/views_for_proofs.py` and
 `verify/problem/supported_constructs.py`, which the prover goes by.
 
@@ -35,7 +36,7 @@ ELSEWHERE = (typed.ModeRead, typed.MarginRead, typed.AgeRead, typed.TimeRead, ty
 """The reads of something else than a topic's value: of modes, margins, ages and times."""
 
 
-def seen(module: Module, name: str) -> Module:
+def module_in_view(module: Module, name: str) -> Module:
     """The module with the parts that view `name` shows; `NotRecheckedError` where it has none."""
     symbol = module.symbol
     named = [v for v in symbol.verify.views if v.name == name]
@@ -55,7 +56,9 @@ def seen(module: Module, name: str) -> Module:
     return dataclasses.replace(module, symbol=typed.ModuleSymbol(**values))
 
 
-def entered(symbol: typed.ModuleSymbol, block: typed.TypedVerifyBlock) -> typed.TypedExpr | None:
+def shown_part_of_enters(
+    symbol: typed.ModuleSymbol, block: typed.TypedVerifyBlock
+) -> typed.TypedExpr | None:
     """The parts of `enters` that read only what the plants of a view drive; None: no `enters`.
 
     All of `enters` implies it. True where no part reads these topics alone.
@@ -65,7 +68,7 @@ def entered(symbol: typed.ModuleSymbol, block: typed.TypedVerifyBlock) -> typed.
     return _shown_conjunction(symbol.verify.enters, _shown_topics(block), wanted=True)
 
 
-def left_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
+def why_views_leave_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
     """Why these views of a module together do not show all of it; "" where they do."""
     for view in symbol.verify.views:
         if view.name not in views:
@@ -80,7 +83,7 @@ def left_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
     return ""
 
 
-def said_of(e: typed.TypedExpr, shown: Collection[typed.TopicSymbol]) -> typed.TypedExpr | None:
+def shown_parts(e: typed.TypedExpr, shown: Collection[typed.TopicSymbol]) -> typed.TypedExpr | None:
     """The parts of what must hold that read these topics, and no mode or clock; None: none does.
 
     All of `e` implies it.

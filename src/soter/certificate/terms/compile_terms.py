@@ -32,8 +32,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIVARIATE, ZERO, larger, smaller
-from soter.certificate.terms.straight_line import CERTAIN, DEMAND, Builder, Function, applied
-from soter.certificate.terms.terms import closure, inputs_of
+from soter.certificate.terms.straight_line import (
+    CERTAIN,
+    DEMAND,
+    Builder,
+    Function,
+    apply_operation,
+)
+from soter.certificate.terms.terms import atoms_under, inputs_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -143,16 +149,16 @@ class AffineForms:
         states = sum(a in self.centre for a in x.terms)
         others = any(self.terms.atoms[a].kind not in ("state", "box") for a in x.terms)
         if states == (0 if others else 1):
-            low, high = self.within(low, high, *self.natural(x))
+            low, high = self.tighter_ends(low, high, *self.range_by_atoms(x))
         if x.nonnegative:
             low = self.make.apply("larger", low, self.make.zero)
         return low, high
 
-    def within(self, low: Value, high: Value, least: Value, most: Value) -> Ends:
+    def tighter_ends(self, low: Value, high: Value, least: Value, most: Value) -> Ends:
         """The tighter ones of two pairs of ends, of which each holds."""
         return self.make.apply("larger", low, least), self.make.apply("smaller", high, most)
 
-    def natural(self, x: Linear) -> Ends:
+    def range_by_atoms(self, x: Linear) -> Ends:
         """The range from the intervals of the atoms: exact where a limit is reached."""
         lows: list[arb | Value] = [x.const - x.radius]
         highs: list[arb | Value] = [x.const + x.radius]
@@ -172,109 +178,112 @@ RANGES = ("spread", "table")
 
 def make_atoms(forms: AffineForms, roots: Sequence[Linear | Proposition]) -> None:
     """Make the values of every atom that the roots need, arguments first."""
-    for index in sorted(closure(forms.terms, roots)):
+    for index in sorted(atoms_under(forms.terms, roots)):
         atom = forms.terms.atoms[index]
         if index in forms.centre:
             continue
         if atom.kind in ("state", "box"):
             forms.enter_box(index, atom)
             continue
-        rule = _univariate if atom.kind in UNIVARIATE else _ATOMS[atom.kind]
+        rule = _univariate_rule if atom.kind in UNIVARIATE else _ATOMS[atom.kind]
         forms.rows[index], forms.bounds[index] = rule(forms, atom)
         if atom.kind not in RANGES:
-            _at_most_its_range(forms, index)
+            _limit_line_to_range(forms, index)
 
 
-def _at_most_its_range(forms: AffineForms, index: int) -> None:
+def _limit_line_to_range(forms: AffineForms, index: int) -> None:
     """Replace the line of an atom by its range, where that has the smaller spread."""
     row, offset, rest = forms.rows[index]
     ends = offset, rest, *forms.bounds[index]
-    weight, offset, rest = forms.make.parts("line_or_range", 3, *ends)
-    forms.rows[index] = _scaled(weight, row), offset, rest
+    weight, offset, rest = forms.make.apply_for_parts("line_or_range", 3, *ends)
+    forms.rows[index] = _scale_row(weight, row), offset, rest
 
 
-def _scaled(weight: Value, row: dict[int, Value]) -> dict[int, Value]:
+def _scale_row(weight: Value, row: dict[int, Value]) -> dict[int, Value]:
     return {j: weight * x for j, x in row.items()}
 
 
-def _summed(forms: AffineForms, rows: Sequence[dict[int, Value]]) -> dict[int, Value]:
+def _add_rows(forms: AffineForms, rows: Sequence[dict[int, Value]]) -> dict[int, Value]:
     """A row out of several."""
     columns = dict.fromkeys(j for row in rows for j in row)
     return {j: forms.make.sum([row[j] for row in rows if j in row]) for j in columns}
 
 
-def _univariate(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _univariate_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     make = forms.make
     (x,) = atom.arguments
     low, high = forms.range_of(x)
     row, constant, rest = forms.row(x)
     if atom.kind == "max0" and rest is not make.zero:
-        least, most = make.parts("range_max0", 2, low, high)
+        least, most = make.apply_for_parts("range_max0", 2, low, high)
         ends = forms.ends_of_row((row, constant, make.zero))
-        slope, offset, spread = make.parts("line_noisy_max0", 3, *ends, rest)
+        slope, offset, spread = make.apply_for_parts("line_noisy_max0", 3, *ends, rest)
         rest = make.zero
     else:
-        slope, offset, spread, least, most = make.parts(f"line_{atom.kind}", 5, low, high)
+        slope, offset, spread, least, most = make.apply_for_parts(f"line_{atom.kind}", 5, low, high)
     if not atom.extra.is_zero():
         spread += atom.extra
         ends = make.constant(atom.low), make.constant(atom.high)
-        least, most = forms.within(least - atom.extra, most + atom.extra, *ends)
-    line = _scaled(slope, row), slope * constant + offset, abs(slope) * rest + spread
+        least, most = forms.tighter_ends(least - atom.extra, most + atom.extra, *ends)
+    line = _scale_row(slope, row), slope * constant + offset, abs(slope) * rest + spread
     return line, (least, most)
 
 
-def _product(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _product_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """The product a b = a_m b + b_m a - a_m b_m + (a - a_m) (b - b_m), a_m, b_m in the middle."""
     make = forms.make
-    (al, ah), (bl, bh) = (forms.range_of(x) for x in atom.arguments)
-    am, bm = (make.apply("mid", (low + high) * HALF) for low, high in ((al, ah), (bl, bh)))
-    ar, br = (make.apply("max", h - m, m - low) for low, m, h in ((al, am, ah), (bl, bm, bh)))
-    (row_a, c_a, r_a), (row_b, c_b, r_b) = (forms.row(x) for x in atom.arguments)
+    ends = [forms.range_of(x) for x in atom.arguments]
+    a_m, b_m = (make.apply("mid", (low + high) * HALF) for low, high in ends)
+    pairs = zip(ends, (a_m, b_m), strict=True)
+    radius_a, radius_b = (make.apply("max", high - m, m - low) for (low, high), m in pairs)
+    (row_a, constant_a, spread_a), (row_b, constant_b, spread_b) = map(forms.row, atom.arguments)
     line = (
-        _summed(forms, [_scaled(bm, row_a), _scaled(am, row_b)]),
-        bm * c_a + am * c_b - am * bm,
-        abs(bm) * r_a + abs(am) * r_b + ar * br,
+        _add_rows(forms, [_scale_row(b_m, row_a), _scale_row(a_m, row_b)]),
+        b_m * constant_a + a_m * constant_b - a_m * b_m,
+        abs(b_m) * spread_a + abs(a_m) * spread_b + radius_a * radius_b,
     )
-    low, high = make.parts("corners", 2, al, ah, bl, bh)
+    low, high = make.apply_for_parts("corners", 2, *ends[0], *ends[1])
     return line, (low, high)
 
 
-def _extreme(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _extreme_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """min(a, b) = b - rest or max(a, b) = b + rest, no further than a and b are."""
     b, rest, a = atom.arguments
     sign = forms.make.constant(-ONE if atom.kind == "min" else ONE)
-    (row, c, r), (row_rest, c_rest, r_rest) = forms.row(b), forms.row(rest)
-    line = _summed(forms, [row, _scaled(sign, row_rest)]), c + sign * c_rest, r + r_rest
+    row, constant, spread = forms.row(b)
+    row_of_rest, constant_of_rest, spread_of_rest = forms.row(rest)
+    both = _add_rows(forms, [row, _scale_row(sign, row_of_rest)])
+    line = both, constant + sign * constant_of_rest, spread + spread_of_rest
     ends = [forms.range_of(x) for x in (a, b)]
-    (_, (bl, bh)), (least, most) = ends, forms.range_of(rest)
+    (_, (low_b, high_b)), (least, most) = ends, forms.range_of(rest)
     if atom.kind == "min":
         least, most = most, least
     low, high = (forms.make.apply(atom.kind, *pair) for pair in zip(*ends, strict=True))
-    return line, forms.within(low, high, bl + sign * least, bh + sign * most)
+    return line, forms.tighter_ends(low, high, low_b + sign * least, high_b + sign * most)
 
 
-def _choice(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _choice_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """The choice: a if the condition holds, else b; (a + b)/2 +- |a - b|/2 if it is not certain."""
     make = forms.make
     a, b, difference = atom.arguments
     assert atom.condition is not None
     truth = truth_of(forms, atom.condition)
-    (al, ah), (bl, bh), (low, high) = (forms.range_of(x) for x in (a, b, difference))
+    (low_a, high_a), (low_b, high_b), (low, high) = map(forms.range_of, (a, b, difference))
     gap = make.apply("max", high, -low) * HALF
     weight = make.apply("by_truth", truth, ONE, ZERO, HALF)
     others = make.one - weight
-    (row_a, c_a, r_a), (row_b, c_b, r_b) = (forms.row(x) for x in (a, b))
+    (row_a, constant_a, spread_a), (row_b, constant_b, spread_b) = map(forms.row, (a, b))
     line = (
-        _summed(forms, [_scaled(weight, row_a), _scaled(others, row_b)]),
-        weight * c_a + others * c_b,
-        weight * r_a + others * r_b + make.apply("by_truth", truth, ZERO, ZERO, gap),
+        _add_rows(forms, [_scale_row(weight, row_a), _scale_row(others, row_b)]),
+        weight * constant_a + others * constant_b,
+        weight * spread_a + others * spread_b + make.apply("by_truth", truth, ZERO, ZERO, gap),
     )
-    least, most = make.apply("min", al, bl), make.apply("max", ah, bh)
-    low = make.apply("by_truth", truth, al, bl, least)
-    return line, (low, make.apply("by_truth", truth, ah, bh, most))
+    least, most = make.apply("min", low_a, low_b), make.apply("max", high_a, high_b)
+    low = make.apply("by_truth", truth, low_a, low_b, least)
+    return line, (low, make.apply("by_truth", truth, high_a, high_b, most))
 
 
-def _spread(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _spread_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Any number whose size is at most the weighted sum of the arguments' sizes."""
     sizes = [
         weight * forms.make.apply("max", *map(abs, forms.range_of(x)))
@@ -284,7 +293,7 @@ def _spread(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     return ({}, forms.make.zero, size), (-size, size)
 
 
-def _any(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _any_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """The row of the first alternative, spread so far that it holds the others, too."""
     count = (len(atom.arguments) + 1) // 2
     alternatives, gaps = atom.arguments[:count], atom.arguments[count:]
@@ -303,14 +312,14 @@ def _hull(forms: AffineForms, intervals: Sequence[Ends]) -> Ends:
     return low, high
 
 
-def _table(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
+def _table_rule(forms: AffineForms, atom: Atom) -> tuple[Row, Ends]:
     """Whatever stands between the least and the greatest position."""
     make = forms.make
     values = make.constant(np.array(atom.values).reshape(atom.shape))
     positions: list[Value] = []
     for low, high in (forms.range_of(x) for x in atom.arguments):
         positions += [make.apply("below", low), make.apply("above", high)]
-    low, high = make.parts("pick", 2, values, *positions)
+    low, high = make.apply_for_parts("range_of_table", 2, values, *positions)
     return ({}, (low + high) * HALF, (high - low) * HALF), (low, high)
 
 
@@ -337,13 +346,13 @@ def demand(forms: AffineForms, must: Sequence[Proposition]) -> None:
 
 
 _ATOMS: dict[str, Callable[[AffineForms, Atom], tuple[Row, Ends]]] = {
-    "product": _product,
-    "choice": _choice,
-    "spread": _spread,
-    "min": _extreme,
-    "max": _extreme,
-    "any": _any,
-    "table": _table,
+    "product": _product_rule,
+    "choice": _choice_rule,
+    "spread": _spread_rule,
+    "min": _extreme_rule,
+    "max": _extreme_rule,
+    "any": _any_rule,
+    "table": _table_rule,
 }
 
 
@@ -373,7 +382,7 @@ def compile_step(
     centres, rows, rests = zip(*(forms.over_form(forms.row(x)) for x in outputs), strict=True)
     flat += [*centres, *(g for row in rows for g in row), *rests]
     ends = [
-        applied(name, end)
+        apply_operation(name, end)
         for x in ranges
         for name, end in zip(("below", "above"), forms.range_of(x), strict=True)
     ]
@@ -403,7 +412,7 @@ def compile_lines(
     entries = []
     for x in outputs:
         row, constant, spread = forms.row(x)
-        ends = forms.within(*forms.range_of(x), *forms.natural(x))
+        ends = forms.tighter_ends(*forms.range_of(x), *forms.range_by_atoms(x))
         entries += [*(row.get(a, forms.make.zero) for a in inputs), constant, spread, *ends]
     return Function(forms.make, forms.length, entries)
 
@@ -442,17 +451,17 @@ def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, 
     return tuple(form)
 
 
-def states_of(length: int, n: int) -> int:
+def count_states(length: int, n: int) -> int:
     """The number of states and memories of a form: 4 + n entries each, n more for a memory."""
     return (length + n * n) // (4 + 2 * n)
 
 
-def halved(form: tuple[arb, ...], n: int, axis: int, side: arb) -> tuple[arb, ...]:
+def half_of_form(form: tuple[arb, ...], n: int, axis: int, side: arb) -> tuple[arb, ...]:
     """The part of a form in which the beta of one state lies on one side of 0.
 
     beta = side + beta'/2 with side = 1/2 or -1/2: centres move by what they have of it.
     """
-    count = states_of(len(form), n)
+    count = count_states(len(form), n)
     new = list(form)
     centre, symbols = 2 * count, 3 * count
     rest = symbols + count * n

@@ -104,7 +104,7 @@ def larger(a: arb, b: arb) -> arb:
 
 
 def smaller(a: arb, b: arb) -> arb:
-    """One of two upper bounds, likewise."""
+    """One of two upper bounds: the better one where that is certain, else the second."""
     return min(b, a)
 
 
@@ -164,7 +164,7 @@ def line_or_range(offset: arb, spread: arb, low: arb, high: arb) -> tuple[arb, a
 
 
 def _least_size(low: arb, high: arb) -> arb:
-    """The least |x|."""
+    """A lower bound of |x| for x in [low, high]."""
     return larger(-high, larger(low, ZERO))
 
 
@@ -175,7 +175,7 @@ def line_abs(low: arb, high: arb) -> Line:
 
 
 def line_square(low: arb, high: arb) -> Line:
-    """x^2."""
+    """x^2, which is above its tangent in the middle by the square of the distance from there."""
     middle = ((low + high) * HALF).mid()
     far = abs(high - middle).max(abs(low - middle))
     half = far * far * HALF
@@ -184,7 +184,7 @@ def line_square(low: arb, high: arb) -> Line:
 
 
 def line_floor(low: arb, high: arb) -> Line:
-    """floor(x)."""
+    """floor(x): one number where both ends have the same, else x - 1/2 to within 1/2."""
     first, last = low.lower().floor(), high.upper().floor()
     if first == last:
         return ZERO, first, ZERO, first, last

@@ -53,19 +53,20 @@ if TYPE_CHECKING:
 CERTAIN = 2
 """The bits of what is certainly true."""
 PART, DEMAND = "part", "demand"
+"""Operations: one part of a tuple; that nothing is given unless a truth is certain."""
 
 
 class NotCertainError(Exception):
     """Something that is demanded may be false."""
 
 
-def corners(al: arb, ah: arb, bl: arb, bh: arb) -> tuple[arb, arb]:
-    """The range of a product."""
-    a, b, c, d = al * bl, al * bh, ah * bl, ah * bh
+def corners(low_a: arb, high_a: arb, low_b: arb, high_b: arb) -> tuple[arb, arb]:
+    """The range of a product of numbers in these ranges: least and greatest at their corners."""
+    a, b, c, d = low_a * low_b, low_a * high_b, high_a * low_b, high_a * high_b
     return a.min(b).min(c.min(d)), a.max(b).max(c.max(d))
 
 
-def swept(
+def range_between(
     low: arb,
     high: arb,
     low_after: arb,
@@ -96,10 +97,10 @@ def swept(
     )
 
 
-def compared(
+def range_after(
     low: arb, high: arb, low_after: arb, high_after: arb, own: arb, rest: arb, grown: arb
 ) -> tuple[arb, arb]:
-    """The ends of a state some time after a range: the known ones, narrowed as in `swept`."""
+    """The ends of a state x after a time: the known ones, narrowed as in `range_between`."""
     down, up = arb((own * low + rest).lower()), arb((own * high + rest).upper())
     return (
         low_after.max(low + down.min(ZERO) * grown),
@@ -124,7 +125,7 @@ def by_truth(truth: int, yes: arb, no: arb, both: arb) -> arb:
     return yes if truth == 2 else (no if truth == 1 else both)
 
 
-def pick(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:
+def range_of_table(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:
     """The range of a table between positions, which are whole numbers.
 
     `values`: one number a cell, of the table's shape (n_1, ..., n_k); `ends`: low and high by axis.
@@ -139,7 +140,7 @@ def pick(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:
     return exact(float(there.min())), exact(float(there.max()))
 
 
-def demanded(truth: int) -> None:
+def require_certain(truth: int) -> None:
     """`NotCertainError` where a proposition may be false."""
     if truth != CERTAIN:
         raise NotCertainError
@@ -161,10 +162,10 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "above": above,
     "magnitude": magnitude,
     "corners": corners,
-    "swept": swept,
-    "compared": compared,
+    "range_between": range_between,
+    "range_after": range_after,
     "inside": lambda low, high, least, most: bits(low >= least and high <= most, no=False),
-    "pick": pick,
+    "range_of_table": range_of_table,
     "range_max0": range_max0,
     "line_noisy_max0": line_noisy_max0,
     "line_or_range": line_or_range,
@@ -175,7 +176,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "and": lambda a, b: ((a | b) & 1) | (a & b & 2),
     "or": lambda a, b: ((a | b) & 2) | (a & b & 1),
     "by_truth": by_truth,
-    DEMAND: demanded,
+    DEMAND: require_certain,
 }
 
 
@@ -249,7 +250,7 @@ class Builder:
 
     def constant(self, x: Any) -> Value:  # noqa: ANN401  a ball, a truth, a table
         """The value of a number; equal balls are one value."""
-        key = CONSTANT, (content_of(x) if isinstance(x, (arb, int, float)) else id(x))
+        key = CONSTANT, (key_of_constant(x) if isinstance(x, (arb, int, float)) else id(x))
         if key not in self._known:
             self._known[key] = Value(self, CONSTANT, (), x)
             self.values.append(self._known[key])
@@ -275,10 +276,10 @@ class Builder:
             return self.constant(
                 known[0][content] if operation == PART else OPERATIONS[operation](*known)
             )
-        same = self._same(operation, *values) if operation in ("add", "sub", "mul") else None
+        same = self._simplified(operation, *values) if operation in ("add", "sub", "mul") else None
         return self._value(operation, tuple(values), content) if same is None else same
 
-    def _same(self, operation: str, x: Value, y: Value) -> Value | None:
+    def _simplified(self, operation: str, x: Value, y: Value) -> Value | None:
         """The value of x op y where no operation is needed, else None.
 
         0 times what is unbounded is 0: wherever the obligations hold that is a number.
@@ -293,7 +294,7 @@ class Builder:
             return -y if operation == "sub" else y
         return x if y is self.zero else None
 
-    def parts(self, operation: str, count: int, *arguments: Number) -> list[Value]:
+    def apply_for_parts(self, operation: str, count: int, *arguments: Number) -> list[Value]:
         """As `apply`, for an operation that gives `count` values."""
         whole = self.apply(operation, *arguments)
         return [self.apply(PART, whole, content=k) for k in range(count)]
@@ -301,22 +302,18 @@ class Builder:
     def sum(self, parts: Iterable[Number]) -> Value:
         """The sum of all of them, constants first."""
         total = self.zero
-        for x in sorted(parts, key=_is_variable):
+        for x in sorted(parts, key=lambda x: isinstance(x, Value) and not x.is_constant):
             total += x
         return total
 
 
-def _is_variable(x: Number) -> bool:
-    return isinstance(x, Value) and not x.is_constant
-
-
-def applied(operation: str, *arguments: Any, parts: int = 0) -> Any:  # noqa: ANN401
+def apply_operation(operation: str, *arguments: Any, parts: int = 0) -> Any:  # noqa: ANN401
     """Apply an operation to balls, or enter it for values; `parts`: it gives a tuple of so many."""
     for x in arguments:
         if isinstance(x, Value):
             make = x.make
             if parts:
-                return tuple(make.parts(operation, parts, *arguments))
+                return tuple(make.apply_for_parts(operation, parts, *arguments))
             return make.apply(operation, *arguments)
     return OPERATIONS[operation](*arguments)
 
@@ -336,19 +333,23 @@ class Function:
     ) -> None:
         """`length`: of a form."""
         outputs = [x if isinstance(x, Value) else builder.constant(x) for x in outputs]
-        order = _needed(builder.values, outputs)
+        order = _values_needed(builder.values, outputs)
         constants = [v for v in order if v.is_constant]
         steps = [v for v in order if v.operation not in (CONSTANT, INPUT)]
         place = {id(v): v.content for v in order if v.operation == INPUT}
         place |= {id(v): length + k for k, v in enumerate((*constants, *steps))}
         self._constants = tuple(v.content for v in constants)
-        self._steps = [_step(v, place) for v in steps]
+        self._steps = [_compiled_step(v, place) for v in steps]
         self._wanted = tuple(place[id(v)] for v in outputs)
         self._after, self._length = after, length
         self._named = tuple(
             (v.operation, v.content, tuple(place[id(x)] for x in v.arguments)) for v in steps
         )
-        self.content: object = (tuple(map(content_of, self._constants)), self._named, self._wanted)
+        self.content: object = (
+            tuple(map(key_of_constant, self._constants)),
+            self._named,
+            self._wanted,
+        )
         """Equal for functions only that give the same of every form: places tell its length."""
 
     def __call__(self, form: tuple[Any, ...]) -> Any:  # noqa: ANN401  as was asked for
@@ -360,7 +361,7 @@ class Function:
             raise AssertionError("a form of another length")
         if Value in map(type, form):
             make = next(x.make for x in form if isinstance(x, Value))
-            return self._of_values(make, form)
+            return self._write_down(make, form)
         values: list[Any] = [*form, *self._constants]
         keep = values.append
         try:
@@ -373,21 +374,21 @@ class Function:
                     keep(operation(values[one], values[other]))
         except NotCertainError:
             return None
-        return self._given(values)
+        return self._in_tuples(values)
 
-    def _of_values(self, make: Builder, form: Sequence[Number]) -> Any:  # noqa: ANN401
+    def _write_down(self, make: Builder, form: Sequence[Number]) -> Any:  # noqa: ANN401
         values: list[Any] = [*form, *self._constants]
         for operation, content, places in self._named:
             arguments = [values[k] for k in places]
             values.append(make.apply(operation, *arguments, content=content))
-        return self._given(values)
+        return self._in_tuples(values)
 
-    def _given(self, values: Sequence[Any]) -> Any:  # noqa: ANN401
+    def _in_tuples(self, values: Sequence[Any]) -> Any:  # noqa: ANN401
         made = tuple([values[k] for k in self._wanted])
         return made if self._after is None else (made[: self._after], made[self._after :])
 
 
-def _needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Value]:
+def _values_needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Value]:
     """The values on which outputs and demands depend, in the order in which they were made."""
     needed = {id(v) for v in outputs}
     for v in reversed(values):
@@ -397,7 +398,7 @@ def _needed(values: Sequence[Value], outputs: Sequence[Value]) -> list[Value]:
     return [v for v in values if id(v) in needed]
 
 
-def _step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
+def _compiled_step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
     """(operation, place, None), (operation, place, place), or (operation, None, getter of all)."""
     operation: Any = itemgetter(v.content) if v.operation == PART else OPERATIONS[v.operation]
     places = [place[id(x)] for x in v.arguments]
@@ -408,10 +409,10 @@ def _step(v: Value, place: dict[int, int]) -> tuple[Any, Any, Any]:
     return operation, None, itemgetter(*places)
 
 
-def content_of(constant: Any) -> object:  # noqa: ANN401  a ball, a pair of balls, a table, a truth
+def key_of_constant(constant: Any) -> object:  # noqa: ANN401  a ball, a pair of balls, a table, a truth
     """A key, equal for equal constants only; what is no number or table has a key of its own."""
     if isinstance(constant, tuple):
-        return tuple(content_of(x) for x in constant)
+        return tuple(key_of_constant(x) for x in constant)
     if isinstance(constant, arb) and constant.is_finite():
         return key_of(constant)
     if isinstance(constant, np.ndarray):
@@ -437,26 +438,26 @@ def product(a: Rows, b: Rows) -> Rows:
     return (arb_mat(a) * arb_mat(b)).tolist()
 
 
-def times(a: Rows, column: Sequence[Any]) -> list[Any]:
+def times_column(a: Rows, column: Sequence[Any]) -> list[Any]:
     """The product with one column."""
     return [dot(row, column) for row in a]
 
 
-def units(n: int, *, width: int = 0, first: int = 0) -> Rows:
+def unit_rows(n: int, *, width: int = 0, first: int = 0) -> Rows:
     """`n` rows of zeros, with one in each: in columns from `first` on; n columns or `width`."""
     return [[ONE if k == first + i else ZERO for k in range(width or n)] for i in range(n)]
 
 
-def plus(a: Rows, b: Rows, factor: Any = ONE) -> Rows:  # noqa: ANN401  a ball or a value
+def plus_scaled(a: Rows, b: Rows, factor: Any = ONE) -> Rows:  # noqa: ANN401  a ball or a value
     """`a + factor b`, row by row."""
     return [[x + factor * y for x, y in zip(*rows, strict=True)] for rows in zip(a, b, strict=True)]
 
 
-def beside(a: Rows, b: Rows) -> Rows:
+def side_by_side(a: Rows, b: Rows) -> Rows:
     """Two matrices side by side."""
     return [[*x, *y] for x, y in zip(a, b, strict=True)]
 
 
 def sum_of_sizes(row: Sequence[Any], sizes: Sequence[Any]) -> Any:  # noqa: ANN401
-    """A bound of |row . x| for all x with |x_i| at most `sizes`; 0 where there are none."""
+    """A bound of |row . x| for all x with |x_i| at most `sizes[i]`; 0 where there are none."""
     return dot(list(map(abs, row)), sizes) if sizes else ZERO

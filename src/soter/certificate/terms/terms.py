@@ -57,6 +57,12 @@ class Linear:
         """Whether no input matters."""
         return not self.terms
 
+    @property
+    def atom(self) -> int:
+        """The index of the one atom that a new input, or a new atom, is."""
+        (index,) = self.terms
+        return index
+
 
 @dataclass(eq=False)
 class Atom:
@@ -168,35 +174,32 @@ class Terms:
 
     # ------------------------------------------------------------ atoms
 
-    def input(self, kind: str, name: str, low: arb, high: arb) -> Linear:
-        """A new input."""
-        return self._atom(Atom(kind, low=low, high=high, name=name))
+    def add_input(self, kind: str, name: str, low: arb, high: arb) -> Linear:
+        """The term of a new input, a "state" or "box", that ranges over [low, high]."""
+        return self.add_atom(Atom(kind, low=low, high=high, name=name))
 
-    def made(self, atom: Atom) -> Linear:
-        """A new atom of any other kind."""
-        return self._atom(atom)
-
-    def _atom(self, atom: Atom, *, nonnegative: bool = False) -> Linear:
+    def add_atom(self, atom: Atom, *, nonnegative: bool = False) -> Linear:
+        """The term of a new atom; NotRecheckedError where there are too many of them."""
         if len(self.atoms) >= self.limit:
             raise NotRecheckedError("the step is too large to be read as one formula")
         self.atoms.append(atom)
         index = len(self.atoms) - 1
         return Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high, nonnegative)
 
-    def function(self, name: str, x: Linear, *, nonnegative: bool = False) -> Linear:
-        """An exact function of one variable."""
+    def apply_function(self, name: str, x: Linear, *, nonnegative: bool = False) -> Linear:
+        """The term of a function of `UNIVARIATE` at x, as the exact function over real numbers."""
         low = larger(x.low, ZERO) if x.nonnegative else x.low
         _, _, _, least, most = UNIVARIATE[name](low, x.high)
-        return self._atom(Atom(name, (x,), low=least, high=most), nonnegative=nonnegative)
+        return self.add_atom(Atom(name, (x,), low=least, high=most), nonnegative=nonnegative)
 
-    def turns(self, x: Linear) -> bool:
+    def may_be_turned(self, x: Linear) -> bool:
         """Whether a term may stand for numbers any number of turns further (`turning`)."""
         return not self.turning.isdisjoint(x.terms)
 
     # ------------------------------------------------------------ linear operations
 
     def constant(self, value: float) -> Linear:
-        """A number of the program."""
+        """The term of a number of the program, exactly."""
         x = exact(value)
         return Linear(x, {}, ZERO, x, x, nonnegative=value >= 0)
 
@@ -208,7 +211,7 @@ class Terms:
         largest = magnitude(x.low).max(magnitude(x.high))
         if not largest < LARGEST:  # bounded where it is used, or not at all
             for sign in (ONE, -ONE):  # a double, neither infinite nor undefined
-                self.oblige(self.below(self.combine(((sign, x),), -LARGEST)))
+                self.oblige(self.below_zero(self.combine(((sign, x),), -LARGEST)))
             relative = self.spread([UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)], [x])
             enclosure = self.combine(((ONE, x), (ONE, relative)))
             return replace(enclosure, radius=enclosure.radius + TINIEST, nonnegative=x.nonnegative)
@@ -262,19 +265,21 @@ class Terms:
             return replace(self.combine(((a.const, b),)), nonnegative=kept)
         if b.is_constant and b.radius.is_zero():
             return replace(self.combine(((b.const, a),)), nonnegative=kept)
-        if same(a, b):
-            return self.function("square", a, nonnegative=True)
+        if is_same_number(a, b):
+            return self.apply_function("square", a, nonnegative=True)
         x = hull(a.low, a.high) * hull(b.low, b.high)
-        return self._atom(Atom("product", (a, b), low=x.lower(), high=x.upper()), nonnegative=kept)
+        return self.add_atom(
+            Atom("product", (a, b), low=x.lower(), high=x.upper()), nonnegative=kept
+        )
 
     def divide(self, a: Linear, b: Linear) -> Linear:
         """The quotient a / b; that b is not 0 becomes an obligation."""
         if b.is_constant and b.radius.is_zero() and not b.const.is_zero():
             return self.combine(((1 / b.const, a),))
-        self.oblige(either(self.below(b), self.below(self.combine(((-ONE, b),)))))
-        return self._saturating(a, b) or self.multiply(a, self.function("inverse", b))
+        self.oblige(either(self.below_zero(b), self.below_zero(self.combine(((-ONE, b),)))))
+        return self._soft_sign_quotient(a, b) or self.multiply(a, self.apply_function("inverse", b))
 
-    def _saturating(self, a: Linear, b: Linear) -> Linear | None:
+    def _soft_sign_quotient(self, a: Linear, b: Linear) -> Linear | None:
         """The quotient a / b if b = k |y| + c, k, c > 0, and a is y times something; else None.
 
         y / b is a soft sign of k y / c, over k, and no more than 1 / k; y times an inverse is more.
@@ -285,18 +290,20 @@ class Terms:
         if self.atoms[index].kind != "abs" or not (k > 0 and b.const > 0):
             return None
         (y,) = self.atoms[index].arguments
-        if same(a, y):
+        if is_same_number(a, y):
             scaled = self.combine(((k / b.const, y),))
-            return self.combine(((1 / k, self.function("soft_sign", scaled)),))
+            return self.combine(((1 / k, self.apply_function("soft_sign", scaled)),))
         if len(a.terms) != 1 or not (a.const.is_zero() and a.radius.is_zero()):
             return None
         ((index, factor),) = a.terms.items()
         atom = self.atoms[index]
         if factor != 1:
-            found = self._saturating(Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high), b)
+            found = self._soft_sign_quotient(
+                Linear(ZERO, {index: ONE}, ZERO, atom.low, atom.high), b
+            )
             return found and self.combine(((factor, found),))
         for x, other in zip(atom.arguments, atom.arguments[::-1], strict=True):
-            if atom.kind == "product" and (found := self._saturating(x, b)):
+            if atom.kind == "product" and (found := self._soft_sign_quotient(x, b)):
                 return self.multiply(found, other)
         return None
 
@@ -307,19 +314,19 @@ class Terms:
         """
         if a.is_constant:
             a, b = b, a
-        rest = self.function("max0", self.subtract(b, a))
+        rest = self.apply_function("max0", self.subtract(b, a))
         difference = self.combine(((ONE, b), (-ONE, rest)))
         if not tight:
             return difference
         low = larger(a.low.min(b.low), difference.low)
         high = smaller(a.high.min(b.high), difference.high)
-        return self._atom(Atom("min", (b, rest, a), low=low, high=high))
+        return self.add_atom(Atom("min", (b, rest, a), low=low, high=high))
 
     def maximum(self, a: Linear, b: Linear, *, tight: bool = False) -> Linear:
         """max(a, b) = b + max(a - b, 0); `tight`: never below a, either."""
         if a.is_constant:
             a, b = b, a
-        rest = self.function("max0", self.subtract(a, b))
+        rest = self.apply_function("max0", self.subtract(a, b))
         total = self.combine(((ONE, b), (ONE, rest)))
         total.nonnegative = a.nonnegative or b.nonnegative
         if not tight:
@@ -327,17 +334,17 @@ class Terms:
         low = larger(a.low.max(b.low), total.low)
         high = smaller(a.high.max(b.high), total.high)
         atom = Atom("max", (b, rest, a), low=low, high=high)
-        return self._atom(atom, nonnegative=total.nonnegative)
+        return self.add_atom(atom, nonnegative=total.nonnegative)
 
     def choose(self, c: Proposition, a: Linear, b: Linear) -> Linear:
         """The term `c ? a : b`."""
         if c.kind == "constant":
             return a if c.value else b
-        if same(a, b):
+        if is_same_number(a, b):
             return a
         difference = self.subtract(a, b)
         low, high = a.low.min(b.low), a.high.max(b.high)
-        return self._atom(
+        return self.add_atom(
             Atom("choice", (a, b, difference), c, low, high),
             nonnegative=a.nonnegative and b.nonnegative,
         )
@@ -352,7 +359,7 @@ class Terms:
             size += magnitude(w) * magnitude(x.low).max(magnitude(x.high))
         atom = Atom("spread", tuple(x for _, x in kept), low=-size, high=size)
         atom.weights = tuple(magnitude(w) for w, _ in kept)
-        return self._atom(atom)
+        return self.add_atom(atom)
 
     def lookup(
         self, values: Sequence[float], indices: Sequence[Linear], shape: Sequence[int]
@@ -364,18 +371,18 @@ class Terms:
         if not all(isfinite(v) for v in values):
             raise NotRecheckedError("a table with a number that is not finite")
         for index, size in zip(indices, shape, strict=True):
-            self.oblige(negation(self.below(index)))
-            self.oblige(self.below(self.combine(((ONE, index),), exact(float(-size)))))
+            self.oblige(negation(self.below_zero(index)))
+            self.oblige(self.below_zero(self.combine(((ONE, index),), exact(float(-size)))))
         atom = Atom("table", tuple(indices), low=exact(min(values)), high=exact(max(values)))
         atom.values, atom.shape = tuple(values), tuple(shape)
-        return self._atom(atom)
+        return self.add_atom(atom)
 
-    def widened(self, x: Linear, error: arb, low: arb, high: arb) -> Linear:
+    def with_error(self, x: Linear, error: arb, low: arb, high: arb) -> Linear:
         """`x`, a function of the prelude: off by at most `error`, never outside [low, high].
 
         It holds for arguments in the function's domain, which is an obligation of its own.
         """
-        (index,) = x.terms
+        index = x.atom
         atom = self.atoms[index]
         atom.extra = error
         atom.low, atom.high = larger(atom.low - error, low), smaller(atom.high + error, high)
@@ -383,7 +390,7 @@ class Terms:
 
     # ------------------------------------------------------------ propositions
 
-    def below(self, x: Linear, *, strict: bool = True) -> Proposition:
+    def below_zero(self, x: Linear, *, strict: bool = True) -> Proposition:
         """Whether `x < 0`; with `strict=False` whether `x <= 0`."""
         if self.excluded and self._beside_zero(x, 1 if strict else -1):
             return TRUE if strict else FALSE
@@ -410,18 +417,18 @@ class Terms:
             return self.compare({">": "<", ">=": "<="}[op], b, a)
         if op == "!=":
             return negation(self.compare("==", a, b))
-        if same(a, b):  # however it was rounded; that it is no NaN is an obligation
+        if is_same_number(a, b):  # however it was rounded; that it is no NaN is an obligation
             return FALSE if op == "<" else TRUE
         difference = self.subtract(a, b)
         if op == "==":
             return both(
-                self.below(difference, strict=False),
-                self.below(self.combine(((-ONE, difference),)), strict=False),
+                self.below_zero(difference, strict=False),
+                self.below_zero(self.combine(((-ONE, difference),)), strict=False),
             )
-        return self.below(difference, strict=op == "<")
+        return self.below_zero(difference, strict=op == "<")
 
 
-def same(a: Linear, b: Linear) -> bool:
+def is_same_number(a: Linear, b: Linear) -> bool:
     """Whether two forms certainly are the same number; rounded ones are only alike."""
     if a is b:
         return True
@@ -432,7 +439,7 @@ def same(a: Linear, b: Linear) -> bool:
 
 def inputs_of(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
     """Indices of the inputs that the terms depend on."""
-    needed = closure(terms, roots)
+    needed = atoms_under(terms, roots)
     return {i for i in needed if terms.atoms[i].kind in ("state", "box")}
 
 
@@ -443,7 +450,7 @@ def influence(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
     def of(x: Linear) -> arb:
         return sum((abs(f) * moved.get(a, ZERO) for a, f in x.terms.items()), ZERO)
 
-    for index in sorted(closure(terms, [root])):
+    for index in sorted(atoms_under(terms, [root])):
         atom = terms.atoms[index]
         if atom.arguments:
             moved[index] = sum((of(x) for x in atom.arguments), ZERO)
@@ -457,7 +464,7 @@ def influence(terms: Terms, root: Proposition, inputs: Sequence[int]) -> arb:
     return compared(root)
 
 
-def closure(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
+def atoms_under(terms: Terms, roots: Sequence[Linear | Proposition]) -> set[int]:
     """Indices of every atom that the roots are made of, also through other atoms."""
     indices: set[int] = set()
     todo: list[Linear | Proposition] = list(roots)

@@ -10,11 +10,11 @@ from __future__ import annotations
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from soter.certificate.case_check import CLAIMS, PROVED, claimed_of, static_claims
+from soter.certificate.case_check import CLAIMS, PROVED, check_static_claims, proved_claims
 from soter.certificate.folder import hexadecimal, only_keys
 from soter.certificate.reading.module_facts import bounded_topics
 from soter.certificate.reading.module_times import compare_times
-from soter.certificate.reading.symbolic_operations import flat as flat_leaves
+from soter.certificate.reading.symbolic_operations import scalar_leaves
 from soter.certificate.report import (
     NotRecheckedError,
     RecheckAssumption,
@@ -23,7 +23,7 @@ from soter.certificate.report import (
 )
 from soter.certificate.scope import assumptions_of
 from soter.certificate.tubes.rest_claims import show_answers, show_rule_1, show_rule_2
-from soter.certificate.tubes.rest_problem import LARGEST, read_rest, shield_of
+from soter.certificate.tubes.rest_problem import LARGEST, read_rest, shield_constants
 from soter.certificate.tubes.tube_chains import ModuleTube
 
 if TYPE_CHECKING:
@@ -44,14 +44,14 @@ SOUND = (
 def recheck_rest(flat: System, entry: dict[str, Any]) -> tuple[Facts, RecheckedModule]:
     """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
     problem, box, ways = _compare_entry(flat, entry)
-    facts, claims = problem.facts, claimed_of(entry["claims"])
+    facts, claims = problem.facts, proved_claims(entry["claims"])
     try:
-        _show(problem, claims, box, ways)
+        _show_claims(problem, claims, box, ways)
     except NotRecheckedError:
         if facts.times["d_ns"] == facts.own.delay:
             raise
         facts.times["d_ns"] = facts.own.delay  # older reads may be too much for our bounds
-        _show(problem, claims, box, ways)
+        _show_claims(problem, claims, box, ways)
     facts.in_sets = dict.fromkeys(bounded_topics(facts), True)  # a part of C
     report = RecheckedModule(entry["module"], dict(entry["claims"]), system=flat.name)
     report.confirmed = [c for c in CLAIMS if c in claims]
@@ -81,19 +81,19 @@ def _largest_assumptions(problem: RestProblem) -> Iterator[tuple[str, str]]:
             yield f"far {name}", f"{name}, whose topic has no smaller set, stays below {LARGEST:g}"
 
 
-def read_all(flat: System, entry: dict[str, Any]) -> None:
+def read_entry(flat: System, entry: dict[str, Any]) -> None:
     """Read an entry, compare it with the program, and show no claim; raises as `recheck_rest`."""
     problem, _, ways = _compare_entry(flat, entry)
     ModuleTube(problem, ways)
 
 
-def rest_of(flat: System, entry: dict[str, Any]) -> ModuleTube:
+def tube_of_entry(flat: System, entry: dict[str, Any]) -> ModuleTube:
     """The tube that follows SC as the DM of an entry does; raises as `recheck_rest`."""
     problem, _, ways = _compare_entry(flat, entry)
     return ModuleTube(problem, ways)
 
 
-def _show(
+def _show_claims(
     problem: RestProblem, claims: set[str], box: dict[int, Range], ways: dict[int, Range]
 ) -> None:
     """Show every claim; NotRecheckedError, RejectedError where one is not shown."""
@@ -106,9 +106,9 @@ def _show(
             raise RejectedError("start: that SC keeps where it rests (P2a) is not claimed")
         for c in problem.facts.controls:
             default = problem.facts.system.topics[c.owner].default
-            if not c.low <= flat_leaves(default)[c.leaf] <= c.high:
+            if not c.low <= scalar_leaves(default)[c.leaf] <= c.high:
                 raise RejectedError(f"the default of `{c.name}` is outside its set")
-        if why := ModuleTube(problem, ways).starts():
+        if why := ModuleTube(problem, ways).why_starts_not_good():
             raise NotRecheckedError(f"start: {why}")
 
 
@@ -127,7 +127,7 @@ def _compare_entry(
     only_keys(entry, KEYS, "a module")
     rest = entry["rest"]
     problem = read_rest(flat, entry["module"])
-    judged = shield_of(problem)
+    judged = shield_constants(problem)
     only_keys(rest, REST_KEYS + (" shield" if judged else ""), "`rest`")
     facts = problem.facts
     if entry["recover_ns"] is not None:
@@ -135,8 +135,8 @@ def _compare_entry(
     if entry["plants"] != [c.name for c in facts.plants]:
         raise RejectedError("the verification plants are others in the program")
     compare_times(facts, entry["times"])
-    claimed_of(entry["claims"])
-    static_claims(facts, entry["claims"])
+    proved_claims(entry["claims"])
+    check_static_claims(facts, entry["claims"])
     wrong = {"P3", "ttf", "safer", "P2b", "failsafe"} & {
         n for n, verdict in entry["claims"].items() if verdict == PROVED
     }
@@ -173,7 +173,7 @@ def _compare_inputs(facts: Facts, given: object) -> None:
 
 
 def _compare_shield(own: dict[str, int] | None, given: object) -> None:
-    """RejectedError for other cells, or for times shorter than the program's (`shield_of`)."""
+    """RejectedError for other cells, or for times shorter than the program's, `own`."""
     if own is None:
         return
     if not isinstance(given, dict) or given.keys() != own.keys():

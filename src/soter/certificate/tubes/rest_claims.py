@@ -35,23 +35,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from flint import arb
 
-from soter.certificate.case_check import harmless
+from soter.certificate.case_check import is_step_harmless
 from soter.certificate.grid.flow_chains import NOW
-from soter.certificate.reading.case_model import atom_of, boxes_of, control_inputs
-from soter.certificate.reading.module_facts import read_by_sc
-from soter.certificate.reading.symbolic_operations import filled
+from soter.certificate.reading.case_model import boxes_of, control_inputs
+from soter.certificate.reading.module_facts import topics_read_by_sc
+from soter.certificate.reading.symbolic_operations import value_of_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.compile_terms import all_certain, compile_lines, form_of_box
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT, ZERO, above, exact, hull
 from soter.certificate.terms.straight_line import NotCertainError
-from soter.certificate.terms.terms import Terms, closure, inputs_of
+from soter.certificate.terms.terms import Terms, atoms_under, inputs_of
 from soter.certificate.tubes.rest_problem import LARGEST, NANOSECOND, RestModel
-from soter.certificate.tubes.tube_chains import (
-    ConditionOnBoxes,
-    StateSet,
-    TubeChain,
-    TubeFlow,
-)
+from soter.certificate.tubes.tube_chains import ConditionOnBoxes, StateSet, TubeChain, TubeFlow
 from soter.language.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
@@ -78,7 +73,7 @@ def slope(terms: Terms, x: Linear, at: int) -> arb:
             raise NoSlopeError
         return sum((c * slopes[a] for a, c in x.terms.items()), ZERO)
 
-    for index in sorted(closure(terms, [x])):
+    for index in sorted(atoms_under(terms, [x])):
         atom = terms.atoms[index]
         if index == at:
             continue
@@ -154,15 +149,15 @@ def show_answers(problem: RestProblem) -> None:
     and where SC reads what is no float.
     """
     facts, terms, known = problem.facts, Terms(), {}
-    for symbol in read_by_sc(facts.sc):
+    for symbol in topics_read_by_sc(facts.sc):
         topic, parts = facts.system.topics[facts.sc.scope.topics[symbol]], []
         for (_, of), b in zip(leaves(topic.type), topic.bounds, strict=True):
             if not isinstance(of, FloatType):
                 raise NotRecheckedError(f"SC reads what is no float of `{topic.name}`")
             ends = (-LARGEST, LARGEST) if b is None else (b.low, b.high)
-            parts.append(terms.input("box", topic.name, *map(exact, ends)))
-        known[symbol] = filled(topic.type, parts)
-    if not harmless(facts, terms, known):
+            parts.append(terms.add_input("box", topic.name, *map(exact, ends)))
+        known[symbol] = value_of_leaves(topic.type, parts)
+    if not is_step_harmless(facts, terms, known):
         raise NotRecheckedError(
             "P2a: SC may fault on something that it may read, or answer outside of its sets"
         )
@@ -202,9 +197,9 @@ def _state_groups(model: RestModel, own: Sequence[int]) -> list[tuple[int, ...]]
     groups: list[set[int]] = []
     for s in own:
         felt = inputs_of(terms, [rates[s]])
-        answers = [u for c, u in zip(controls, commands, strict=True) if atom_of(c) in felt]
+        answers = [u for c, u in zip(controls, commands, strict=True) if c.atom in felt]
         read = felt | inputs_of(terms, answers)
-        near = {s, *(k for k in own if atom_of(states[k]) in read)}
+        near = {s, *(k for k in own if states[k].atom in read)}
         joined = [g for g in groups if g & near]
         groups = [*(g for g in groups if not g & near), near.union(*joined)]
     return [tuple(sorted(g)) for g in groups]
@@ -231,7 +226,7 @@ def _box_returns(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, c
 
 
 def _leads_back(chain: TubeChain, start: Box, way: Box, end: Box, holds: int, pieces: int) -> bool:
-    body, late = StateSet.of(start), bool(chain.span)
+    body, late = StateSet.of_box(start), bool(chain.span)
     try:
         for n in range(holds + 1):
             if n and not late and inside(body.box, end):
@@ -334,11 +329,11 @@ def _answered(problem: RestProblem, ways: Ranges) -> list[tuple[arb, arb]]:
     own, box = problem.own, _ends(ways, problem.own)
     if problem.times.delay:
         flow = TubeFlow(model, own)
-        past = flow.around(box, flow.ranges, -problem.times.delay * NANOSECOND, NOW).box
+        past = flow.enclose(box, flow.ranges, -problem.times.delay * NANOSECOND, NOW).box
         box = [(a.min(c), b.max(d)) for (a, b), (c, d) in zip(box, past, strict=True)]
     terms, states = model.new_terms()
     commands = model.commands(terms, states)
-    atoms = [atom_of(states[s]) for s in own]
+    atoms = [states[s].atom for s in own]
     others = boxes_of(model, states, own)
     for (low, high), a in zip(box, atoms, strict=True):
         if not (low >= terms.atoms[a].low and high <= terms.atoms[a].high):
@@ -399,7 +394,7 @@ def _factor_beside(
     for k in range(PARTS):
         ends = [far * i / PARTS for i in (k, k + 1)]
         terms, states, rates = within((ends[0].min(ends[1]), ends[0].max(ends[1])))
-        at = atom_of(states[x])
+        at = states[x].atom
         added.append(_most(side * sign * _slope(terms, rates[z], at)))
         before, adds = adds, adds + exact(added[-1]) * abs(far) / PARTS
         by_slope.append(_ratio(exact(added[-1]), -_slope(terms, rates[x], at)))
@@ -438,9 +433,12 @@ def _rates(problem: RestProblem, there: AtRest) -> tuple[Terms, list[Linear], li
     for s, state in enumerate(facts.states):
         low, high = there.states[s]
         known = bool(low == 0 and high == 0)
-        states.append(terms.constant(0.0) if known else terms.input("state", state.name, low, high))
+        states.append(
+            terms.constant(0.0) if known else terms.add_input("state", state.name, low, high)
+        )
     controls = [
-        terms.input("box", u.name, *r) for u, r in zip(facts.controls, there.commands, strict=True)
+        terms.add_input("box", u.name, *r)
+        for u, r in zip(facts.controls, there.commands, strict=True)
     ]
     model = RestModel(facts, (), facts.extents)
     rates, _ = model.rates(terms, states, controls)

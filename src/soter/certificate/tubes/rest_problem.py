@@ -24,23 +24,23 @@ from typing import TYPE_CHECKING, Any
 from flint import arb
 
 from soter.certificate.case_check import survives_the_start
-from soter.certificate.grid.estimates_and_shield import cells_of
+from soter.certificate.grid.estimates_and_shield import command_cells
 from soter.certificate.grid.flow_chains import NOW, Times
-from soter.certificate.reading.case_model import CaseModel, atom_of, control_inputs
+from soter.certificate.reading.case_model import CaseModel, control_inputs
 from soter.certificate.reading.left_out_states import degree
 from soter.certificate.reading.module_facts import (
     DiffersError,
     Facts,
     bounded_topics,
     driven_topics,
-    named,
+    named_leaves,
     number_of,
-    read_by,
-    read_by_sc,
+    topics_read,
+    topics_read_by_sc,
 )
-from soter.certificate.reading.problem import followed, read_facts
+from soter.certificate.reading.problem import read_facts, state_published
 from soter.certificate.reading.supported_constructs import check_supported
-from soter.certificate.reading.symbolic_operations import filled
+from soter.certificate.reading.symbolic_operations import value_of_leaves
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.linear_enclosures import above, below, exact
 from soter.certificate.terms.terms import Terms, both, inputs_of
@@ -116,7 +116,7 @@ class RestProblem:
     def map_leaves(self) -> dict[int, list[str]]:
         """The fields of each map that the DM reads, as `topic.leaf`."""
         topics = {index: self.facts.system.topics[index] for index in self.maps}
-        return {i: [name for _, name, _ in named(t.name, t.type)] for i, t in topics.items()}
+        return {i: [name for _, name, _ in named_leaves(t.name, t.type)] for i, t in topics.items()}
 
     @property
     def own(self) -> tuple[int, ...]:
@@ -153,7 +153,7 @@ class RestProblem:
 
     def error(self, state: int) -> float:
         """E of a state: the largest error of the topics in which the module reads it."""
-        shown = {at for at, s in shows(self.facts).items() if s == state}
+        shown = {at for at, s in states_shown(self.facts).items() if s == state}
         return max((e.high for e in self.facts.errors if (e.owner, e.leaf) in shown), default=0.0)
 
 
@@ -174,16 +174,17 @@ class RestModel(CaseModel):
     def topics(self, terms: Terms, states: Sequence[Linear], *, errors: bool) -> dict[int, Any]:
         """The driven topics and the others in these states, and maps."""
         found = super().topics(terms, states, errors=errors)
-        for index in maps_of(self.facts):
+        for index in map_topics(self.facts):
             topic = self.facts.system.topics[index]
             if index in self.known:
                 found[index] = self.known[index]
                 continue
             ends = exact(-UNKNOWN_END), exact(UNKNOWN_END)
             every = [
-                terms.input("box", name, *ends) for _, name, _ in named(topic.name, topic.type)
+                terms.add_input("box", name, *ends)
+                for _, name, _ in named_leaves(topic.name, topic.type)
             ]
-            found[index] = filled(topic.type, every)
+            found[index] = value_of_leaves(topic.type, every)
         return found
 
 
@@ -214,7 +215,7 @@ def read_rest(flat: System, name: str) -> RestProblem:
     drifts = _drift_ranges(facts, rest)
     within = int(number_of(facts, rest.within))
     leaves_of = {s: at[s] for s in states}
-    maps = maps_of(facts)
+    maps = map_topics(facts)
     return RestProblem(
         facts,
         rest,
@@ -227,7 +228,7 @@ def read_rest(flat: System, name: str) -> RestProblem:
     )
 
 
-def maps_of(facts: Facts) -> tuple[int, ...]:
+def map_topics(facts: Facts) -> tuple[int, ...]:
     """`static` topics that `safe` reads and neither a plant drives nor the module publishes."""
     scope, driven = facts.module.scope.topics, driven_topics(facts)
     read = [scope[t] for t in topic_reads(facts.symbol.safe) if t.static]
@@ -237,8 +238,8 @@ def maps_of(facts: Facts) -> tuple[int, ...]:
 def _only_safe_reads_maps(facts: Facts, rest: RestSymbol) -> None:
     """NotRecheckedError for a map that conditions 5 and 7 forbid, or that SC or `rest` reads."""
     rest_reads = {facts.module.scope.topics[t] for t in topic_reads(rest.condition)}
-    by_sc = {facts.sc.scope.topics[t] for t in read_by_sc(facts.sc)}
-    for index in maps_of(facts):
+    by_sc = {facts.sc.scope.topics[t] for t in topics_read_by_sc(facts.sc)}
+    for index in map_topics(facts):
         topic = facts.system.topics[index]
         wrong = {
             "is read by SC": index in by_sc,
@@ -272,7 +273,7 @@ def _require_covered(facts: Facts) -> None:
         raise NotRecheckedError(f"`rest` beside {what}")
 
 
-def shield_of(problem: RestProblem) -> dict[str, int] | None:
+def shield_constants(problem: RestProblem) -> dict[str, int] | None:
     """The constants of the module's shield, by the program; None where it has no shield.
 
     NotRecheckedError, RejectedError where no argument for it is known here. `acted_ns` (W): a
@@ -286,8 +287,8 @@ def shield_of(problem: RestProblem) -> dict[str, int] | None:
     if facts.symbol.shield is None:
         return None
     setting, own = facts.setting, facts.own
-    cells, least = cells_of(facts), min(e.least for e in setting.effects)
-    out = max(setting.starts_by(t) + setting.sc.response - t for t in setting.steady())
+    cells, least = command_cells(facts), min(e.least for e in setting.effects)
+    out = max(setting.starts_by(t) + setting.sc.response - t for t in setting.steady_releases())
     acted = own.age + max(e.most for e in setting.effects) + setting.sc.period + out
     any_command = own.h_star - own.age - setting.dm.period - least
     return {
@@ -300,12 +301,12 @@ def shield_of(problem: RestProblem) -> dict[str, int] | None:
 # ---------------------------------------------------------------- states
 
 
-def shows(facts: Facts) -> dict[tuple[int, int], int]:
+def states_shown(facts: Facts) -> dict[tuple[int, int], int]:
     """(topic, leaf) -> the state that a plant publishes there, where it is just a state."""
     found = {}
     for topic, (plant, expr) in driven_topics(facts).items():
         for k, (path, _) in enumerate(leaves(facts.system.topics[topic].type)):
-            state = followed(facts, plant, expr, path)
+            state = state_published(facts, plant, expr, path)
             if state is not None:
                 found[topic, k] = state
     return found
@@ -319,7 +320,7 @@ def _state_sets(facts: Facts) -> dict[int, Range]:
     """
     ranges = dict.fromkeys(range(len(facts.states)), (-inf, inf))
     errors = {(m.topic, m.leaf): m.bound for c in facts.plants for m in c.measured}
-    for (topic, k), s in shows(facts).items():
+    for (topic, k), s in states_shown(facts).items():
         bound = facts.system.topics[topic].bounds[k]
         if bound is not None:
             low, high = ranges[s]
@@ -341,7 +342,7 @@ def _followed_states(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
     asked += [conditions, model.predicate(terms, states, rest.condition, errors=False)]
     rates, _ = model.rates(terms, states, control_inputs(facts, terms))
     asked += terms.obligations
-    atoms = {atom_of(x): i for i, x in enumerate(states)}
+    atoms = {x.atom: i for i, x in enumerate(states)}
 
     def read(roots: Iterable[Linear | Proposition]) -> set[int]:
         return {atoms[a] for a in inputs_of(terms, list(roots)) if a in atoms}
@@ -353,7 +354,7 @@ def _followed_states(facts: Facts, rest: RestSymbol) -> tuple[int, ...]:
         new = read(rates[s] for s in found)
     left = {i: x for i, x in enumerate(states) if i not in found}
     for i in left:
-        if degree(terms, rates[i], {atom_of(x) for x in left.values()}) > 1:
+        if degree(terms, rates[i], {x.atom for x in left.values()}) > 1:
             raise NotRecheckedError(f"`{facts.states[i].name}` is not followed, and may end")
     return tuple(sorted(found))
 
@@ -371,14 +372,14 @@ def constraint(model: CaseModel, terms: Terms, states: Sequence[Linear]) -> Prop
 
 def _estimate_leaves(facts: Facts) -> dict[int, tuple[int, int]]:
     """State -> (topic, leaf) in which the DM sees it: one that SC reads too, where there is one."""
-    by_dm, by_sc = (set(of) for of in read_by(facts))
-    known = [(at, s) for at, s in shows(facts).items() if at[0] in by_dm]
+    by_dm, by_sc = (set(of) for of in topics_read(facts))
+    known = [(at, s) for at, s in states_shown(facts).items() if at[0] in by_dm]
     return {s: at for at, s in sorted(known, key=lambda of: of[0][0] in by_sc)}
 
 
 def _check_sc_reads(facts: Facts, estimate: set[int]) -> None:
     """NotRecheckedError where SC sees a plant by a topic that the DM does not read: condition 2."""
-    _, by_sc = read_by(facts)
+    _, by_sc = topics_read(facts)
     for topic in by_sc:
         if topic not in estimate:
             name = facts.system.topics[topic].name
@@ -387,7 +388,7 @@ def _check_sc_reads(facts: Facts, estimate: set[int]) -> None:
 
 def _drift_ranges(facts: Facts, rest: RestSymbol) -> dict[int, Range]:
     """State that `moves` names -> how far down and up it says that SC may move it."""
-    found, known = {}, shows(facts)
+    found, known = {}, states_shown(facts)
     for move in rest.moves:
         topic = facts.module.scope.topics[move.topic]
         paths = [p for p, _ in leaves(move.topic.type)]

@@ -4,9 +4,9 @@ Purpose: a `StateSet` holds all states in which a run may be at an instant, and 
 still act. `TubeChain` makes the next one: after a hold of SC, after a span of any command, or for
 all instants of a span. `ConditionOnBoxes` says on which boxes a condition certainly holds, or
 certainly does not; of boxes outside of the states' sets it says neither. `ModuleTube` follows SC of
-one module from an estimate of a flight (`good`) or from all starts (`starts`), as "Decisions by
-tubes" (proof-flight.md) has it, and gives a reason where it is not certain that SC ends at rest
-within C.
+one module from an estimate of a flight (`why_not_good`) or from all starts (`why_starts_not_good`),
+as "Decisions by tubes" (proof-flight.md) has it, and gives a reason where it is not certain that SC
+ends at rest within C.
 Non-goals: how one step is enclosed (`grid/flow_chains.py`), which conditions there are
 (`rest_problem.py`), what is shown beforehand (`rest_claims.py`).
 
@@ -16,12 +16,12 @@ do not say (`rest`) is an unknown of its own for each state. Commands that may s
 they share with the states. Unknowns that matter least are put together, one for each row (Girard):
 whatever they were, their sum is within the sum of their sizes.
 
-The argument of `good`: let s be the instant of the estimate, x^. Any command acts until a_0 in [s +
-alpha, s + H]. That window is cut, and of each part all states at some instant of it are followed by
-themselves: every fall-back run is in one of these tubes. On all boxes that are met C is certain,
-until some a_N: all states in which output N begins to act are in Q, and what rest may move them to
-is in C. Parts where that does not come out are cut again, with shorter steps. Boxes are cut off at
-ends of sets that no run crosses (`grid/sc_chains.py`): that they lie in C is what is asked.
+The argument of `why_not_good`: let s be the instant of the estimate, x^. Any command acts until a_0
+in [s + alpha, s + H]. That window is cut, and of each part all states at some instant of it are
+followed by themselves: every fall-back run is in one of these tubes. On all boxes that are met C is
+certain, until some a_N: all states in which output N begins to act are in Q, and what rest may move
+them to is in C. Parts where that does not come out are cut again, with shorter steps. Boxes are cut
+off at ends of sets that no run crosses (`grid/sc_chains.py`): that they lie in C is what is asked.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from typing import TYPE_CHECKING, Any
 import flint
 from flint import arb
 
-from soter.certificate.grid.chain_form_layout import OpenedForm, spread_of
+from soter.certificate.grid.chain_form_layout import OpenedForm, absolute_sum
 from soter.certificate.grid.flow_chains import NOW, FlowChain
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.sc_chains import uncrossed_ends
-from soter.certificate.reading.case_model import atom_of, boxes_of
-from soter.certificate.reading.symbolic_operations import filled, flat
+from soter.certificate.reading.case_model import boxes_of
+from soter.certificate.reading.symbolic_operations import scalar_leaves, value_of_leaves
 from soter.certificate.terms.compile_terms import compile_truths, form_of_box
 from soter.certificate.terms.linear_enclosures import HALF, ONE, UNIT_ROUNDOFF, ZERO, exact
 from soter.certificate.terms.straight_line import CERTAIN, NotCertainError, product
@@ -94,7 +94,7 @@ class StateSet:
     ranges: Box
 
     @classmethod
-    def of(cls, box: Box) -> StateSet:
+    def of_box(cls, box: Box) -> StateSet:
         """All states of a box, whatever commands acted before."""
         rows = []
         for i, (low, high) in enumerate(box):
@@ -117,20 +117,22 @@ class TubeChain(FlowChain):
         """
         fresh = not body.memory and self.depth > 0
         start = self._opened_rows(body)
-        new = self._answered(start, fresh=fresh)
+        new = self._answer_of_sc(start, fresh=fresh)
         way, tube = self._follow(start, new, self.spans(pieces, fresh=fresh or not self.depth))
         return self._closed_body(start, way, new), _boxes(tube, self.n)
 
     def after_any_commands(self, body: StateSet, span: Fraction) -> tuple[StateSet, list[Box]]:
         """Follow any commands for `span` s: the set then, and the boxes until then."""
         start = self._opened_rows(StateSet(body.box, body.rows, [], []))
-        way, tube = self._follow(start, self._any(start), [(span, NOW)])
+        way, tube = self._follow(start, self._any_commands(start), [(span, NOW)])
         return self._closed_body(start, way, None), _boxes(tube, self.n)
 
     def at_some_instant(self, body: StateSet, span: Fraction) -> StateSet:
         """All states at some instant of the next `span` s, under any commands."""
         start = self._opened_rows(StateSet(body.box, body.rows, [], []))
-        way = self._moved(start, (NOW, span), self._any(start), self.flow.ranges, [])
+        way = self._states_in_span(
+            start, (NOW, span), self._any_commands(start), self.flow.ranges, []
+        )
         return self._closed_body(start, way, None)
 
     # ------------------------------------------------------------ bodies
@@ -172,7 +174,7 @@ class TubeChain(FlowChain):
         own[i] = way.rest[i]
         low, high = way.box[i]
         half = (high - low) * HALF
-        if half < HALF * (spread_of(row[1:]) + way.rest[i]):
+        if half < HALF * (absolute_sum(row[1:]) + way.rest[i]):
             own[i] = half
             return [(low + high) * HALF, *[ZERO] * (len(row) - 1), *own]
         return [*row, *own]
@@ -191,7 +193,7 @@ def _unshared_size(column: list[float], whole: list[float]) -> float:
 def _own_unknown(i: int, rows: int, left: Sequence[Sequence[Any]]) -> list[Any]:
     own = [ZERO] * (rows if left else 0)
     if left:
-        own[i] = spread_of([c[i] for c in left])
+        own[i] = absolute_sum([c[i] for c in left])
     return own
 
 
@@ -211,7 +213,7 @@ def _with_fewer_unknowns(rows: Rows, memory: Rows) -> tuple[Rows, Rows]:
     return made[: len(rows)], made[len(rows) :]
 
 
-NOWHERE = 1
+CERTAINLY_FALSE = 1
 """The bits of a proposition that is certainly false."""
 
 
@@ -226,7 +228,7 @@ class ConditionOnBoxes:
     ) -> None:
         terms, states = model.new_terms()
         first = said(terms, states)
-        own = [atom_of(states[i]) for i in members]
+        own = [states[i].atom for i in members]
         known = [(terms.atoms[a].low, terms.atoms[a].high) for a in own]
         boxes = boxes_of(model, states, members)
         self._truths = compile_truths(terms, own, [first, *terms.obligations], boxes)
@@ -243,7 +245,7 @@ class ConditionOnBoxes:
 
     def certainly_false(self, box: Box) -> bool:
         """Whether the condition certainly holds in no state of a box."""
-        return self._within(box) and self._truths_on(box)[0] == NOWHERE
+        return self._within(box) and self._truths_on(box)[0] == CERTAINLY_FALSE
 
     def _within(self, box: Box) -> bool:
         pairs = zip(box, self._ends, strict=True)
@@ -289,21 +291,21 @@ class ModuleTube:
         return [*(self.problem.leaf(s) for s in self.problem.followed), *maps]
 
     @property
-    def judges(self) -> bool:
-        """Whether the DM judges commands, too: then it may accept estimates that `good` refuses.
+    def judges_commands(self) -> bool:
+        """Whether the DM judges commands, too: then it may accept what `why_not_good` refuses.
 
-        For `good` every command has to be harmless until the next verdict is in force.
+        For that one every command has to be harmless until the next verdict is in force.
         """
         return self.problem.facts.symbol.shield is not None
 
-    def good(self, estimate: Mapping[str, float]) -> str | None:
+    def why_not_good(self, estimate: Mapping[str, float]) -> str | None:
         """None where an estimate, a number for each of `reads`, is good; else why it may not be."""
         box, maps = [], {}
         for index, names in self.problem.map_leaves.items():
             numbers = [estimate[name] for name in names]
             if not all(isfinite(x) for x in numbers):
                 return f"a number of `{self.problem.facts.system.topics[index].name}` is none"
-            maps[index] = filled(self.problem.facts.system.topics[index].type, numbers)
+            maps[index] = value_of_leaves(self.problem.facts.system.topics[index].type, numbers)
         self._within(maps)
         for s in self.problem.followed:
             x, error = exact(estimate[self.problem.leaf(s)]), exact(self.problem.error(s))
@@ -312,18 +314,18 @@ class ModuleTube:
             error += (abs(x) + error) * UNIT_ROUNDOFF * 2  # a sensor rounds the sum
             box.append((x - error, x + error))
         times = self.problem.times
-        return self.followed(box, times.alpha, times.horizon)
+        return self.why_not_settled(box, times.alpha, times.horizon)
 
-    def starts(self) -> str | None:
+    def why_starts_not_good(self) -> str | None:
         """None where all initial states are good, else why not; until h_0 any command may act."""
         states, times = self.problem.facts.states, self.problem.times
         box = [(exact(states[s].low), exact(states[s].high)) for s in self.problem.followed]
         self._within(self.problem.first_map)
-        return self.followed(box, times.start_alpha, times.start)
+        return self.why_not_settled(box, times.start_alpha, times.start)
 
     def _within(self, maps: Mapping[int, Value]) -> None:
         """Make `constraint` the C of these maps, where it is not so already."""
-        seen = [x.hex() for of in maps.values() for x in flat(of)]
+        seen = [x.hex() for of in maps.values() for x in scalar_leaves(of)]
         if seen != self._seen:
             model = RestModel(self.problem.facts, (), self.problem.facts.extents, known=maps)
             self._seen = seen
@@ -333,28 +335,28 @@ class ModuleTube:
 
     # ------------------------------------------------------------ tubes
 
-    def followed(self, box: Box, earliest: int, latest: int) -> str | None:
+    def why_not_settled(self, box: Box, earliest: int, latest: int) -> str | None:
         """None where SC, acting first in [earliest, latest] ns, ends at rest from all of `box`."""
-        if not self.stays(box):
+        if not self.is_within_c(box):
             return "C is not certain of the estimate itself"
-        body, step = StateSet.of(box), earliest * NANOSECOND / FREE_PIECES
+        body, step = StateSet.of_box(box), earliest * NANOSECOND / FREE_PIECES
         try:
             for _ in range(FREE_PIECES if earliest else 0):
                 body, boxes = self.chain.after_any_commands(body, step)
-                if not self.stay(boxes):
+                if not self.are_within_c(boxes):
                     return "any command may lead out of C before SC acts"
         except NotCertainError:
             return "where any command leads before SC acts is not known"
         return self._window(body, (latest - earliest) * NANOSECOND, 0)
 
     def _window(self, body: StateSet, span: Fraction, cut: int) -> str | None:
-        """As `followed`, from `body`: an output of SC begins to act within the next `span` s."""
+        """As `why_not_settled`: from `body` an output of SC begins to act in the next `span` s."""
         try:
             inside = self.chain.at_some_instant(body, span) if span else body
             why = None
-            if not self.stays(inside.box):
+            if not self.is_within_c(inside.box):
                 why = "any command may lead out of C before SC acts"
-            why = why or self._why_not_settled(inside, PIECES[cut])
+            why = why or self._why_not_settled_at(inside, PIECES[cut])
             if why is None or cut == CUTS:
                 return why
             if not span:
@@ -364,36 +366,36 @@ class ModuleTube:
         except NotCertainError:
             return "a tube has no end"
 
-    def _why_not_settled(self, body: StateSet, pieces: int) -> str | None:
-        """As `followed`, where an output of SC begins to act in the states of `body`."""
-        if self.at_rest(body.box):
+    def _why_not_settled_at(self, body: StateSet, pieces: int) -> str | None:
+        """As `why_not_settled`, where an output of SC begins to act in the states of `body`."""
+        if self.is_settled(body.box):
             return None
         late = bool(self.chain.span)
         for n in range(self.problem.times.switches + 1):
-            if n and not late and self.at_rest(body.box):
+            if n and not late and self.is_settled(body.box):
                 return None
             body, boxes = self.chain.hold(body, pieces)
             if n and late:  # the first box has all states in which this output begins to act
                 first, *boxes = boxes
-                if self.stays(first) and self.at_rest(first):
+                if self.is_within_c(first) and self.is_settled(first):
                     return None
                 boxes = [first, *boxes]
-            if not self.stay(boxes):
+            if not self.are_within_c(boxes):
                 return f"SC may lead out of C within {n + 1} of its steps"
         return "SC is not certainly at rest in time"
 
-    def stays(self, box: Box) -> bool:
+    def is_within_c(self, box: Box) -> bool:
         """Whether all of a box is certainly in C, and no end of it is beyond `UNKNOWN_END`."""
         near = all(low >= -UNKNOWN_END and high <= UNKNOWN_END for low, high in box)
         return near and self.constraint.certain(box)
 
-    def stay(self, boxes: Sequence[Box]) -> bool:
-        """Whether `stays` holds of all these boxes; one box around them is asked first: cheaper."""
+    def are_within_c(self, boxes: Sequence[Box]) -> bool:
+        """Whether all these boxes are certainly in C; one around them is asked first (cheaper)."""
         sides = [zip(*of_state, strict=True) for of_state in zip(*boxes, strict=True)]
         around = [(reduce(arb.min, lows), reduce(arb.max, highs)) for lows, highs in sides]
-        return self.stays(around) or (len(boxes) > 1 and all(map(self.stays, boxes)))
+        return self.is_within_c(around) or (len(boxes) > 1 and all(map(self.is_within_c, boxes)))
 
-    def at_rest(self, box: Box) -> bool:
+    def is_settled(self, box: Box) -> bool:
         """Whether all of a box is in Q, and all that SC may move it to from there (M) in C."""
         if not self.rest.certain(box):
             return False

@@ -101,9 +101,9 @@ class Standstill:
     """What stands for the tube: good is whatever is slower than 30 m/s."""
 
     reads = ("sight.gap", "sight.way", "sight.v")
-    judges = False
+    judges_commands = False
 
-    def good(self, estimate: Mapping[str, float]) -> str | None:
+    def why_not_good(self, estimate: Mapping[str, float]) -> str | None:
         return None if estimate["sight.v"] < 30.0 else "it is too fast"
 
 

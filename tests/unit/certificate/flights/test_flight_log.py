@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.certificate import flight_check
-from soter.certificate.flight_check import flights_of
+from soter.certificate.flight_check import open_flights
 from soter.certificate.report import ACCEPTED, NOT_RECHECKED, REJECTED
 from soter.diagnostics.current_phase import telling_shares
 from soter.diagnostics.diagnostic import SoterError
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 @pytest.fixture(autouse=True)
 def _no_tube(monkeypatch: pytest.MonkeyPatch) -> None:
     """Logs are read; the tube has tests of its own."""
-    monkeypatch.setattr(flight_check, "rest_of", lambda *_: Standstill())
+    monkeypatch.setattr(flight_check, "tube_of_entry", lambda *_: Standstill())
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def train(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def report_of(folder: Path, log: Path, workers: int = 1) -> FlightReport:
-    flights = flights_of(folder, [str(log)])
+    flights = open_flights(folder, [str(log)])
     assert flights is not None
     (report,) = flights.check(workers)
     return report
@@ -396,7 +396,7 @@ OTHERS: dict[str, Callable[[Flight], object]] = {
 def test_a_log_of_something_else_is_refused(train: Path, tmp_path: Path, text: str) -> None:
     log = changed(Flight(), OTHERS[text]).write(tmp_path / "flight.mcap")
     with pytest.raises(SoterError) as raised:
-        flights_of(train, [str(log)])
+        open_flights(train, [str(log)])
     assert raised.value.diagnostics[0].code == "D023"
     assert text in raised.value.diagnostics[0].message
 
@@ -404,7 +404,7 @@ def test_a_log_of_something_else_is_refused(train: Path, tmp_path: Path, text: s
 def test_a_certificate_without_rest_confirms_no_flight(tmp_path: Path) -> None:
     folder = certificate(tmp_path / "cert", rest="induction")
     with pytest.raises(SoterError) as raised:
-        flights_of(folder, [str(Flight().write(tmp_path / "flight.mcap"))])
+        open_flights(folder, [str(Flight().write(tmp_path / "flight.mcap"))])
     assert raised.value.diagnostics[0].code == "D023"
 
 
@@ -413,7 +413,7 @@ def test_a_certificate_of_other_text_is_of_another_program(tmp_path: Path) -> No
         tmp_path / "cert", TEXT.replace("BRAKE: float = 2.0", "BRAKE: float = 2.1")
     )
     with pytest.raises(SoterError) as raised:
-        flights_of(folder, [str(Flight().write(tmp_path / "flight.mcap"))])
+        open_flights(folder, [str(Flight().write(tmp_path / "flight.mcap"))])
     assert raised.value.diagnostics[0].code == "D023"
 
 
@@ -458,7 +458,7 @@ def test_processes_find_the_same(train: Path, tmp_path: Path, workers: int) -> N
 
 
 def test_the_share_that_is_done_is_that_of_verdicts(train: Path, tmp_path: Path) -> None:
-    flights = flights_of(train, [str(Flight().write(tmp_path / "flight.mcap"))])
+    flights = open_flights(train, [str(Flight().write(tmp_path / "flight.mcap"))])
     assert flights is not None
     shares: list[float] = []
     with telling_shares(shares.append):
@@ -472,11 +472,11 @@ def test_what_the_tube_cannot_do_confirms_nothing(
     def fails(*_: object) -> Standstill:
         raise ValueError("no tube")
 
-    monkeypatch.setattr(flight_check, "rest_of", fails)
+    monkeypatch.setattr(flight_check, "tube_of_entry", fails)
     report = judged(train, tmp_path, Flight())
     assert (report.verdict, report.confirmed, len(report.doubts)) == (NOT_RECHECKED, 0, 8)
     assert "no tube" in report.doubts[0].reason
-    monkeypatch.setattr(flight_check, "rest_of", lambda *_: Standstill())
-    monkeypatch.setattr(Standstill, "good", fails)
+    monkeypatch.setattr(flight_check, "tube_of_entry", lambda *_: Standstill())
+    monkeypatch.setattr(Standstill, "why_not_good", fails)
     report = judged(train, tmp_path, Flight())
     assert (report.verdict, report.confirmed, len(report.doubts)) == (NOT_RECHECKED, 0, 8)

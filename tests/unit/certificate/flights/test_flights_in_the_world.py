@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.certificate import flight_check
-from soter.certificate.flight_check import flights_of
+from soter.certificate.flight_check import open_flights
 from soter.certificate.folder import program_of, read_certificate
 from unit.certificate.flights.logged_flights import (
     MS,
@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 @pytest.fixture(autouse=True)
 def _no_tube(monkeypatch: pytest.MonkeyPatch) -> None:
     """Logs are read; the tube has tests of its own."""
-    monkeypatch.setattr(flight_check, "rest_of", lambda *_: Standstill())
+    monkeypatch.setattr(flight_check, "tube_of_entry", lambda *_: Standstill())
 
 
 def report_of(proof: Path, log: Path) -> FlightReport:
-    flights = flights_of(proof, [str(log)])
+    flights = open_flights(proof, [str(log)])
     assert flights is not None
     (report,) = flights.check(1)
     return report

@@ -10,7 +10,7 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 from soter.certificate.reading.module_times import TIME_KEYS
-from soter.certificate.tubes.rest_problem import read_rest, shield_of
+from soter.certificate.tubes.rest_problem import read_rest, shield_constants
 from soter.language.front_end import check_file, system_to_prove
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def entry(flat: System, box: dict[str, Any], ways: dict[str, Any]) -> dict[str, 
     """Of its only module, with B and Y by names of states."""
     problem = read_rest(flat, flat.modules[0].name)
     facts, names = problem.facts, [s.name for s in problem.facts.states]
-    judged = shield_of(problem)
+    judged = shield_constants(problem)
     inputs = (*facts.controls, *facts.disturbances, *facts.errors, *facts.others)
     return {
         "system": flat.name,

@@ -73,7 +73,7 @@ class Subject:
 
     def confirmed(self, estimate: list[float]) -> bool:
         """What the tube in Arb says."""
-        return self.arb.good(dict(zip(self.arb.reads, estimate, strict=True))) is None
+        return self.arb.why_not_good(dict(zip(self.arb.reads, estimate, strict=True))) is None
 
     def drawn(self, draw: random.Random) -> list[float]:
         """An estimate, anywhere in the sets of its states."""

@@ -40,9 +40,14 @@ def test_estimates_are_good_where_a_brake_is_early_enough() -> None:
     bad = [(22.0, 0.0, 36.0), (60.0, 379.0, 36.0), (-0.1, 0.0, 0.0), (60.0, 0.0, 39.95)]
     for estimates, expected in ((good, True), (bad, False)):
         for e in estimates:
-            assert (train.good(dict(zip(train.reads, e, strict=True))) is None) == expected, e
-    assert train.good({"sight.gap": float("nan"), "sight.way": 0.0, "sight.v": 0.0}) is not None
-    assert train.starts() is None
+            assert (
+                train.why_not_good(dict(zip(train.reads, e, strict=True))) is None
+            ) == expected, e
+    assert (
+        train.why_not_good({"sight.gap": float("nan"), "sight.way": 0.0, "sight.v": 0.0})
+        is not None
+    )
+    assert train.why_starts_not_good() is None
 
 
 @pytest.mark.parametrize(
@@ -57,7 +62,7 @@ def test_no_estimate_is_good_where_sc_does_not_end_at_rest(old: str, new: str) -
     text = FOLLOW.read_text(encoding="utf-8")
     assert text.count(old) == 1
     train = follower(text.replace(old, new))
-    assert train.good(dict(zip(train.reads, (4.0, 0.0, 5.0), strict=True))) is not None
+    assert train.why_not_good(dict(zip(train.reads, (4.0, 0.0, 5.0), strict=True))) is not None
 
 
 @pytest.mark.parametrize(
@@ -83,7 +88,7 @@ def test_boxes_stay_if_each_does_where_one_around_them_does_not() -> None:
         return [(arb(low), arb(high)), (arb(0), arb(1)), (arb(0), arb(1))]
 
     left, right, between = box(-3.0, -2.0), box(2.0, 3.0), box(0.5, 2.0)
-    assert train.stay([right, box(3.0, 4.0)])
-    assert train.stay([left, right])
-    assert not train.stay([left, between])
-    assert not train.stay([between])
+    assert train.are_within_c([right, box(3.0, 4.0)])
+    assert train.are_within_c([left, right])
+    assert not train.are_within_c([left, between])
+    assert not train.are_within_c([between])

@@ -13,7 +13,7 @@ import pytest
 from soter.certificate.report import NotRecheckedError
 from soter.certificate.terms.linear_enclosures import exact, greatest_below
 from soter.certificate.tubes import tube_chains
-from soter.certificate.tubes.check_rest import recheck_rest, rest_of
+from soter.certificate.tubes.check_rest import recheck_rest, tube_of_entry
 from unit.certificate.tubes.rest_entries import entry, flat_of
 from unit.certificate.tubes.test_forged_rest import DRIFTS, KEEPS, LEADS, changed, without
 
@@ -101,19 +101,19 @@ def test_a_box_is_all_that_can_be_published(ends: tuple[float, float]) -> None:
 
 def test_what_a_tube_stays_in_is_what_rest_starts_from() -> None:
     """A double of which no more than rounding makes a number that can be published is not in C."""
-    tube = rest_of(*rover())
+    tube = tube_of_entry(*rover())
     beyond = greatest_below(47.0, 0.3)
     assert beyond > HIGH
     for front, there in ((HIGH, True), (beyond, False), (-1.7, True), (-1.75, False)):
         box = [(exact(0.0),) * 2, (exact(0.0),) * 2, (exact(0.0),) * 2, (exact(front),) * 2]
-        assert tube.stays(box) == there
+        assert tube.is_within_c(box) == there
 
 
 def test_a_start_needs_the_ends_that_no_run_crosses(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of one that may stop at once the tube has less and less from below, but for the set."""
     fast = ("[0.0, 8.0]", "[0.0, 80.0]"), ("front: float = 1.0", "front: float = 20.0")
     flat, made = rover(changed(ROVER, *fast))
-    assert rest_of(flat, made).starts() is None
+    assert tube_of_entry(flat, made).why_starts_not_good() is None
     none = [(False, False)] * 4
     monkeypatch.setattr(tube_chains, "uncrossed_ends", lambda *_: none)
-    assert "out of C" in (rest_of(flat, made).starts() or "")
+    assert "out of C" in (tube_of_entry(flat, made).why_starts_not_good() or "")

@@ -36,8 +36,8 @@ FUNCTIONS: dict[str, Callable[[arb], arb]] = {
 
 def over(name: str, low: float, high: float) -> arb:
     terms = Terms()
-    x = terms.input("state", "x", exact(low), exact(high))
-    return slope(terms, terms.function(name, x), next(iter(x.terms)))
+    x = terms.add_input("state", "x", exact(low), exact(high))
+    return slope(terms, terms.apply_function(name, x), x.atom)
 
 
 @all_rows("name", FUNCTIONS)
@@ -62,7 +62,7 @@ def test_a_kink_at_an_end_is_none() -> None:
 
 def test_what_jumps_has_none() -> None:
     terms = Terms()
-    x: Linear = terms.input("state", "x", exact(-1.0), exact(1.0))
-    jump = terms.choose(terms.below(x), terms.constant(0.0), terms.constant(1.0))
+    x: Linear = terms.add_input("state", "x", exact(-1.0), exact(1.0))
+    jump = terms.choose(terms.below_zero(x), terms.constant(0.0), terms.constant(1.0))
     with pytest.raises(NoSlopeError):
-        slope(terms, jump, next(iter(x.terms)))
+        slope(terms, jump, x.atom)

@@ -20,7 +20,7 @@ from soter.api import recheck
 from soter.certificate.cell_sets import Axes, Cells, Grid
 from soter.certificate.grid.flow_enclosures import LocalFlow
 from soter.certificate.grid.resting import RESTS as MARK
-from soter.certificate.grid.resting import rests
+from soter.certificate.grid.resting import resting_cells_unshown
 from soter.certificate.grid.sc_chains import uncrossed_ends
 from soter.certificate.reading.case_model import CaseModel
 from soter.certificate.report import NotRecheckedError
@@ -167,7 +167,7 @@ def shown(source: str, marked: Bools, folder: Path) -> bool:
     c = np.ones(marked.shape, dtype=np.bool_)
     c[0] = False
     try:
-        unshown = rests(model, group, marked & c, Cells(group.grid, c))
+        unshown = resting_cells_unshown(model, group, marked & c, Cells(group.grid, c))
     except NotRecheckedError:
         return False
     return next(unshown(group.grid.whole), None) is None
@@ -303,7 +303,7 @@ def test_with_cells_at_rest_the_rechecker_follows_every_solution(
     model = CaseModel(facts, (), tuple(facts.axes[k] for k in (0, 1)))
     box = [(exact(low), exact(high)) for low, high in ((50.0, 51.0), (0.0, 1.0))]
     flow = LocalFlow(model, (0, 1))
-    (_, (slowest, _)) = flow.around(box, flow.ranges, Fraction(0), Fraction(1, 10)).box
+    (_, (slowest, _)) = flow.enclose(box, flow.ranges, Fraction(0), Fraction(1, 10)).box
     assert bool(slowest < -0.09) is at_rest
     assert uncrossed_ends(model, (0, 1))[1][0] is not at_rest
 

@@ -12,7 +12,7 @@ import pytest
 
 from generators.corridor_program import LAW, SAFE, SET, VIEWS, program
 from soter.api import load
-from soter.certificate.reading.view_predicates import left_out, seen
+from soter.certificate.reading.view_predicates import module_in_view, why_views_leave_out
 from soter.certificate.rechecker import recheck
 from soter.diagnostics.diagnostic import SoterError
 from soter.language.elaborate.views_for_proofs import systems_by_view
@@ -167,11 +167,11 @@ def test_a_predicate_in_a_view_never_says_more_than_the_whole() -> None:
             views = systems_by_view(flat, module)
         except SoterError:
             continue  # the re-checker takes more apart, and is not asked then
-        assert not left_out(module.symbol, ["left", "right"])
+        assert not why_views_leave_out(module.symbol, ["left", "right"])
         kept += 1
         for parts in (
             [own.symbol for _, own in views],
-            [seen(module, name).symbol for name in ("left", "right")],
+            [module_in_view(module, name).symbol for name in ("left", "right")],
         ):
             _never_more(module.symbol, parts, k)
     assert kept > 5

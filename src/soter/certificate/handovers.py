@@ -1,30 +1,16 @@
-"""Where control changes between modules, checked again: hand-overs and towers.
+"""Whether a predicate holds only in R(H): hand-overs (`enters`), and starts below another module.
 
-Purpose: `jumps_of` says, for each topic that the map of a view reads, whether a hand-over is
-confirmed (docs/proof-sets.md, "Hand-over"): that its node changes it only where `enters` holds, and
-that the state lies in R(H) wherever that holds of an estimate (`not_entered`).
-`refuse_unproved_towers` checks which module of a tower is followed here, and that all of its
-controllers publish what it publishes; `slowest_below` gives the longest of their periods, for P1a.
-`read_above` enters what the module above asks of H, and those parts of its `safer` that speak of
-the plants of this proof (docs/proof-modules.md, Towers). `handed_back` gives the time from the
-state on which the module above gives control back until all that acts is SC's, on states that are
-no older.
+Purpose: a module with views is handed over where a node changes what the state of a view rests on.
+`jumps_of` says, for each topic that the map of a view reads, whether that is confirmed
+(docs/proof-sets.md, "Hand-over"): that its node changes it only where `enters` holds, and that the
+state lies in R(H) wherever that holds of an estimate (`why_not_entered`). `require_entered` asks
+the same of `safer` of the module above in a tower, on which that one gives control back.
 Non-goals: rejecting hand-overs: what is not confirmed is an assumption, and the report says why.
-That a node changes a view in no other step (`induction/handover_jumps.py`); sharing code with
-`verify/problem/`, which the prover goes by.
+That a node changes a view in no other step (`induction/handover_jumps.py`); times of a tower
+(`reading/problem.py`); sharing code with `verify/problem/`, which the prover goes by.
 
 `enters` is judged on what a step publishes, which is the state after the jump up to the declared
 errors. Nothing is known yet of that state: not that `safe` holds there, nor that it lies in a grid.
-
-To the theorem an AC is anything that publishes values of the declared sets, and what it publishes
-once the DM says SC is dropped. A module in the place of AC is that: a controller of it has control
-only while the mode of every module above it is AC (docs/semantics.md, Modules above modules), and
-each of its steps checks its values.
-
-Before, the module above was in SC: what SC publishes is dropped until the verdict is in force.
-The verdict is released at r, on a state of r - A or later, and in force `slow` later at most; in
-one instant SC may come first. Of the states before that one nothing is known, and a command of SC
-answers a state that is d old: SC's run begins with the first output that acts d or more after it.
 """
 
 from __future__ import annotations
@@ -33,13 +19,12 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from soter.certificate.cell_predicates import Decision, both_all
+from soter.certificate.cell_predicates import Decision, conjunction_of
 from soter.certificate.folder import FREE
 from soter.certificate.reading.case_model import CaseModel
-from soter.certificate.reading.derived_times import Clock, releases
-from soter.certificate.reading.module_facts import ModuleAbove, driven_topics, read_by
-from soter.certificate.reading.problem import followed, read_facts
-from soter.certificate.reading.view_predicates import entered, said_of
+from soter.certificate.reading.module_facts import driven_topics, topics_read
+from soter.certificate.reading.problem import state_published
+from soter.certificate.reading.view_predicates import shown_part_of_enters
 from soter.certificate.report import NotRecheckedError, RejectedError
 from soter.certificate.terms.linear_enclosures import (
     HALF,
@@ -51,9 +36,8 @@ from soter.certificate.terms.linear_enclosures import (
     magnitude,
 )
 from soter.certificate.terms.terms import both, conjuncts, influence, inputs_of, negation
-from soter.language.model.system import modules_above
 from soter.language.model.tree_walk import topic_reads
-from soter.language.model.types import leaves, show_ns
+from soter.language.model.types import leaves
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -61,12 +45,10 @@ if TYPE_CHECKING:
     from flint import arb
 
     from soter.certificate.groups import Group
-    from soter.certificate.reading.derived_times import DerivedTimes, TimingSetting
     from soter.certificate.reading.module_facts import Facts
     from soter.certificate.report import Said
     from soter.certificate.terms.terms import Proposition, Terms
     from soter.language.model import typed
-    from soter.language.model.system import Module, System
 
     Box = list[tuple[arb, arb]]
     Groups = Sequence[Sequence[Group]]
@@ -114,10 +96,10 @@ def _jump_by_publisher(facts: Facts, link: typed.AbstractionLink, topic: typed.T
     """The jump of one topic, by what the node that publishes it is shown to do (z3)."""
     if find_spec("z3") is None:
         return Jump(topic.name, "", "`z3-solver` is not installed")
-    from soter.certificate.induction.handover_jumps import why_not  # noqa: PLC0415 - an extra
+    from soter.certificate.induction.handover_jumps import why_not_shown  # noqa: PLC0415 - an extra
 
     try:
-        node, why = why_not(facts, link, topic)
+        node, why = why_not_shown(facts, link, topic)
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
         return Jump(topic.name, "", _failure_text(error))
     return Jump(topic.name, node, why)
@@ -129,14 +111,14 @@ def _why_not_by_sets(facts: Facts, groups: Groups, claims: set[str]) -> str:
         return "nothing is claimed with which R(H) is confirmed"
     try:
         assert facts.whole is not None
-        expr = entered(facts.whole, facts.symbol.verify)
+        expr = shown_part_of_enters(facts.whole, facts.symbol.verify)
         assert expr is not None
         scope = facts.module.scope.topics
-        known = {i for of in read_by(facts) for i in of}
+        known = {i for of in topics_read(facts) for i in of}
         if not {scope.get(t, -1) for t in topic_reads(expr)} <= known:
             return "it reads what neither DM nor SC reads"
         for values, of_case in zip(facts.cases(), groups, strict=True):
-            if why := not_entered(CaseModel(facts, values, facts.extents), of_case, expr):
+            if why := why_not_entered(CaseModel(facts, values, facts.extents), of_case, expr):
                 return why
     except Exception as error:  # noqa: BLE001 - whatever it is, nothing is confirmed
         return _failure_text(error)
@@ -149,7 +131,7 @@ def _failure_text(error: Exception) -> str:
     return f"the re-checker itself failed ({type(error).__name__}: {error})"
 
 
-def assumed(facts: Facts, jumps: Jumps) -> Said:
+def jump_assumptions(facts: Facts, jumps: Jumps) -> Said:
     """The assumptions that what a view's state rests on changes only as the proof has it."""
     for link in facts.symbol.verify.abstracts:
         tried = jumps.get(link.name, ())
@@ -165,7 +147,7 @@ def assumed(facts: Facts, jumps: Jumps) -> Said:
             yield f"jumps {link.name}", text + f" (`enters` does not confirm it: {why})" * bool(why)
 
 
-def confirmed(facts: Facts, jumps: Jumps) -> Said:
+def confirmed_jumps(facts: Facts, jumps: Jumps) -> Said:
     """The jumps of which that is confirmed, and is no assumption any more."""
     assert facts.whole is not None
     assert facts.whole.verify.enters is not None
@@ -187,13 +169,13 @@ def require_entered(model: CaseModel, groups: Sequence[Group], claims: set[str])
     """RejectedError of a start below another module, which may give control back outside R(H)."""
     above = model.facts.above
     assert above is not None
-    if not claims & FREE or any(g.unentered for g in groups):
+    if not claims & FREE or any(g.why_no_entry for g in groups):
         raise RejectedError("start: nothing is claimed with which R(H) is confirmed on cells")
-    if why := not_entered(model, groups, above.safer):
+    if why := why_not_entered(model, groups, above.safer):
         raise RejectedError(f"start: `{above.name}` may give control back elsewhere: {why}")
 
 
-def not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr) -> str:
+def why_not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr) -> str:
     """Why it is not shown that `expr` holds only in R(H), in one case; "" where it is.
 
     `groups` hold every state once; their R(H) was shown to lead nowhere but into K. `expr` reads
@@ -202,7 +184,7 @@ def not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr
     states = [s for g in groups for s in g.states]
     if sorted(states) != list(range(len(model.facts.states))):
         return "not every state is in a group"
-    if unentered := next((g.unentered for g in groups if g.unentered), ""):
+    if unentered := next((g.why_no_entry for g in groups if g.why_no_entry), ""):
         return unentered
     reach = _judged_ranges(model.facts, expr)
     for k, ends in enumerate(reach):
@@ -213,7 +195,7 @@ def not_entered(model: CaseModel, groups: Sequence[Group], expr: typed.TypedExpr
     where = _where_outside_grid(model, groups, expr, [r for r in reach if r is not None])
     if where:
         return f"it may hold where {where}, outside the grid"
-    return next((why for g in groups if (why := g.entered(model, expr))), "")
+    return next((why for g in groups if (why := g.where_entered_outside(model, expr))), "")
 
 
 # ---------------------------------------------------------------- outside the grid
@@ -235,7 +217,7 @@ def _judged_ranges(facts: Facts, expr: typed.TypedExpr) -> list[tuple[float, flo
         for leaf, ((path, _), bound) in enumerate(
             zip(leaves(topic.type), topic.bounds, strict=True)
         ):
-            state = followed(facts, c, value, path)
+            state = state_published(facts, c, value, path)
             if state is None or bound is None:
                 continue
             error = exact(0.0)
@@ -259,14 +241,14 @@ def _where_outside_grid(
 ) -> str:
     """Where `expr` may hold outside the grid, in words; "" where it cannot."""
     parts = _conjunct_checks(CaseModel(model.facts, model.parameter, tuple(reach)), expr)
-    for axes in (g.part(errors=False) for g in groups):
+    for axes in (g.cells_asked(errors=False) for g in groups):
         for state, edges in zip(axes.states, axes.grid.edges, strict=True):
             low, high = reach[state]
             first, last = edges[0], edges[-1]
             sides = [(f"below {first!r}", low, min(first, high))] if low <= first else []
             sides += [(f"above {last!r}", max(last, low), high)] if high >= last else []
             for side, a, b in sides:
-                if not any(part.never(state, a, b) for part in parts):
+                if not any(part.certainly_fails(state, a, b) for part in parts):
                     return f"{model.facts.states[state].name} is {side}"
     return ""
 
@@ -275,8 +257,8 @@ def _conjunct_checks(anywhere: CaseModel, expr: typed.TypedExpr) -> list[_Conjun
     """The conjuncts of `expr`, each with what must be true so that it is judged without a fault."""
     terms, states = anywhere.new_terms()
     told = anywhere.predicate(terms, states, expr, errors=True)
-    sound = both_all(terms.obligations)
-    atoms = [next(iter(x.terms)) for x in states]
+    sound = conjunction_of(terms.obligations)
+    atoms = [x.atom for x in states]
     return [_ConjunctCheck(anywhere, terms, atoms, part, sound) for part in conjuncts(told)]
 
 
@@ -298,7 +280,7 @@ class _ConjunctCheck:
         free = sorted(i for i in inputs_of(terms, [fails]) if terms.atoms[i].kind == "box")
         self._weights = [float(influence(terms, part, [i])) for i in (*atoms, *free)]
 
-    def never(self, state: int, low: float, high: float) -> bool:
+    def certainly_fails(self, state: int, low: float, high: float) -> bool:
         """Whether it certainly fails where a state is in a range: the box of all is halved.
 
         What moves most of what is compared is halved first.
@@ -311,7 +293,7 @@ class _ConjunctCheck:
         waiting, tries = [box], 0
         while waiting:
             box, tries = waiting.pop(), tries + 1
-            truth_bits = self._decision.of(box)
+            truth_bits = self._decision.bits_on_box(box)
             if truth_bits == 2:
                 continue
             if truth_bits != 3 or tries > TRIES_BEYOND:
@@ -325,113 +307,3 @@ class _ConjunctCheck:
             halves = (box[axis][0], middle), (middle, box[axis][1])
             waiting += [[*box[:axis], half, *box[axis + 1 :]] for half in halves]
         return True
-
-
-def refuse_unproved_towers(facts: Facts) -> None:
-    """`NotRecheckedError` for a module of a tower that no theorem here is about."""
-    system, module, symbol = facts.flying, facts.flying_module, facts.flying_module.symbol
-    name = module.name
-    for c in facts.commanding:
-        assert c.node is not None
-        if {*c.writes} != set(module.outputs):
-            raise NotRecheckedError(f"`{c.name}` does not publish what `{name}` does")
-    uppers = modules_above(system, module.index)
-    if len(uppers) > 1:
-        raise NotRecheckedError(f"`{name}` stands below two other modules")
-    for upper in uppers:
-        if upper.forced is not None:
-            raise NotRecheckedError(f"`{upper.name}`, above `{name}`, is forced to {upper.forced}")
-        if symbol.verify.views or symbol.shield is not None or symbol.verify.enters is not None:
-            raise NotRecheckedError(
-                f"`{name}` stands below another module, and has views or a shield"
-            )
-
-
-def slowest_below(system: System, module: Module) -> int:
-    """The longest period in ns of its SC and of all that stands in the place of its AC."""
-    parts = {system.components[module.sc].period_ns, system.components[module.ac].period_ns}
-    below = module.over
-    while below is not None:
-        m = system.modules[below]
-        parts |= {system.components[i].period_ns for i in (m.dm, m.sc, m.ac)}
-        below = m.over
-    return max(parts)
-
-
-def handed_back(setting: TimingSetting, own: DerivedTimes, above: Clock, age: int) -> int:
-    """The longest time in ns from a hand-back's state until all that acts is SC's (file head).
-
-    `above`: the DM of the module above; `age`: A of it, in ns. NotRecheckedError where there are
-    too many releases to go through.
-    """
-    worst = own.start
-    settled = setting.settled + above.phase + 2 * above.period
-    for r in releases(above, setting.periods, after=settled):
-        passes = setting.sc.next_at(r + above.slow + 1)
-        worst = max(worst, age + setting.acts_by(passes) - r)
-    for t in setting.steady():
-        before = min(effect.first(t) for effect in setting.effects)
-        worst = max(worst, own.delay + setting.acts_by(t + setting.sc.period) - before)
-    return worst
-
-
-OWN = ("late_dm", "response_dm")
-
-
-def read_above(facts: Facts) -> None:
-    """Enter the module above into the facts, and what it asks of H into the times.
-
-    Nothing where there is none; `NotRecheckedError` where its hand-backs are not followed.
-    """
-    uppers = modules_above(facts.flying, facts.flying_module.index)
-    if not uppers:
-        return
-    module = uppers[0]
-    if facts.kind != "flow":
-        raise NotRecheckedError("modules above each other over a plant that moves in steps")
-    here, there = facts.module.scope, module.scope
-    mine, its = (sorted((p.name, repr(v)) for p, v in s.params.items()) for s in (here, there))
-    if mine != its:
-        raise NotRecheckedError(f"`{module.name}` has other parameters than the module below it")
-    shown = _seen_by_both(facts, there.topics)
-    assert module.symbol.safer is not None, "M019"
-    safer = said_of(module.symbol.safer, shown)
-    if safer is None:
-        raise NotRecheckedError(f"`safer` of `{module.name}` says nothing of the plants here")
-    seen = _problems_above(facts, module)
-    setting, own = facts.setting, facts.own
-    needs = max(handed_back(setting, own, u.setting.dm, u.own.age) for u in seen)
-    facts.above = ModuleAbove(
-        module.name,
-        safer,
-        max(u.own.age + u.setting.dm.slow for u in seen),
-        declared=not any(u.ways.undeclared for u in seen)
-        and all(getattr(u.symbol.verify, word) is not None for u in seen for word in OWN),
-    )
-    facts.times["H_star_ns"] = max(facts.times["H_star_ns"], needs)
-    if facts.symbol.verify.horizon is None:
-        facts.times["H_ns"] = max(facts.times["H_ns"], needs)
-
-
-def assumed_of_above(above: ModuleAbove) -> Said:
-    """The times that claims of a module below another one speak of, and what these rest on."""
-    name = above.name
-    text = f"`safe` is kept while {name} is in AC, from each time on at which it gives control back"
-    yield f"while {name}", f"{text}; not before the first, and not while it is in SC"
-    text = f"a verdict of {name} by which it gives control back is in force at most"
-    yield f"verdict of {name}", f"{text} {show_ns(above.back_ns)} after the state that it is about"
-    text = f"while {name} is in SC, too, what plants publish lies in the declared sets"
-    yield f"sets while {name}", f"{text} (else they stop)"
-
-
-def _seen_by_both(facts: Facts, above: Mapping[typed.TopicSymbol, int]) -> set[typed.TopicSymbol]:
-    """The topics that the module reads, and that are the same topics for the module above."""
-    known, topics = {i for of in read_by(facts) for i in of}, facts.module.scope.topics
-    same = {t for t, i in topics.items() if above.get(t) == facts.running.get(i, -1)}
-    return {t for t in same if topics[t] in known}
-
-
-def _problems_above(facts: Facts, module: Module) -> list[Facts]:
-    """The problem of the module above in each of its views: the longest times of these count."""
-    views = [v.name for v in module.symbol.verify.views] or [""]
-    return [read_facts(facts.flying, module.name, view) for view in views]
